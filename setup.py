@@ -138,7 +138,8 @@ ROS = [
     "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
 ]
 SIMULATION = ["mujoco-core>=4,<5"]  # without it, everything runs but `ff-planner verify`
-CAMPAIGN = ["distributed>=2026.8,<2027", "pyarrow>=26,<27"]  # likewise, but `ff-planner campaign`
+# Likewise, but `ff-planner campaign`.
+CAMPAIGN = ["cryptography>=50,<51", "distributed>=2026.8,<2027", "pyarrow>=26,<27"]
 
 setup(
     name=NAME,

@@ -12,7 +12,7 @@ from traceback import extract_tb
 
 from ff_planner_ros.commands import BAD_INPUT, NO_PLAN
 from ff_planner_ros.commands.parser import command_parser
-from ff_planner_ros.common.shown import shortened
+from ff_planner_ros.common.shown import in_log, shortened
 from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput, NoPlanFound
 
 # Of an input that are told one by one: a screen, where thousands of obstacles may be wrong alike.
@@ -71,14 +71,13 @@ def _place(error: Exception) -> str:
 
 
 def _note(message: Warning | str, *_: object, **__: object) -> None:
-    print(f"ff-planner: note: {message}", file=sys.stderr)
+    print(f"ff-planner: note: {in_log(str(message))}", file=sys.stderr)
 
 
 def _fail(program: str, error: Exception | str, code: int) -> int:
     faults = error.faults if isinstance(error, InvalidInput) else (error,)
     for one in faults[:_MOST_FAULTS]:
-        text = f"{program}: {shortened(str(one), LONGEST_MESSAGE)}"
-        print("".join(c if c.isprintable() or c == "\n" else "?" for c in text), file=sys.stderr)
+        print(f"{program}: {in_log(shortened(str(one), LONGEST_MESSAGE))}", file=sys.stderr)
     if more := len(faults[_MOST_FAULTS:]):
         print(f"{program}: and {more} more, which `ff-planner check` lists", file=sys.stderr)
     return code

@@ -279,7 +279,7 @@ def test_a_worker_of_another_version_plans_nothing_and_says_what_differs(
         ),
         (
             {"variations": {"grid": {"points": list(range(9999)), "duration": [1.0] * 9999}}},
-            "199960002 cases: a campaign has 10000000 cases at most",
+            "199960002 cases: a campaign has 1000000 cases at most",
         ),
         ({"keep": {"trajectories": "some"}}, "keep.trajectories is 'some'"),
     ],

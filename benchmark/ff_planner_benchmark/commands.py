@@ -40,6 +40,8 @@ def dataset(options: argparse.Namespace) -> int:
     _limit_threads()
     directory, named = options.directory, options.seeds or "public"
     seed = data_set.seed_of(named)
+    if named == data_set.HIDDEN:
+        print(f"seed {seed}, drawn now: `--seeds {seed}` writes the same set again")
     is_new = not (directory / data_set.SUMS).exists()
     if is_new:
         begun = time.monotonic()
@@ -52,7 +54,7 @@ def dataset(options: argparse.Namespace) -> int:
             raise InvalidInput(Status.UNSUPPORTED, "--seeds", named, allowed)
     wanted = data_set.PUBLISHED.get(named, found)
     if (is_new or options.seeds) and found != wanted and data_set.is_whole(directory):
-        allowed = f"that of the {named} seeds is {wanted}"
+        allowed = f"that of the {named} seeds is {wanted}, of version {data_set.VERSION}"
         raise InvalidInput(Status.UNSUPPORTED, "hash of the data set", found, allowed)
     _print_hash(found)
     return 0
@@ -93,11 +95,13 @@ def contest(options: argparse.Namespace) -> int:
 
 def score(options: argparse.Namespace) -> int:
     """Judge one answer; exit code 3 if it does not solve the scenario."""
+    answer = read_json(options.answer)
     try:
-        judged = scorer.score(options.scenario, read_json(options.answer))
-    except (OSError, LookupError, TypeError, ValueError) as error:
+        loaded = scorer.load(options.scenario)
+    except (OSError, LookupError, TypeError, ValueError, AttributeError) as error:
         allowed = f"it must be a scenario of the data set: {type(error).__name__}: {error}"
         raise InvalidInput(Status.UNSUPPORTED, "SCENARIO", options.scenario, allowed) from None
+    judged = scorer.judged(*loaded, answer)
     print(json.dumps(asdict(judged), indent=1))
     return 0 if judged.solved else 3
 
@@ -129,8 +133,9 @@ def _opened(directory: Path, each: int) -> str:
 
 
 def _print_hash(found: str) -> None:
-    published = found in data_set.PUBLISHED.values()
-    print(f"{found}  {'as published' if published else 'not a published set'}")
+    names = [name for name, one in data_set.PUBLISHED.items() if one == found]
+    words = f"as published: {names[0]}, version {data_set.VERSION}" if names else ""
+    print(f"{found}  {words or 'not a published set'}")
 
 
 def _limit_threads() -> None:

@@ -5,17 +5,16 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
 from functools import partial
-from multiprocessing.connection import Connection
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
 from ff_planner_benchmark.contest_results import Result
 from ff_planner_benchmark.dataset import end_with_parent, names
-from ff_planner_benchmark.method_process import TOO_LONG, asked, ended, require_known, started
-from ff_planner_benchmark.scorer.score import Score, score
+from ff_planner_benchmark.method_process import TOO_LONG, require_known
+from ff_planner_benchmark.own_copy import OwnCopy, own_copy
+from ff_planner_benchmark.scorer.score import Score, judged
+from ff_planner_benchmark.watched import Asked, Method
 from ff_planner_ros.errors import InvalidInput
 
 # Scenarios that one process of a method plans in turn.
@@ -42,45 +41,69 @@ def results(
     """
     for method in methods:
         require_known(method)
-    for method in methods:
-        ended(*started(method, seconds))
     known = {(one.method, one.kind, one.index) for one in there}
     which = list(names(each))
+    # Before any method runs: it may do with the files what it likes.
+    copies = {
+        one: own_copy(directory, *one)
+        for one in which
+        if any((method, *one) not in known for method in methods)
+    }
     rounds = [which[i : i + _IN_TURN] for i in range(0, len(which), _IN_TURN)]
     tasks = [
-        (method, [one for one in some if (method, *one) not in known])
+        (method, [copies[one] for one in some if (method, *one) not in known])
         for some in rounds
         for method in methods
     ]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, end_with_parent) as pool:
-        for done in pool.map(partial(_in_turn, directory, seconds), filter(itemgetter(1), tasks)):
+        for _ in pool.map(partial(_require_loads, seconds), methods):
+            pass
+        for done in pool.map(partial(_judged_in_turn, seconds), filter(itemgetter(1), tasks)):
             yield from done
+
+
+def _require_loads(seconds: float, method: str) -> None:
+    Method(method, seconds).end("that was all")
 
 
 def _in_turn(
     directory: Path, seconds: float, task: tuple[str, list[tuple[str, int]]]
 ) -> list[Result]:
-    """Let a method plan some scenarios; after a death or too long a time it is started anew."""
+    """Let a method plan some scenarios of a data set."""
     method, which = task
+    copies = [own_copy(directory, *one) for one in which]
+    return _judged_in_turn(seconds, (method, copies))
+
+
+def _judged_in_turn(seconds: float, task: tuple[str, list[OwnCopy]]) -> list[Result]:
+    """Let a method plan some scenarios; after a death or too long a time it is started anew."""
+    method, copies = task
     done = list[Result]()
-    running: tuple[Any, Connection] | None = None
-    for kind, index in which:
-        scenario = directory / "scenarios" / kind / f"{index:04d}.yaml"
-        given: Any = "it cannot be loaded again"
-        taken = TOO_LONG * seconds
-        with suppress(InvalidInput):
-            running = running or started(method, seconds)
-            taken, given = asked(running[1], scenario, seconds)
-        if given is None and running is not None:
-            given, running = ended(*running), None
-        if isinstance(given, str):
-            judged = Score(False, (given,))
-        elif taken > seconds and method != "ours":
-            judged = Score(False, (f"it took {taken:.1f} s",))
-        else:
-            judged = score(scenario, given["answer"])
-        done.append(Result(method, kind, index, taken, judged))
-    if running is not None:
-        ended(*running)
+    running: Method | None = None
+    try:
+        for copy in copies:
+            try:
+                loaded = copy.loaded()  # the method has not seen this one yet
+                running = running or Method(method, seconds)
+            except InvalidInput:
+                asked = Asked(TOO_LONG * seconds, None, "it cannot be loaded again")
+            except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+                asked = Asked(0.0, None, f"the scenario cannot be read: {type(error).__name__}")
+            else:
+                with copy.written() as scenario:
+                    asked = running.ask(scenario)
+            if running is not None and running.has_ended:
+                running.end()
+                running = None
+            if asked.failed is not None:
+                score = Score(False, (asked.failed,))
+            elif asked.seconds > seconds and method != "ours":
+                score = Score(False, (f"it took {asked.seconds:.1f} s",))
+            else:
+                score = judged(*loaded, asked.answer)
+            done.append(Result(method, copy.kind, copy.index, asked.seconds, score))
+    finally:
+        if running is not None:
+            running.end("that was all")
     return done

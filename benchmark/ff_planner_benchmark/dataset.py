@@ -11,6 +11,7 @@ import json
 import math
 import multiprocessing
 import os
+import secrets
 import shutil
 import threading
 from collections.abc import Callable, Iterator
@@ -23,6 +24,7 @@ from typing import Any
 import yaml
 
 from ff_planner_benchmark import still_goals
+from ff_planner_ros.common.text_file import read_text
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario_writer import described_problem
@@ -32,16 +34,22 @@ from ff_planner_ros.robot.model import Base, Robot
 
 # Digits behind the decimal point: 1 um, 1 urad. The witnesses keep 10 mm from everything.
 DECIMALS = 6
-# The names of seeds that have a published hash; every other number is somebody's own set.
-SEEDS = {"public": 0, "hidden": 1}
+# The names of seeds that have a published hash; every other number is somebody's own set. `HIDDEN`
+# is a number that nobody has seen before the set is written: witnesses follow from seeds.
+SEEDS, HIDDEN = {"second": 1, "public": 0}, "hidden"
+_MOST_DIGITS = 12  # of a seed
 # So far are the problems of two sets apart in the numbering of a class.
 _APART = 1_000_000
-# Hashes over `SHA256SUMS`, which has the hash of every file.
+# Hashes over `SHA256SUMS`, which has the hash of every file. A published set stays as it is. Where
+# the generators change what they draw, there is a new version, and docs/dataset.md keeps the old
+# hashes with the commits that make them.
+VERSION = 1
 PUBLISHED = {
     "public": "90dbf5d6037a6dee9f20634e77aeffd578aea32d4fd7e2c318995d3ff20d551a",
-    "hidden": "34b75011325d102c4e056d93acf14b3bf0549045de114872fb8ac680db2d8c0c",
+    "second": "34b75011325d102c4e056d93acf14b3bf0549045de114872fb8ac680db2d8c0c",
 }
 SUMS = "SHA256SUMS"
+_MOST_BYTES = 10_000_000  # of a text that is read back; our hashes are 100 kB
 _OF_THREE = ("lemur", "arm6", "arm7")
 
 
@@ -78,16 +86,19 @@ CLASSES = {
 
 
 def seed_of(word: str) -> int:
-    """Return the seed that a name or a number stands for.
+    """Return the seed that a name or a number stands for; that of a hidden set is drawn.
 
     Raises:
         InvalidInput: It is neither.
     """
+    if word == HIDDEN:
+        return secrets.randbelow(10**_MOST_DIGITS)
     if word in SEEDS:
         return SEEDS[word]
-    if word.isascii() and word.isdigit() and len(word) <= 12:
+    if word.isascii() and word.isdigit() and len(word) <= _MOST_DIGITS:
         return int(word)
-    allowed = f"it must be {', '.join(SEEDS)} or a whole number of 12 digits at most"
+    names = ", ".join((*SEEDS, HIDDEN))
+    allowed = f"it must be {names} or a whole number of {_MOST_DIGITS} digits at most"
     raise InvalidInput(Status.OUT_OF_RANGE, "--seeds", word, allowed)
 
 
@@ -158,10 +169,12 @@ def write_sums(directory: Path) -> str:
 def sums(directory: Path) -> str:
     """Return a line for each file, as `sha256sum` writes it, by path."""
     files = sorted(file for part in ("robots", "scenarios") for file in _files(directory / part))
-    return "".join(
-        f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(directory)}\n"
-        for file in files
-    )
+    return "".join(f"{_hash(file)}  {file.relative_to(directory)}\n" for file in files)
+
+
+def _hash(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def checked(directory: Path) -> str:
@@ -173,7 +186,7 @@ def checked(directory: Path) -> str:
     if not (directory / SUMS).is_file():
         allowed = f"it has no {SUMS}: `ff-planner-benchmark dataset {directory}` writes a data set"
         raise InvalidInput(Status.UNSUPPORTED, "DIR", directory, allowed)
-    text, now = (directory / SUMS).read_text(encoding="ascii", errors="replace"), sums(directory)
+    text, now = read_text(directory / SUMS, _MOST_BYTES), sums(directory)
     if text != now:
         lines = sorted(set(text.splitlines()) ^ set(now.splitlines()))
         name = lines[0].partition("  ")[2] if lines else SUMS
@@ -186,7 +199,9 @@ def is_of(directory: Path, seed: int) -> bool:
     """Tell whether a data set was written from a seed, by its first scenario."""
     kind, index = next(names())
     file = directory / "scenarios" / kind / f"{index:04d}.yaml"
-    return file.read_text() == scenario_text(CLASSES[kind].problem(seed * _APART + index))
+    return read_text(file, _MOST_BYTES) == scenario_text(
+        CLASSES[kind].problem(seed * _APART + index)
+    )
 
 
 def is_whole(directory: Path) -> bool:

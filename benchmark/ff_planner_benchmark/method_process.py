@@ -1,4 +1,4 @@
-"""A method in a process of its own, with one thread and so much processor time.
+"""A method, in the process that it runs in.
 
 A method is a name of `ENTRANTS`, a Python file with a function `answer(scenario, seconds)` that
 returns an answer as a dictionary, or a command line that reads {scenario} and writes {answer}.
@@ -6,11 +6,11 @@ returns an answer as a dictionary, or a command line that reads {scenario} and w
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import importlib.util
 import json
 import math
-import multiprocessing
 import os
 import resource
 import shlex
@@ -23,7 +23,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -31,13 +30,12 @@ from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.errors import InvalidInput, Status
 
 ENTRANTS = ("ours", "direct", "fixed_base", "zero_momentum", "rrt_connect")
-# A process is ended by the system after so many times its processor time. The clock ends only what
-# waits, after so many times that and so much more: the machine may have other work [s].
-TOO_LONG, _PATIENCE, _MORE_PATIENCE = 2.0, 20.0, 10.0
-# A method has so much time to load [s].
-_TO_LOAD = 120.0
+# A method is ended after so many times its processor time. The clock ends only what waits, after so
+# many times that: the machine may have other work.
+TOO_LONG, _PATIENCE = 2.0, 20.0
+_SET_DEATH_SIGNAL = 1  # of prctl: a method ends with its judge
 # So much is kept of what a method says when it fails: of a command the end.
-_WORDS = 200
+MOST_WORDS = 200
 
 Answers: TypeAlias = Callable[[Path, float], Any]
 
@@ -69,86 +67,41 @@ def require_known(method: str) -> None:
     raise InvalidInput(Status.UNSUPPORTED, "--method", method, allowed)
 
 
-def started(method: str, seconds: float) -> tuple[Any, Connection]:
-    """Start a method's process, and wait until it has loaded the method.
+def main(method: str, seconds: str) -> None:
+    """Answer the scenarios that standard input names, a line each, in lines of JSON.
 
-    Raises:
-        InvalidInput: It cannot.
+    What a method prints is not part of an answer: it goes to standard error.
     """
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(target=_serve, args=(method, seconds, there))
-    process.start()
-    there.close()
-    wrong: str | None = "the process ended"
-    with suppress(EOFError, OSError):
-        wrong = here.recv() if here.poll(_TO_LOAD) else f"it did not load within {_TO_LOAD:g} s"
-    if wrong is not None:
-        ended(process, here)
-        raise InvalidInput(Status.UNSUPPORTED, "--method", method, wrong)
-    return process, here
-
-
-def asked(pipe: Connection, scenario: Path, seconds: float) -> tuple[float, Any]:
-    """Return processor time, and an object with the answer; text: it failed; None: nothing came."""
-    with suppress(EOFError, OSError):
-        pipe.send(scenario)
-        if pipe.poll(_PATIENCE * seconds + _MORE_PATIENCE):
-            taken, given = pipe.recv()
-            return taken, given
-    return TOO_LONG * seconds, None
-
-
-def ended(process: Any, pipe: Connection) -> str:
-    """End a method's process, and return what had become of it."""
-    if pipe.poll():  # it sends nothing unasked: the pipe has ended
-        process.join(1.0)
-    code = process.exitcode
-    process.kill()
-    process.join()
-    return "no answer in time" if code is None else f"the process ended: {_named(code)}"
-
-
-def _named(code: int) -> str:
-    if code == -signal.SIGXCPU:
-        return f"{TOO_LONG:g} times its processor time were over"
-    return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
-
-
-def _serve(method: str, seconds: float, pipe: Connection) -> None:
-    """Answer scenarios until the pipe closes; what a method prints is not part of our table."""
+    with suppress(OSError, AttributeError):  # another system than Linux
+        ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
+
+    def tell(**said: Any) -> None:
+        print(json.dumps(said), file=answers, flush=True)
+
     try:
         answer = _answers_of(method)
     except Exception as error:  # whatever a foreign file raises
-        pipe.send(f"{type(error).__name__}: {error}")
+        tell(wrong=f"{type(error).__name__}: {error}"[:MOST_WORDS])
         return
-    pipe.send(None)
-    while True:
-        try:
-            scenario = pipe.recv()
-        except EOFError:
-            return
-        given: Any
-        begun = _processor_time()
+    tell(ready=True)
+    for line in sys.stdin:
+        question = json.loads(line)
         try:
             if method != "ours":
-                _limit_processor_time(TOO_LONG * seconds)
-            given = {"answer": json.loads(json.dumps(answer(scenario, seconds)))}
+                _limit_processor_time(TOO_LONG * float(seconds))
+            given = answer(Path(question["scenario"]), float(seconds))
+            tell(question=question["number"], answer=given)
         except Exception as error:  # whatever a foreign method raises
-            given = f"{type(error).__name__}: {error}"[:_WORDS]
-        pipe.send((_processor_time() - begun, given))
+            words = f"{type(error).__name__}: {error}"[:MOST_WORDS]
+            tell(question=question["number"], failed=words)
 
 
 def _limit_processor_time(seconds: float) -> None:
     """Let the system end this process, or one that it starts, after so much more."""
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(time.process_time() + seconds), most))
-
-
-def _processor_time() -> float:
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 def _answers_of(method: str) -> Answers:
@@ -195,6 +148,17 @@ def _by_command(method: str, scenario: Path, seconds: float) -> Any:
         if code == 0 and file.exists():
             return read_json(file)
         said.seek(0)
-        last = said.read()[-_WORDS:].decode(errors="replace").strip().splitlines()[-1:]
-        reason = "it wrote no answer" if code == 0 else _named(code)
+        last = said.read()[-MOST_WORDS:].decode(errors="replace").strip().splitlines()[-1:]
+        reason = "it wrote no answer" if code == 0 else ended_with(code)
         return {"status": "no answer", "message": ": ".join([reason, *last])}
+
+
+def ended_with(code: int) -> str:
+    """Return how a process ended, in words."""
+    if code == -signal.SIGXCPU:
+        return f"{TOO_LONG:g} times its processor time were over"
+    return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -7,6 +7,7 @@ import shlex
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.problems import bodies, scenarios, tumbling, tumbling_witness
 from ff_planner_ros.problems.paths import roll_out
+
+PROJECT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -228,6 +231,34 @@ def test_a_whole_set_that_is_not_the_published_one_is_refused(small, capfd, monk
     monkeypatch.setattr(dataset, "is_whole", lambda _: True)
     assert main(["dataset", str(small), "--seeds", "public"]) == 2
     assert f"that of the public seeds is {dataset.PUBLISHED['public']}" in capfd.readouterr().err
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", dataset.PUBLISHED)
+def test_the_whole_set_that_the_command_writes_is_the_published_one(tmp_path, capfd, name):
+    assert main(["dataset", str(tmp_path / "set"), "--seeds", name]) == 0
+    said = capfd.readouterr().out
+    assert f"{dataset.PUBLISHED[name]}  as published: {name}, version {dataset.VERSION}" in said
+
+
+def test_the_page_has_the_published_hashes_and_their_version():
+    page = (PROJECT / "docs" / "dataset.md").read_text()
+    for name, found in dataset.PUBLISHED.items():
+        assert f"| {dataset.VERSION} | `{name}` | `{found}` |" in page
+
+
+def test_a_hidden_set_has_a_seed_that_is_drawn_when_it_is_written(tmp_path, capfd):
+    seeds = set()
+    for number in range(2):
+        directory = tmp_path / str(number)
+        assert main(["dataset", str(directory), "--seeds", "hidden", "--scenarios", "1"]) == 0
+        (seed,) = re.findall(r"^seed (\d+), drawn now", capfd.readouterr().out, re.MULTILINE)
+        assert dataset.is_of(directory, int(seed))
+        seeds.add(seed)
+    assert len(seeds) == 2
+    assert not seeds & {str(seed) for seed in dataset.SEEDS.values()}
+    assert main(["dataset", str(directory), "--seeds", "hidden"]) == 2
+    assert "was written with other seeds" in capfd.readouterr().err
 
 
 def test_every_command_of_the_pages_is_one_that_the_parser_takes():

@@ -31,8 +31,23 @@ def read_json(path: Path) -> Any:
     Raises:
         InvalidInput: The file cannot be read, is not JSON, or too large or too deep to be ours.
     """
-    text = read_text(path, _MOST_BYTES, status=Status.UNSUPPORTED)
+    return json_document(read_text(path, _MOST_BYTES, status=Status.UNSUPPORTED), "file", path)
+
+
+def json_document(text: str, field: str, value: object) -> Any:
+    """Return a JSON document, as `read_json` does.
+
+    Args:
+        text: JSON.
+        field: As the message names the document.
+        value: As the message shows it.
+
+    Raises:
+        InvalidInput: It is not JSON, or too large or too deep to be ours.
+    """
     try:
+        if len(text) > _MOST_BYTES:
+            raise ValueError(f"it must not be longer than {_MOST_BYTES} characters")
         _require_moderate(text)
         return json.loads(_HALF.sub(r"\1?", text) if "\\u" in text else text)
     except json.JSONDecodeError as error:
@@ -40,7 +55,7 @@ def read_json(path: Path) -> Any:
     except ValueError as error:
         number = _LONG_NUMBER.search(text)
         reason = f"a number is too long, {_place(text, number.start())}" if number else str(error)
-    raise InvalidInput(Status.UNSUPPORTED, "file", path, reason)
+    raise InvalidInput(Status.UNSUPPORTED, field, value, reason)
 
 
 def _require_moderate(text: str) -> None:

@@ -17,6 +17,9 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError
 
 ANSWERS = "answers"  # the table of all answers, beside the plans
+# What a spreadsheet takes for a formula, or for the end of the cell before it.
+_FORMULA, _BREAKS = "=+-@\uff1d\uff0b\uff0d\uff20", "\t\r\n"
+_A_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.ASCII)
 _LONGEST_NAME = 100  # [characters] of a file; a plan id from a damaged bag may be anything
 
 
@@ -97,5 +100,13 @@ def _named(plans: Sequence[RecordedPlan]) -> Iterator[tuple[str, RecordedPlan]]:
 def _write(file: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     with file.open("x", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow(names)
-        writer.writerows(rows)
+        writer.writerow(map(_cell, names))
+        writer.writerows([_cell(value) for value in row] for row in rows)
+
+
+def _cell(value: Any) -> Any:
+    """Return what a cell holds: a text that a spreadsheet would compute has a ' before it."""
+    if not isinstance(value, str) or _A_NUMBER.fullmatch(value):
+        return value
+    computed = value.lstrip()[:1] in _FORMULA or value[:1] in _BREAKS
+    return f"'{value}" if value and computed else value

@@ -2,50 +2,83 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.campaign.changes import SET, TIMES, Change, changed, is_inertia
+from ff_planner_ros.analysis.json_file import json_document
+from ff_planner_ros.campaign.changes import SET, TIMES, Change, changed, is_inertia, require_key
 from ff_planner_ros.campaign.methods import FIXED_BASE, OPTIMAL, ZERO_MOMENTUM
-from ff_planner_ros.campaign.run import PARAMETERS, scenario_directory
+from ff_planner_ros.campaign.run import PARAMETERS, below, scenario_directory
 from ff_planner_ros.campaign.sources import SCENARIO, URDF, content, generated_by_name, write
+from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.common.yaml_file import read_yaml
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults
+from ff_planner_ros.robot.model import read_urdf
+from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
+
+
+def changes_of(row: Mapping[str, Any], column: str) -> dict[str, Any]:
+    """Return what a row says of changed values, by key.
+
+    Raises:
+        InvalidInput: It is no such text, or a key is none of a scenario.
+    """
+    told = json_document(row[column], column, quoted(row[column]))
+    if not isinstance(told, dict):
+        allowed = "it must be values by keys of a scenario"
+        raise InvalidInput(Status.OUT_OF_RANGE, column, quoted(row[column]), allowed)
+    for key in told:
+        require_key(column, key)
+    return told
 
 
 def command_again(row: Mapping[str, Any], directory: Path) -> str:
     """Write the scenario of a row into its campaign's directory, and return the command.
 
     Raises:
-        InvalidInput: What the campaign kept of its scenarios is not there any more.
+        InvalidInput: What the campaign kept of its scenarios is not there any more, or leads out
+            of its directory.
         OSError: The file cannot be written.
     """
-    parameters = directory / PARAMETERS
+    try:
+        document, urdf = _scenario(row, directory)
+    except (AttributeError, LookupError, TypeError, ValueError, SyntaxError) as error:
+        allowed = f"what the campaign kept of it makes no scenario ({type(error).__name__})"
+        raise InvalidInput(Status.OUT_OF_RANGE, "scenario", row["source"], allowed) from None
+    place = below(directory, "worst", row["id"])
+    place.mkdir(parents=True, exist_ok=True)
+    for name in (SCENARIO, URDF):
+        below(place, name)
+    path, method = str(write(document, urdf, place)), row["planned_by"]
+    if method in (FIXED_BASE, ZERO_MOMENTUM):
+        return shlex.join(["ff-planner", "compare", path])
+    words = ["ff-planner", "plan", path]
+    if method != OPTIMAL:
+        words += ["--method", method]
+    if (parameters := below(directory, PARAMETERS)).is_file():
+        words += ["--parameters", str(parameters)]
+    return shlex.join(words)
+
+
+def _scenario(row: Mapping[str, Any], directory: Path) -> tuple[dict[str, Any], str]:
+    """Return scenario and URDF of a row, with what it changed of them."""
+    parameters = below(directory, PARAMETERS)
     defaults = Defaults(load_parameters().planner)
     if parameters.is_file():
         defaults = load_parameters(parameters).of_scenarios()
     kept = scenario_directory(directory, row["source"])
-    if (kept / SCENARIO).is_file():
-        document, urdf = read_yaml(kept / SCENARIO), (kept / URDF).read_text(encoding="utf-8")
+    scenario, robot = (below(kept, name) for name in (SCENARIO, URDF))
+    if scenario.is_file():
+        document, urdf = read_yaml(scenario), read_urdf(robot)
+        read_shapes(urdf)  # or else it is no URDF, or one that does harm
     else:
         document, urdf = content(generated_by_name(row["source"]), defaults)
-    values = json.loads(row["changes"]) | json.loads(row["settings"])
+    values = changes_of(row, "changes") | changes_of(row, "settings")
     # Values are as they came out; of an inertia as a whole that is its factor.
     changes = [Change(k, TIMES if is_inertia(k) else SET, value) for k, value in values.items()]
     document, urdf, _ = changed(document, urdf, changes)
-    place = directory / "worst" / row["id"]
-    place.mkdir(parents=True, exist_ok=True)
-    path = shlex.quote(str(write(document, urdf, place)))
-    method = row["planned_by"]
-    if method in (FIXED_BASE, ZERO_MOMENTUM):
-        return f"ff-planner compare {path}"
-    words = f"ff-planner plan {path}"
-    if method != OPTIMAL:
-        words += f" --method {method}"
-    if parameters.is_file():
-        words += f" --parameters {shlex.quote(str(parameters))}"
-    return words
+    return document, urdf

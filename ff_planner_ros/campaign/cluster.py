@@ -29,6 +29,7 @@ _MOST_AT_ONCE = 8
 # Packets that wait at the scheduler for each worker, so that none is ever idle.
 _WAITING = 2
 _DASHBOARD = 8787  # the port that users of Dask look for; only this machine sees it
+_AUTHORITY, _OF_ROLE = "tls_ca_file", ("key", "cert")
 # How often a packet may be on a worker when that dies, before Dask gives it up.
 _DEATHS = 3
 _LOOK_AFTER = 5.0  # [s] between two looks at whether workers of this machine are missing
@@ -43,13 +44,17 @@ _LOST = (OSError, TimeoutError, RuntimeError, CancelledError, asyncio.CancelledE
 def local_cluster(workers: int | None, dashboard: bool) -> Iterator[str]:
     """Yield the address of a scheduler with a process a core, or as many as asked for.
 
+    Whoever reaches a port of Dask's may run code as its user, so they take nobody without the keys.
+    These are made here, kept in memory, and in Dask's configuration for as long as the cluster is.
+
     Raises:
         FfPlannerError: Its processes do not start.
     """
-    with (
-        dask.config.set({"distributed.scheduler.allowed-failures": _DEATHS}),
-        _started(workers, dashboard) as cluster,
-    ):
+    keys = distributed.Security.temporary()
+    told = {"distributed.scheduler.allowed-failures": _DEATHS} | _as_configured(keys)
+    if not dashboard:  # a page for everybody on this machine otherwise
+        told |= {f"distributed.{kind}.http.routes": [] for kind in ("scheduler", "worker")}
+    with dask.config.set(told), _started(workers, dashboard, keys) as cluster:
         if dashboard:
             print(f"dashboard: {cluster.dashboard_link}", file=sys.stderr)
         with _kept_complete(cluster, len(cluster.worker_spec)):
@@ -74,7 +79,18 @@ def _kept_complete(cluster: distributed.LocalCluster, workers: int) -> Iterator[
         keeper.join()
 
 
-def _started(workers: int | None, dashboard: bool) -> distributed.LocalCluster:
+def _as_configured(keys: distributed.Security) -> dict[str, Any]:
+    """Return keys as Dask finds them where nobody hands them on, as clients here."""
+    tls = "distributed.comm.tls"
+    found: dict[str, Any] = {f"{tls}.ca-file": getattr(keys, _AUTHORITY)}
+    for role in ("client", "scheduler", "worker"):
+        found |= {f"{tls}.{role}.{what}": getattr(keys, f"tls_{role}_{what}") for what in _OF_ROLE}
+    return found
+
+
+def _started(
+    workers: int | None, dashboard: bool, keys: distributed.Security
+) -> distributed.LocalCluster:
     """Return a cluster whose workers run: where one dies on the way, it is tried again."""
     quiet: dict[str, Any] = {"silence_logs": logging.CRITICAL}
     for _ in range(_DEATHS):
@@ -84,6 +100,8 @@ def _started(workers: int | None, dashboard: bool) -> distributed.LocalCluster:
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
+                scheduler_kwargs={"dashboard": dashboard},
+                security=keys,
                 **quiet,
             )
         except (RuntimeError, OSError) as error:
@@ -122,17 +140,38 @@ def outcomes(
 
 
 def _connected(address: str, patience: float) -> distributed.Client:
+    _require_keys(address)
     until = time.monotonic() + patience
     while True:
         try:
             return distributed.Client(
                 address, timeout=_CONNECT, set_as_default=False, direct_to_workers=False
             )
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError, RuntimeError, ImportError) as error:
             if not isinstance(error, OSError) or time.monotonic() >= until:
                 allowed = f"no scheduler answers there within {patience:g} s"
                 raise InvalidInput(Status.OUT_OF_RANGE, "--scheduler", address, allowed) from None
         time.sleep(_PAUSE)
+
+
+def _require_keys(address: str) -> None:
+    """Refuse TLS without certificates, which Dask takes from its own configuration."""
+    encrypted = bool(dask.config.get("distributed.comm.require-encryption"))
+    reason = ""
+    if encrypted and not address.startswith("tls://"):
+        reason = "Dask's configuration requires encryption: the address must be tls://HOST:PORT"
+    elif address.startswith("tls://"):
+        try:
+            if distributed.Security().get_connection_args("client").get("ssl_context") is None:
+                reason = "none is there"
+        except (OSError, ValueError, TypeError) as error:  # of ssl: OSErrors
+            reason = str(getattr(error, "strerror", None) or error)
+        if reason:
+            reason = (
+                f"TLS needs certificates, distributed.comm.tls of Dask's configuration: {reason}"
+            )
+    if reason:
+        raise InvalidInput(Status.OUT_OF_RANGE, "--scheduler", address, reason)
 
 
 def _close(client: distributed.Client) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
@@ -12,17 +14,19 @@ from typing import Any, TypeAlias
 import yaml
 
 from ff_planner_ros.common.yaml_file import located, read_yaml
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems import bodies, scenarios
-from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 
 BODIES = "bodies"
 KINDS = (*scenarios.KINDS, BODIES)
 
+# Arms with fewer joints cannot reach a pose, those with more are for nobody.
+_ROBOT = re.compile(r"lemur|canadarm2|off7|arm([6-9]|[12][0-9]|30)")
+_MOST_FILES = 10_000  # that a pattern stands for
 # How a scenario and its URDF are called in a directory of their own.
 SCENARIO, URDF = "scenario.yaml", "scenario.urdf"
 
@@ -117,6 +121,29 @@ def written(path: Path, name: str, defaults: Defaults) -> Written:
     return Written(name, document, robot.drawn_urdf, digest)
 
 
+def scenario_paths(field: str, named: str, directory: Path) -> list[Path]:
+    """Return the scenario files that a name stands for.
+
+    Raises:
+        InvalidInput: It stands for none, or for more than a study may have.
+    """
+    reason, paths = "there is no such file", [directory / named]
+    try:
+        if "**" in named:
+            paths, reason = [], "* stands for any text of one name, and ** for nothing"
+        elif "*" in named:
+            root = Path(named).anchor
+            found = (Path(root) if root else directory).glob(named.removeprefix(root))
+            paths = sorted(islice(found, _MOST_FILES + 1))
+        if len(paths) > _MOST_FILES:
+            paths, reason = [], f"it stands for more than {_MOST_FILES} files"
+        if paths and all(path.is_file() for path in paths):
+            return paths
+    except (OSError, ValueError, NotImplementedError, RecursionError) as error:
+        reason = f"it stands for no file: {error}"  # no pattern, or a name that no file can have
+    raise InvalidInput(Status.OUT_OF_RANGE, field, named, reason)
+
+
 def task_of(document: dict[str, Any], urdf: str, defaults: Defaults) -> PlanningTask:
     """Return the task of a scenario, read from a file as every command reads it.
 
@@ -165,11 +192,9 @@ def require_robot(field: str, name: str) -> None:
     Raises:
         InvalidInput: It does not.
     """
-    try:
-        bench_robot(name)
-    except (ValueError, FfPlannerError, OSError):
-        allowed = "it must be lemur, canadarm2, off7, or an arm by its joints: arm6, arm7, ..."
-        raise InvalidInput(Status.OUT_OF_RANGE, field, name, allowed) from None
+    if not _ROBOT.fullmatch(name):
+        allowed = "it must be lemur, canadarm2, off7, or an arm by its joints: arm6 to arm30"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, name, allowed)
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -21,11 +21,13 @@ from ff_planner_ros.campaign.changes import (
 )
 from ff_planner_ros.campaign.methods import METHODS, OPTIMAL
 from ff_planner_ros.campaign.sources import (
+    BODIES,
     KINDS,
     Generated,
     Source,
     of_bag,
     require_robot,
+    scenario_paths,
     written,
 )
 from ff_planner_ros.common.declared import declare, declared, schema_of
@@ -50,9 +52,11 @@ from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _SOURCES = ("scenarios", "generated", "bag")
 _DISTRIBUTIONS = (UNIFORM, NORMAL, CHOICE)
-# Larger numbers are mistakes: they would take months, or all memory before the first plan.
-_MOST = 10_000_000
+# Larger numbers are mistakes: they would take months, or all memory before the first plan. A
+# million cases are 37 hours of a core, and their ids 0.3 GB.
+_MOST, MOST_CASES = 10_000_000, 1_000_000
 _KINDS_TURNED = ("ordinary", "cluttered")
+_WITHOUT_BODIES = "off7"
 _ANY_LIST: Schema = {"type": "array", "minItems": 1}
 
 
@@ -140,6 +144,9 @@ class GeneratedSources:
         if self.turned and self.kind not in _KINDS_TURNED:
             allowed = f"there are no turned frames of kind {self.kind}"
             raise InvalidInput(Status.UNSUPPORTED, "generated.turned", self.turned, allowed)
+        if self.kind == BODIES and _WITHOUT_BODIES in self.robots:
+            allowed = "it has no bodies"
+            raise InvalidInput(Status.UNSUPPORTED, "generated.robots", _WITHOUT_BODIES, allowed)
 
     def sources(self) -> Iterator[Source]:
         """Yield one for each seed and robot."""
@@ -250,11 +257,18 @@ def load_study(path: Path) -> Study:
         found, allowed = "missing", f"a study needs one or more of {', '.join(_SOURCES)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", found, allowed)
     directory, parameters = path.parent, None
+    paths = [
+        found
+        for place, named in enumerate(told.scenarios)
+        for found in scenario_paths(f"scenarios[{place}]", named, directory)
+    ]
+    drawn = 0 if told.generated is None else told.generated.count * len(told.generated.robots)
+    _require_few(told, len(paths) + drawn + (told.bag is not None))
     defaults = Defaults(load_parameters().planner)
     if told.parameters is not None:
         parameters = directory / told.parameters
         defaults = load_parameters(parameters).of_scenarios()
-    sources = list(_scenarios(told.scenarios, directory, defaults))
+    sources: list[Source] = [written(one, one.stem, defaults) for one in paths]
     sources += [] if told.generated is None else told.generated.sources()
     notes: tuple[str, ...] = ()
     if told.bag is not None:
@@ -262,28 +276,20 @@ def load_study(path: Path) -> Study:
         sources += of_requests
     if not sources:
         raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", "empty", "there is nothing to plan")
+    _require_few(told, len(sources))
     _require_one_change_a_key(told.grid, told.random, told.methods)
-    points = math.prod(map(len, told.grid))
-    if (count := len(sources) * points * told.random.count * len(told.methods)) > _MOST:
-        allowed = f"a campaign has {_MOST} cases at most"
-        raise InvalidInput(Status.OUT_OF_RANGE, "variations", f"{count} cases", allowed)
     kept = {name: getattr(told, name) for name in ("grid", "random", "methods", "trajectories")}
     return Study(
         sources=tuple(sources), defaults=defaults, parameters=parameters, notes=notes, **kept
     )
 
 
-def _scenarios(names: Sequence[str], directory: Path, defaults: Defaults) -> Iterator[Source]:
-    for place, named in enumerate(names):
-        field = f"scenarios[{place}]"
-        paths = [directory / named]
-        if "*" in named:
-            root = Path(named).anchor
-            paths = sorted((Path(root) if root else directory).glob(named.removeprefix(root)))
-        if not paths or not all(path.is_file() for path in paths):
-            raise InvalidInput(Status.OUT_OF_RANGE, field, named, "there is no such file")
-        for path in paths:
-            yield written(path, path.stem, defaults)
+def _require_few(told: StudyFile, sources: int) -> None:
+    """Refuse a study of too many cases; nothing is made of it before."""
+    count = sources * math.prod(map(len, told.grid)) * told.random.count * len(told.methods)
+    if count > MOST_CASES:
+        allowed = f"a campaign has {MOST_CASES} cases at most"
+        raise InvalidInput(Status.OUT_OF_RANGE, "variations", f"{count} cases", allowed)
 
 
 def _how(field: str, given: object) -> tuple[str, Any]:

@@ -6,6 +6,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
@@ -15,43 +16,33 @@ from typing import Any
 import pyarrow
 import pyarrow.parquet
 
+from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.campaign.part_file import (
+    BEFORE_METRICS,
+    CHANGE,
+    KINDS,
+    NUMBER,
+    NUMBERS,
+    TEXT,
+    WHOLE,
+    metric_columns,
+    part_schema,
+    read_part,
+)
 from ff_planner_ros.campaign.work import Outcome
+from ff_planner_ros.common.shown import printable
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Trajectory
 
 PLANS, TRAJECTORIES = "plans", "trajectories"  # directories of the two tables
-_LOCK = "lock"
+_LOCK, _LOCK_MODE = "lock", 0o666
 _UNFINISHED = ".unfinished"  # of a file that is being written
 # The clock decides it, and so it is the one column that is not the same each time.
 CLOCK_COLUMNS = ("solve_time",)
-
-_TEXT, _NUMBER, _WHOLE = pyarrow.string(), pyarrow.float64(), pyarrow.int64()
-_NUMBERS = pyarrow.list_(_NUMBER)
-_KINDS = {"number": _NUMBER, "numbers": _NUMBERS, "text": _TEXT}
-_BEFORE_METRICS = {
-    "id": _TEXT,
-    "number": _WHOLE,
-    "source": _TEXT,
-    "method": _TEXT,
-    "planned_by": _TEXT,
-    "settings": _TEXT,
-    "digest": _TEXT,
-    "geometry": _TEXT,
-    "status": _TEXT,
-    "solved": pyarrow.bool_(),
-    "message": _TEXT,
-    "solve_time": _NUMBER,
-    "parametrisation": _TEXT,
-    "motion_digest": _TEXT,
-    "starts": _WHOLE,
-    "iterations": _WHOLE,
-    "rollouts": _WHOLE,
-    "optimality": _NUMBER,
-    "coefficients": _NUMBERS,
-    "kind": _TEXT,
-    "place": _NUMBERS,
-}
+_PART = re.compile(r"part-[0-9]{6,18}\.parquet")
+# Of the whole table in memory, where its rows take ten times as much: a million or so.
+_MOST_BYTES = 1_000_000_000
+_MOST_VERSIONS, _LONGEST = 30, 100  # packages, and characters of what one says
 
 
 def plan_schema(kinds_of_values: Mapping[str, str]) -> pyarrow.Schema:
@@ -60,22 +51,15 @@ def plan_schema(kinds_of_values: Mapping[str, str]) -> pyarrow.Schema:
     Args:
         kinds_of_values: By varied key, `number`, `numbers` or `text`.
     """
-    metrics = {}
-    for item in fields(Metrics):
-        metrics[item.name] = _NUMBER
-        if item.name == "peak_joint_torques":
-            metrics[item.name] = _NUMBERS
-        elif item.name.endswith("_pair"):
-            metrics[item.name] = _TEXT
-    varied = {f"change.{key}": _KINDS[kind] for key, kind in kinds_of_values.items()}
-    return pyarrow.schema({**_BEFORE_METRICS, **metrics, "changes": _TEXT, **varied})
+    varied = {f"{CHANGE}{key}": KINDS[kind] for key, kind in kinds_of_values.items()}
+    return pyarrow.schema({**BEFORE_METRICS, **metric_columns(), "changes": TEXT, **varied})
 
 
 def trajectory_schema() -> pyarrow.Schema:
     """Return the columns of the table of trajectories: a row a point."""
     names = [item.name for item in fields(Trajectory)]
-    motion = {name: _NUMBER if name == "time" else _NUMBERS for name in names}
-    return pyarrow.schema({"id": _TEXT, "point": _WHOLE, **motion})
+    motion = {name: NUMBER if name == "time" else NUMBERS for name in names}
+    return pyarrow.schema({"id": TEXT, "point": WHOLE, **motion})
 
 
 class Writer:
@@ -94,7 +78,7 @@ class Writer:
             for unfinished in (directory / name).glob(f"*{_UNFINISHED}"):
                 unfinished.unlink()
         parts = part_files(directory)
-        _require_same_kinds([*map(_schema, parts), schema], directory)
+        _require_same_kinds([*map(part_schema, parts), schema], directory)
         # Trajectories are written before the rows that make their cases count as done.
         of_plans = {path.name for path in parts}
         for path in (directory / TRAJECTORIES).glob("*.parquet"):
@@ -144,7 +128,9 @@ class Writer:
         content = pyarrow.Table.from_pylist(rows, schema=schema)
         try:
             with unfinished.open("wb") as file:
-                pyarrow.parquet.write_table(content, file, compression="zstd")
+                pyarrow.parquet.write_table(
+                    content, file, compression="zstd", write_page_checksum=True
+                )
                 file.flush()
                 os.fsync(file.fileno())  # a name must never stand for what is not on the disk
             unfinished.replace(directory / name)
@@ -166,7 +152,11 @@ def locked(directory: Path) -> Iterator[None]:
     Raises:
         InvalidInput: One does.
     """
-    with (directory / _LOCK).open("w") as file:
+    path = directory / _LOCK
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        allowed = "it must be a file: links are not followed here"
+        raise InvalidInput(Status.UNSUPPORTED, _LOCK, path, allowed)
+    with open(path, "ab", opener=_no_link) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -175,9 +165,14 @@ def locked(directory: Path) -> Iterator[None]:
         yield
 
 
+def _no_link(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOFOLLOW, _LOCK_MODE)
+
+
 def part_files(directory: Path, table: str = PLANS) -> list[Path]:
     """Return the files of a table, in the order in which they were written."""
-    return sorted((directory / table).glob("part-*.parquet"))
+    there = (directory / table).glob("part-*.parquet")
+    return sorted(path for path in there if _PART.fullmatch(path.name))
 
 
 def read_plans(directory: Path) -> pyarrow.Table:
@@ -190,8 +185,18 @@ def read_plans(directory: Path) -> pyarrow.Table:
     if not parts:
         allowed = "there is no campaign, or it has planned nothing yet"
         raise InvalidInput(Status.OUT_OF_RANGE, "directory", directory, allowed)
-    tables = [_read(path) for path in parts]
-    return pyarrow.concat_tables(tables, promote_options="permissive").sort_by("id")
+    tables, size = [], 0
+    for path in parts:
+        tables.append(read_part(path))
+        size += tables[-1].nbytes
+        if size > _MOST_BYTES:
+            allowed = f"its table is larger than {_MOST_BYTES / 1e9:g} GB: use pandas or DuckDB"
+            raise InvalidInput(Status.UNSUPPORTED, "directory", directory, allowed)
+    try:
+        return pyarrow.concat_tables(tables, promote_options="permissive").sort_by("id")
+    except pyarrow.ArrowException as error:
+        allowed = f"its files do not fit together ({str(error).partition(chr(10))[0]})"
+        raise InvalidInput(Status.OUT_OF_RANGE, "directory", directory, allowed) from None
 
 
 def digest_of(table: pyarrow.Table) -> str:
@@ -205,7 +210,7 @@ def digest_of(table: pyarrow.Table) -> str:
 
 def _column(parts: Sequence[Path], name: str) -> Iterator[Any]:
     for path in parts:
-        yield from _read(path, [name]).column(name).to_pylist()
+        yield from read_part(path, [name]).column(name).to_pylist()
 
 
 def _require_same_kinds(schemas: list[pyarrow.Schema], directory: Path) -> None:
@@ -215,30 +220,6 @@ def _require_same_kinds(schemas: list[pyarrow.Schema], directory: Path) -> None:
         reason = str(error).partition("\n")[0]
         allowed = f"a key is now varied by values of another kind ({reason}): choose another one"
         raise InvalidInput(Status.UNSUPPORTED, "--out", directory, allowed) from None
-
-
-def _schema(path: Path) -> pyarrow.Schema:
-    return _opened(path).schema_arrow
-
-
-def _read(path: Path, columns: list[str] | None = None) -> pyarrow.Table:
-    try:
-        return _opened(path).read(columns)
-    except (pyarrow.ArrowException, OSError) as error:
-        raise _damaged(path, error) from None
-
-
-def _opened(path: Path) -> pyarrow.parquet.ParquetFile:
-    try:
-        return pyarrow.parquet.ParquetFile(path)
-    except (pyarrow.ArrowException, OSError) as error:
-        raise _damaged(path, error) from None
-
-
-def _damaged(path: Path, error: Exception) -> InvalidInput:
-    reason = str(error).partition("\n")[0]
-    allowed = f"it is damaged ({reason}): without it, its cases are planned again"
-    return InvalidInput(Status.OUT_OF_RANGE, "file", path, allowed)
 
 
 def require_campaign(directory: Path, expected: Mapping[str, str], file: str) -> None:
@@ -255,16 +236,13 @@ def require_campaign(directory: Path, expected: Mapping[str, str], file: str) ->
     """
     path = directory / file
     if path.is_file():
-        try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
-            found = None
+        found = read_versions(path)
         if found == expected:
             return
-        words = ", ".join(f"{k} {v}" for k, v in found.items()) if isinstance(found, dict) else ""
+        words = ", ".join(f"{k} {v}" for k, v in found.items())
         allowed = (
             f"its plans are of {words or 'an unknown version'}; this is "
-            f"{', '.join(f'{k} {v}' for k, v in expected.items() if (found or {}).get(k) != v)}: "
+            f"{', '.join(f'{k} {v}' for k, v in expected.items() if found.get(k) != v)}: "
             "choose another directory"
         )
         raise InvalidInput(Status.UNSUPPORTED, "--out", directory, allowed)
@@ -275,3 +253,13 @@ def require_campaign(directory: Path, expected: Mapping[str, str], file: str) ->
     unfinished = path.with_name(f"{path.name}{_UNFINISHED}")
     unfinished.write_text(json.dumps(dict(expected)) + "\n", encoding="utf-8")
     unfinished.replace(path)
+
+
+def read_versions(path: Path) -> dict[str, str]:
+    """Return of which versions the plans are; nothing where the file does not say it."""
+    try:
+        found = read_json(path)
+    except InvalidInput:
+        return {}
+    told = found if isinstance(found, dict) and len(found) <= _MOST_VERSIONS else {}
+    return {printable(k, _LONGEST): printable(str(v), _LONGEST) for k, v in told.items()}

@@ -125,11 +125,12 @@ def require_packages(what: str) -> None:
         FfPlannerError: It is not.
     """
     try:
+        import cryptography  # noqa: F401
         import distributed  # noqa: F401
         import pyarrow  # noqa: F401
     except ModuleNotFoundError as error:
         raise FfPlannerError(
             Status.UNSUPPORTED,
             f"{what} needs {error.name}: pip install 'ff_planner_ros[campaign]', or where this "
-            "package came without pip, pip install distributed pyarrow",
+            "package came without pip, pip install cryptography distributed pyarrow",
         ) from None

@@ -8,11 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.common.shown import in_log
+
 
 def print_notes(notes: Sequence[str]) -> None:
     """Print what a user should know beside the result."""
     for note in notes:
-        print(f"ff-planner: note: {note}", file=sys.stderr)
+        print(f"ff-planner: note: {in_log(note)}", file=sys.stderr)
 
 
 def print_table(rows: Sequence[tuple[str, str]]) -> None:

@@ -53,6 +53,14 @@ def shortened(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[:longest]}... ({len(text)} characters)"
 
 
+def in_log(text: str) -> str:
+    """Return a text as a log tells it: no line of it can be taken for one of the log's own.
+
+    Names from outside may hold line breaks, and what looks like the beginning of a line.
+    """
+    return "\n    ".join(printable(line, len(line)) for line in text.splitlines())
+
+
 def printable(text: str, longest: int) -> str:
     """Return the beginning of a text on one line, without control characters."""
     beginning = text[:longest]

@@ -1,4 +1,4 @@
-"""Text files from outside: how large they are and what they are is known before they are read."""
+"""Files from outside: how large they are and what they are is known before they are read."""
 
 from __future__ import annotations
 
@@ -22,6 +22,23 @@ def read_text(
     Raises:
         InvalidInput: There is no such file, it is too large or not UTF-8, or it cannot be read.
     """
+    data = read_bytes(path, most_bytes, field, status)
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        reason = f"it is not UTF-8: {error.reason}, byte {error.start} in line {line}"
+    raise InvalidInput(status, field, path, reason)
+
+
+def read_bytes(
+    path: Path, most_bytes: int, field: str = "file", status: Status = Status.OUT_OF_RANGE
+) -> bytes:
+    """Return what is in a file, as `read_text` does.
+
+    Raises:
+        InvalidInput: There is no such file, it is too large, or it cannot be read.
+    """
     try:
         # A pipe or a device may let a reader wait for ever, or never end.
         reason = not_a_file(path)
@@ -29,11 +46,8 @@ def read_text(
             with path.open("rb") as stream:
                 data = stream.read(most_bytes + 1)
             if len(data) <= most_bytes:
-                return data.decode()
+                return data
             reason = f"it must not be larger than {most_bytes / 1e6:g} MB"
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        reason = f"it is not UTF-8: {error.reason}, byte {error.start} in line {line}"
     except (OSError, ValueError) as error:  # the latter: a character that no path can have
         reason = f"it cannot be read: {getattr(error, 'strerror', None) or error}"
     raise InvalidInput(status, field, path, reason)

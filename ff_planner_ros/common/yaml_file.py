@@ -15,7 +15,7 @@ from ff_planner_ros.errors import InvalidInput, InvalidInputs, Status
 
 # A scenario with a running plan of ten thousand points for seven joints has 240,000 values in
 # 5 MB. Whatever is larger would take seconds and hundreds of megabytes only to be refused.
-_MOST_BYTES, _MOST_VALUES = 10_000_000, 250_000
+MOST_BYTES, _MOST_VALUES = 10_000_000, 250_000
 _DEEPEST = 32  # lists and mappings within each other; ours have five
 _LONGEST_NUMBER = 400  # [characters] enough for each that Python can hold
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
@@ -31,7 +31,7 @@ def read_yaml(path: Path) -> Any:
     Raises:
         InvalidInput: The file cannot be read or is not YAML.
     """
-    return yaml_document(read_text(path, _MOST_BYTES), "file", path)
+    return yaml_document(read_text(path, MOST_BYTES), "file", path)
 
 
 def yaml_document(written: str | bytes, field: str, value: object) -> Any:
@@ -46,8 +46,8 @@ def yaml_document(written: str | bytes, field: str, value: object) -> Any:
         InvalidInput: It is not YAML, or too large or too deep to be one of ours.
     """
     try:
-        if len(written) > _MOST_BYTES:
-            raise _TooMuch(None, None, f"it must not be larger than {_MOST_BYTES / 1e6:g} MB")
+        if len(written) > MOST_BYTES:
+            raise _TooMuch(None, None, f"it must not be larger than {MOST_BYTES / 1e6:g} MB")
         text = written.decode() if isinstance(written, bytes) else written
         _require_moderate(text)
         return yaml.load(text, Loader=_Loader)
@@ -81,7 +81,7 @@ class _Lines:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            self._root: Any = yaml.compose(read_text(path, _MOST_BYTES), Loader=_Fast)
+            self._root: Any = yaml.compose(read_text(path, MOST_BYTES), Loader=_Fast)
         except (yaml.YAMLError, ValueError, InvalidInput):
             self._root = None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 from ff_planner_ros.common.share import share_directory
@@ -25,6 +26,7 @@ _SIDEWAYS = 0.08
 _CHASER_BOX, _PANEL, _PANEL_AT = (1.0, 1.0, 0.8), (0.8, 2.0, 0.04), 1.7
 _TUBE, _BALL, _BESIDE, _TOOL = 0.05, 0.06, 0.1, 0.12
 
+_GENERATED = re.compile(r"(arm|planar)[1-9][0-9]?")  # by their number of joints
 # Robots that are read from the share directory, by name.
 _BASE_LINKS = {"lemur": "chaser", "canadarm2": "station"}
 # Where the chaser of `off7` has its centre of mass and axes.
@@ -37,6 +39,9 @@ def bench_robot(name: str, geometry: Geometry = Geometry.LINES) -> Robot:
 
     `planar3` has three and its chaser floats on a table. `off7` has seven, and the centre of mass
     of its chaser is off the base link's frame. These two have no bodies.
+
+    Raises:
+        ValueError: There is no robot of this name.
     """
     if name in _BASE_LINKS:
         urdf = share_directory() / "config" / "robots" / name / f"{name}.urdf"
@@ -44,6 +49,9 @@ def bench_robot(name: str, geometry: Geometry = Geometry.LINES) -> Robot:
     if name == "off7":
         moved = arm_urdf(7).replace('<origin xyz="0 0 0.0"/>', _OFF_THE_BASE, 1)
         return robot_from_urdf_text(moved, "chaser", "end_effector")
+    generated = _GENERATED.fullmatch(name)
+    if generated is None:
+        raise ValueError(f"there is no robot {name!r} in the benchmark")
     if name.startswith("planar"):
         text = planar_urdf(int(name.removeprefix("planar")))
         return robot_from_urdf_text(text, "chaser", "end_effector", Base.PLANAR)

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import InvalidInput, NoPlanFound
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import (
@@ -57,6 +57,8 @@ _CANDIDATES = 200
 _SMALLEST_SPHERE, _LARGEST_SPHERE = 0.025, 0.08
 # Certified clearance is lower than sampled clearance by this at most [m], nearly always.
 _CERTIFICATE_ALLOWANCE = 1e-3
+# Of so many draws one is sound, or none ever is: with an arm that has no free path, say.
+_MOST_DRAWS = 10_000
 
 
 @dataclass(frozen=True)
@@ -94,10 +96,12 @@ def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
 @cache
 def _twins(kind: str, robot: str, number: int) -> tuple[Scenario, Scenario]:
     rng = np.random.default_rng([*f"{kind} {robot}".encode(), number])
-    while True:
+    for _ in range(_MOST_DRAWS):
         twins = _draw(KINDS[kind], bench_robot(robot), rng)
         if twins is not None:
             return twins
+    allowed = f"of {_MOST_DRAWS} problems of kind {kind} that were drawn for it none has a plan"
+    raise InvalidInput(Status.UNSUPPORTED, "robot", robot, allowed)
 
 
 def _draw(kind: Kind, robot: Robot, rng: np.random.Generator) -> tuple[Scenario, Scenario] | None:

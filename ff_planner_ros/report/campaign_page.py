@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,9 +9,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ff_planner_ros.campaign.again import command_again
-from ff_planner_ros.campaign.run import VERSIONS
-from ff_planner_ros.campaign.table import digest_of, read_plans
+from ff_planner_ros.campaign.again import changes_of, command_again
+from ff_planner_ros.campaign.run import VERSIONS, below
+from ff_planner_ros.campaign.table import digest_of, read_plans, read_versions
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.report.html import NOTHING, bullets, element, pairs, plot, row, save_html, table
@@ -41,7 +40,7 @@ def save_campaign_page(directory: Path, file: Path | None = None) -> Path:
     """
     plans = read_plans(directory)
     rows = plans.sort_by("number").to_pylist()
-    file = directory / "report.html" if file is None else file
+    file = below(directory, "report.html") if file is None else file
     title = directory.resolve().name
     sections = _sections(title, directory, rows, digest_of(plans))
     save_html(title, sections, file)
@@ -85,11 +84,8 @@ def _facts(
     yield "results", f"{digest}, a hash of every number but the times"
     times = [row["solve_time"] for row in rows if row["solve_time"] is not None]
     yield "planned for", f"{sum(times) / 3600:.2f} hours of one core"
-    try:
-        versions = json.loads((directory / VERSIONS).read_text(encoding="utf-8"))
-        yield "made by", ", ".join(f"{name} {version}" for name, version in versions.items())
-    except (OSError, ValueError, AttributeError):
-        yield "made by", "not known"
+    versions = read_versions(directory / VERSIONS)
+    yield "made by", ", ".join(f"{k} {v}" for k, v in versions.items()) or "not known"
 
 
 def _table(what: str, groups: Sequence[Group]) -> Element:
@@ -182,8 +178,7 @@ def _worst(directory: Path, methods: Sequence[Group]) -> Iterator[Element]:
             rows.append(row((why, case["method"], case["source"], time)))
             if not case["solved"]:
                 rows.append(_below(case["message"], "reason", len(columns)))
-            values: dict[str, Any] = json.loads(case["changes"])
-            if values:
+            if values := _changes(case):
                 told = ", ".join(f"{key} {_short(value)}" for key, value in values.items())
                 rows.append(_below(told, "more", len(columns)))
             rows.append(_below(_command(case, directory), "more", len(columns)))
@@ -193,6 +188,13 @@ def _worst(directory: Path, methods: Sequence[Group]) -> Iterator[Element]:
 def _below(what: Element | str, kind: str, columns: int) -> Element:
     """Return a row that says more on the one above."""
     return element("tr", element("td", what, colspan=str(columns)), {"class": kind})
+
+
+def _changes(case: Row) -> dict[str, Any]:
+    try:
+        return changes_of(case, "changes")
+    except FfPlannerError as error:
+        return {"changes": str(error)}
 
 
 def _command(case: Row, directory: Path) -> Element | str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -77,7 +78,7 @@ def bins(rows: Sequence[Row], column: str, most: int) -> list[Bin]:
 
     A bin a value where these are few, else `most` bins that hold as many rows each.
     """
-    known = [row for row in rows if row.get(column) is not None]
+    known = [row for row in rows if row.get(column) is not None and math.isfinite(row[column])]
     values = np.array([row[column] for row in known], dtype=float)
     solved = np.array([bool(row["solved"]) for row in known])
     if not len(values):

@@ -9,6 +9,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
+from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.requests.worker import Worker
@@ -97,10 +98,10 @@ class PlannerNode(LifecycleNode):
             action()
         except FfPlannerError as error:
             self.refusal = error
-            self.get_logger().error(str(error))
+            self.get_logger().error(in_log(str(error)))
         except Exception as error:
             self.refusal = FfPlannerError(Status.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
-            self.get_logger().error(traceback.format_exc())
+            self.get_logger().error(in_log(traceback.format_exc()))
         return (
             TransitionCallbackReturn.SUCCESS
             if self.refusal is None

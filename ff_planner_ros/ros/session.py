@@ -14,6 +14,7 @@ from rclpy.lifecycle import LifecycleNode
 
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.scenario.library_file import load_library
@@ -54,7 +55,7 @@ class Session:
         self._description = read_urdf(urdf)
         robot = now.robot.load(self._description, urdf.parent)
         for note in robot.notes:
-            node.get_logger().warning(f"robot.urdf: {note}")
+            node.get_logger().warning(f"robot.urdf: {in_log(note)}")
         library = None
         if now.library:
             library = load_library(Path(now.library).expanduser().absolute(), "planner.library")

@@ -17,7 +17,9 @@ from service_msgs.msg import ServiceEventInfo
 from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.common.text_file import read_bytes
 from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.common.yaml_file import MOST_BYTES
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
@@ -109,7 +111,7 @@ def record_answer(
         bag.attach("robot.urdf", "application/xml", robot.drawn_urdf.encode())
         bag.attach("parameters.yaml", "application/yaml", parameters.encode())
         if scenario is not None:
-            bag.attach("scenario.yaml", "application/yaml", scenario.read_bytes())
+            bag.attach("scenario.yaml", "application/yaml", read_bytes(scenario, MOST_BYTES))
         bag.add_record(PROVENANCE, provenance(method=method))
         put("/chaser_state", STATE_QOS, state)
         put("/obstacles", LATCHED_QOS, obstacles)

@@ -7,15 +7,16 @@ the first axis of every array is time.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ff_planner_benchmark.scorer.files import xml_of
+
 Array = NDArray[np.float64]
+_MOST_LINKS = 200  # the robots of the data set have 20 at most
 
 
 class Placement(NamedTuple):
@@ -63,18 +64,28 @@ class Posture(NamedTuple):
 class Chain:
     """A robot of revolute and fixed joints."""
 
-    def __init__(self, urdf: Path, base_link: str, tip_link: str) -> None:
-        """Read a URDF."""
-        tree = ElementTree.parse(urdf).getroot()
+    def __init__(self, urdf: str, base_link: str, tip_link: str) -> None:
+        """Read the text of a URDF.
+
+        Raises:
+            ValueError: It is not XML, not all links hang on the base link, or there are too many.
+            LookupError: Something is missing in it.
+        """
+        tree = xml_of(urdf)
         elements = {link.attrib["name"]: link for link in tree.findall("link")}
         above = {joint.find("child").attrib["link"]: joint for joint in tree.findall("joint")}  # type: ignore[union-attr]
+        if len(elements) > _MOST_LINKS:
+            raise ValueError(f"it has {len(elements)} links, more than {_MOST_LINKS}")
         order = [base_link]
         while len(order) < len(elements):
-            order += [
+            more = [
                 child
                 for child, joint in above.items()
                 if child not in order and joint.find("parent").attrib["link"] in order  # type: ignore[union-attr]
             ]
+            if not more:
+                raise ValueError(f"not all of its links hang on {base_link}")
+            order += more
         self.names = order
         self.links = [_link(elements[name], above.get(name), order) for name in order]
         self.solids = [

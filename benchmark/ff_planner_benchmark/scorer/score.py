@@ -6,20 +6,19 @@ An answer has `time`, `joint_positions` and `joint_velocities`, a row per point,
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
 from ff_planner_benchmark.scorer.chain import Array, Chain
 from ff_planner_benchmark.scorer.clearance import body_motion, clearance
+from ff_planner_benchmark.scorer.files import json_of, text_of, yaml_of
 from ff_planner_benchmark.scorer.flight import Flight, at_moments, flown, joint_motion, torques
 
 # What an answer may miss the goal by: position [m], direction [rad], velocity [m/s], rate [rad/s].
@@ -31,8 +30,11 @@ POSITION, RATE, TORQUE = 1e-4, 1e-3, 0.02
 # Between the moments the joints may be elsewhere than a smooth motion through them, in sum [rad],
 # and have other rates than it, each [rad/s].
 UNSEEN, UNSEEN_RATE = 1e-4, 0.02
+# Points of an answer: to judge ten times as many takes as many seconds as a method has.
+MOST_POINTS = 10_000
 # Between two points of an answer its motion is looked at so often.
 _LOOKS = 5
+_LONGEST = 1e4  # [s] that a motion lasts; those of the data set last 15 s at most
 # Characters of what a method says.
 _LONGEST_REASON = 200
 # No number of an answer that means something is larger.
@@ -56,18 +58,46 @@ class Score:
 
 
 def load(scenario: Path) -> tuple[dict[str, Any], Chain, list[list[str]]]:
-    """Return a scenario, its robot, and the links that must not touch each other."""
-    content = yaml.load(scenario.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    """Return a scenario, its robot, and the links that must not touch each other.
+
+    Raises:
+        ValueError: A file of it is no file of the data set.
+        OSError: One cannot be read.
+        LookupError: One lacks a value.
+        TypeError: One has a value of another type.
+        AttributeError: Likewise.
+    """
+    content = yaml_of(text_of(scenario))
     urdf = scenario.parent / content["robot"]["urdf"]
-    chain = Chain(urdf, content["robot"]["base_link"], content["robot"]["tip_link"])
+    chain = Chain(text_of(urdf), content["robot"]["base_link"], content["robot"]["tip_link"])
     beside = urdf.with_suffix(".json")
-    pairs = json.loads(beside.read_text())["must_not_touch"] if beside.exists() else []
+    pairs = json_of(text_of(beside))["must_not_touch"] if beside.exists() else []
+    if not 0.0 < float(content["duration"]) < _LONGEST:
+        raise ValueError(f"its duration is {content['duration']} s")
+    if missing := {"chaser", "limits"} - content.keys():
+        raise ValueError(f"it has no {min(missing)}")
+    for name in ("position", "velocity"):
+        if len(content["joints"][name]) != chain.joints:
+            raise ValueError(f"its arm has {chain.joints} joints, joints.{name} others")
     return content, chain, pairs
 
 
 def score(scenario: Path, answer: Any) -> Score:
     """Judge an answer; what is no answer is a fault, too."""
-    content, chain, pairs = load(scenario)
+    return judged(*load(scenario), answer)
+
+
+def judged(content: dict[str, Any], chain: Chain, pairs: list[list[str]], answer: Any) -> Score:
+    """Judge an answer to a scenario that `load` has returned, whatever the answer is."""
+    try:
+        with np.errstate(all="ignore"):
+            return _judged(content, chain, pairs, answer)
+    except Exception as error:  # numbers that no sum can bear
+        words = f"it cannot be judged: {type(error).__name__}: {error}"
+        return Score(False, (words[:_LONGEST_REASON],))
+
+
+def _judged(content: dict[str, Any], chain: Chain, pairs: list[list[str]], answer: Any) -> Score:
     if not isinstance(answer, dict):
         return Score(False, (f"no plan: not an object but {type(answer).__name__}",))
     if answer.get("status", "solved") != "solved":
@@ -109,6 +139,8 @@ def _ill_formed(chain: Chain, scenario: dict[str, Any], answer: dict[str, Any]) 
     if answer.get("joint_names", chain.joint_names) != chain.joint_names:
         return f"joint_names: {answer['joint_names']}, not {chain.joint_names}"
     try:
+        if len(answer["time"]) > MOST_POINTS:
+            return f"time: {len(answer['time'])} points, more than {MOST_POINTS}"
         time = np.asarray(answer["time"], float)
         for name in ("joint_positions", "joint_velocities", "joint_accelerations"):
             if name == "joint_accelerations" and name not in answer:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.shown import LONGEST_VALUE, shortened, shown
+from ff_planner_ros.common.text_file import read_bytes
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.task.library import Library, StoredPlan
 
@@ -17,6 +20,11 @@ LIBRARY = "library.npz"
 _UNFINISHED = ".unfinished"
 # Raised when what the units of places mean changes.
 _VERSION = 1
+# Ten thousand plans of an arm of seven joints are 10 MB. A library that is larger by far would take
+# all memory, and its nearest plan would be looked for longer than a search takes.
+_MOST_BYTES, _MOST_INFLATED, _MOST_PLANS = 100_000_000, 100_000_000, 100_000
+_ROWS = ("places", "coefficients")
+_NAMES = ("version", "kinds", *(name for row in _ROWS for name in (row, f"{row}_end")))
 
 
 def save_library(plans: Iterable[StoredPlan], directory: Path) -> Path:
@@ -51,31 +59,50 @@ def load_library(path: Path, field: str = "library") -> Library:
         field: That named it, for errors.
 
     Raises:
-        InvalidInput: There is none, or it is damaged or of another version.
+        InvalidInput: There is none, it is too large, or it is damaged or of another version.
     """
     path = path / LIBRARY if path.is_dir() else path
     try:
-        with path.open("rb") as stream, _arrays(stream) as arrays:
-            if int(arrays["version"]) != _VERSION:
-                raise ValueError(f"it is of version {int(arrays['version'])}, not {_VERSION}")
-            kinds = [str(kind) for kind in arrays["kinds"].tolist()]
-            rows = zip(
-                kinds,
-                _parts(arrays["places"], arrays["places_end"]),
-                _parts(arrays["coefficients"], arrays["coefficients_end"]),
-                strict=True,
-            )
-            return Library(tuple(StoredPlan(*row) for row in rows))
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
-        allowed = f"no library can be read there ({error}): `ff-planner campaign` writes one"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, path, allowed) from None
+        return Library(tuple(_plans(_arrays(read_bytes(path, _MOST_BYTES, field)))))
+    except InvalidInput as error:
+        reason = error.allowed
+    except Exception as error:  # whatever zipfile and numpy trip over in a damaged file
+        reason = str(error) or type(error).__name__
+    reason = shortened(reason.partition("\n")[0], LONGEST_VALUE)
+    allowed = f"no library can be read there ({reason}): `ff-planner campaign` writes one"
+    raise InvalidInput(Status.OUT_OF_RANGE, field, path, allowed)
 
 
-def _arrays(stream: BinaryIO) -> Any:
+def _arrays(data: bytes) -> Mapping[str, Any]:
+    """Return the arrays in a file; nothing is inflated before its size is known."""
+    stream = io.BytesIO(data)
     if not zipfile.is_zipfile(stream):
         raise ValueError("it is no .npz file, or a part of one")
-    stream.seek(0)
-    return np.load(stream, allow_pickle=False)
+    with zipfile.ZipFile(stream) as archive:
+        parts = archive.infolist()
+        if sum(part.file_size for part in parts) > _MOST_INFLATED:
+            raise ValueError(f"it holds more than {_MOST_INFLATED / 1e6:g} MB")
+        if {part.compress_type for part in parts} - {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+            raise ValueError("it is compressed in another way than numpy does it")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in _NAMES if name in arrays}
+
+
+def _plans(arrays: Mapping[str, Any]) -> Iterator[StoredPlan]:
+    """Yield the plans of a file, each checked."""
+    version = arrays["version"].tolist() if "version" in arrays else "unknown"
+    if version != _VERSION:
+        raise ValueError(f"it is of version {shown(version)}, not {_VERSION}")
+    if missing := [name for name in _NAMES if name not in arrays]:
+        raise ValueError(f"it has no {missing[0]}")
+    kinds = arrays["kinds"]
+    if kinds.dtype.kind != "U" or kinds.ndim != 1:
+        raise ValueError("its kinds are no list of texts")
+    if len(kinds) > _MOST_PLANS:
+        raise ValueError(f"it holds {len(kinds)} plans, more than {_MOST_PLANS}")
+    rows = [_parts(name, arrays[name], arrays[f"{name}_end"], len(kinds)) for name in _ROWS]
+    for kind, *both in zip(kinds.tolist(), *rows, strict=True):
+        yield StoredPlan(kind, *both)
 
 
 def _flat(name: str, rows: list[Array]) -> dict[str, Array]:
@@ -84,7 +111,13 @@ def _flat(name: str, rows: list[Array]) -> dict[str, Array]:
     return {name: np.concatenate([*rows, np.empty(0)]), f"{name}_end": ends}
 
 
-def _parts(flat: Array, ends: Array) -> Iterator[Array]:
-    if not np.isfinite(flat).all() or (ends[-1] if len(ends) else 0) != len(flat):
-        raise ValueError("it is damaged")
-    return iter(np.split(flat.astype(np.float64), ends[:-1]) if len(ends) else [])
+def _parts(name: str, flat: Array, ends: Array, count: int) -> list[Array]:
+    """Return rows that `_flat` has written one after the other."""
+    if flat.dtype.kind not in "fiu" or flat.ndim != 1 or not np.isfinite(flat).all():
+        raise ValueError(f"its {name} are no list of finite numbers")
+    if ends.dtype.kind not in "iu" or ends.shape != (count,):
+        raise ValueError(f"its {name} are not those of {count} plans")
+    ends = ends.astype(np.int64)
+    if (np.diff(ends, prepend=0) < 0).any() or (ends[-1] if count else 0) != len(flat):
+        raise ValueError(f"where its {name} end makes no sense")
+    return np.split(flat.astype(np.float64), ends[:-1]) if count else []

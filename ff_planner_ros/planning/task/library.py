@@ -79,10 +79,11 @@ class Library:
     plans: tuple[StoredPlan, ...]
 
     @cached_property
-    def _by_kind(self) -> dict[tuple[str, int], tuple[Array, list[StoredPlan]]]:
-        found: dict[tuple[str, int], list[StoredPlan]] = {}
+    def _by_kind(self) -> dict[tuple[str, int, int], tuple[Array, list[StoredPlan]]]:
+        found: dict[tuple[str, int, int], list[StoredPlan]] = {}
         for one in self.plans:
-            found.setdefault((one.kind, len(one.coefficients)), []).append(one)
+            key = one.kind, len(one.place), len(one.coefficients)
+            found.setdefault(key, []).append(one)
         return {key: (np.array([p.place for p in some]), some) for key, some in found.items()}
 
     def first_guess(self, task: PlanningTask) -> Array | None:
@@ -100,10 +101,11 @@ class Library:
             return None
         nearest: tuple[float, StoredPlan | None] = (_FARTHEST, None)
         for variables in in_question:
-            places, plans = self._by_kind.get((kind, variables), (np.empty((0, len(place))), []))
-            if not plans or places.shape[1:] != place.shape:
+            if (kind, len(place), variables) not in self._by_kind:
                 continue
-            apart = np.linalg.norm(places - place, axis=1)
+            places, plans = self._by_kind[kind, len(place), variables]
+            with np.errstate(over="ignore"):  # what is as far as that is far
+                apart = np.linalg.norm(places - place, axis=1)
             if apart.min() < nearest[0]:
                 nearest = float(apart.min()), plans[int(apart.argmin())]
         return None if nearest[1] is None else nearest[1].coefficients

@@ -73,6 +73,10 @@ def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) 
         faults: Takes what is wrong with them.
     """
     found: list[Body] = []
+    if (count := len(robot.findall("link/collision"))) > MAX_BODIES:
+        told, allowed = f"there {count} times", f"it may be at most {MAX_BODIES} times"
+        faults.add("<collision>", "", "", told, allowed)
+        return ()
     for link in robot.findall("link"):
         name = str(link.get("name"))
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
@@ -84,14 +88,6 @@ def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) 
             if solid is not None:
                 place = frame.placement * placement(collision.find("origin"))
                 found.append(_body(called, name, frame.parentJoint, solid, place))
-    if len(found) > MAX_BODIES:
-        faults.add(
-            "<collision>",
-            "",
-            "",
-            f"there {len(found)} times",
-            f"it may be at most {MAX_BODIES} times",
-        )
     return tuple(found)
 
 

@@ -62,8 +62,9 @@ def whole_body(
         only_chaser = joints and not on_arm
         note = "no link of the arm has a <collision>: its lines are kept clear of spheres"
         return WholeBody(Geometry.LINES, (), (), (), drawn, (note,) if only_chaser else ())
-    meshes, robot = Meshes(directory), ElementTree.fromstring(checked)
-    bodies = bodies_of(solids, model, meshes, faults)
+    robot = ElementTree.fromstring(checked)
+    with Meshes(directory) as meshes:
+        bodies = bodies_of(solids, model, meshes, faults)
     links = [str(link.get("name")) for link in robot.findall("link")]
     told, enabled = read_srdf(text, links, faults, "robot.urdf")
     if srdf is not None:

@@ -7,9 +7,9 @@ from typing import Any
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
-from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.robot.urdf.outermost import Boxes
 
 # A solid that is smaller is a slip of the pen, and one that is larger no robot [m].
 SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
@@ -41,15 +41,17 @@ def convex_solid(points: Array, scale: Array) -> tuple[Array, coal.Convex, float
     Raises:
         ValueError: A `NoSolid`. They lie in a plane, say.
     """
-    points, growth = _once(points), 0.0
+    points, growth = once(points), 0.0
     for _ in range(2):
         _require_solid(points * scale)
-        corners = _corners(points, scale)
+        boxes = Boxes(points)
+        corners = _corners(points, boxes, scale)
         if corners is not None:
             with suppress(RuntimeError):  # an edge fan of more than 255 at one corner
                 return corners, _convex(corners * scale), growth
-        simple = _once((_around(points * scale) / scale).astype(np.float32).astype(float))
-        growth = _growth(points * scale, simple * scale)
+        around = _around(points * scale, boxes, scale) / scale
+        simple = once(around.astype(np.float32).astype(float))
+        growth = _growth(boxes, scale, simple * scale)
         points = simple
     raise NoSolid("its convex hull cannot be simplified")
 
@@ -61,7 +63,7 @@ def _convex(corners: Array) -> coal.Convex:
     return coal.Convex.convexHull(rows, True, "Qt")
 
 
-def _once(points: Array) -> Array:
+def once(points: Array) -> Array:
     """Return the rows in order, each once."""
     points = points[np.lexsort(points.T)] + 0.0  # no negative zeros
     new = np.ones(len(points), bool)
@@ -84,23 +86,34 @@ def _axes(points: Array) -> Array:
     return np.array(np.linalg.eigh(centred.T @ centred)[1])
 
 
-def _corners(points: Array, scale: Array) -> Array | None:
+def _corners(points: Array, boxes: Boxes, scale: Array) -> Array | None:
     """Return the points at the corners of the hull after `scale`; None: more than `MAX_VERTICES`.
 
     The hull of what is returned has all of it as its corners.
     """
     if len(points) > _MANY:
-        points = points[_outer(points * scale)]
-    if len(points) > _MANY:
-        return None
-    outermost = _outermost(points * scale, 4 * MAX_VERTICES)
-    if len(np.unique(outermost)) > MAX_VERTICES:
+        outer = _outer(boxes, scale)
+        if outer is None:
+            return None
+        points = outer
+    # One direction after the other: all at once would need gigabytes.
+    furthest = [np.argmax(points * scale @ way) for way in _ways(4 * MAX_VERTICES)]
+    if len(set(furthest)) > MAX_VERTICES:
         return None
     while True:
         corners = np.sort(_hull(points * scale).vertices)
         if len(corners) == len(points):
             return points if len(points) <= MAX_VERTICES else None
         points = points[corners]
+
+
+def _outer(boxes: Boxes, scale: Array) -> Array | None:
+    """Return points not inside the hull of the outermost ones; None: more than `_MANY`."""
+    outermost = once(boxes.outermost(_ways(_DIRECTIONS) * scale)) * scale
+    _require_solid(outermost)
+    planes = _hull(outermost).equations * [*scale, 1.0] + [0.0, 0.0, 0.0, _THINNEST]
+    outside = boxes.outside(planes, _MANY)
+    return None if outside is None else once(outside)
 
 
 def _hull(points: Array) -> Any:
@@ -110,34 +123,23 @@ def _hull(points: Array) -> Any:
     return ConvexHull(points)
 
 
-def _outer(points: Array) -> NDArray[np.bool_]:
-    """Tell which points are not inside the hull of the outermost ones in some directions."""
-    outermost = points[np.unique(_outermost(points, _DIRECTIONS))]
-    _require_solid(outermost)
-    outside = np.zeros(len(points), bool)
-    for plane in _hull(outermost).equations:
-        outside |= points @ plane[:3] + plane[3] > -_THINNEST
-    return outside
-
-
-def _outermost(points: Array, directions: int) -> Indices:
-    """Return which point is the furthest, for each of some directions: all are corners."""
-    # One direction after the other: all at once would need gigabytes.
-    return np.array([np.argmax(points @ way) for way in _ways(directions)])
-
-
-def _around(points: Array) -> Array:
+def _around(points: Array, boxes: Boxes, scale: Array) -> Array:
     """Return the corners of the solid between planes that touch the points from outside.
 
     Planes n.(x - c) = h about an inner point c have the solid's corners as the planes of the hull
     of the points n / h: each is the dual of the other. Seen along its axes in units of its widths,
     a long tube is as round as a ball.
+
+    Args:
+        points: After `scale`.
+        boxes: The same before it.
     """
     ways, axes = _ways(_DIRECTIONS), _axes(points)
     widths = np.ptp(points @ axes, axis=0)
-    points = points @ axes / widths
-    center = points[_outermost(points, _DIRECTIONS)].mean(axis=0)
-    reach = np.array([((points - center) @ way).max() for way in ways])
+    seen = scale[:, None] * axes / widths
+    furthest = boxes.outermost(ways @ seen.T) @ seen
+    center = furthest.mean(axis=0)
+    reach = ((furthest - center) * ways).sum(axis=1)
     dual = _convex(ways / reach[:, None])
     corners = dual.points()
     faces = [dual.polygons(i) for i in range(dual.num_polygons)]
@@ -157,8 +159,10 @@ def _ways(count: int) -> Array:
     return np.vstack([spiral, np.eye(3), -np.eye(3)])
 
 
-def _growth(points: Array, simple: Array) -> float:
+def _growth(boxes: Boxes, scale: Array, simple: Array) -> float:
     """Return how much further a solid reaches than the points, of their width, in many ways."""
     ways = _ways(_DIRECTIONS // 2)
-    further = [((simple @ way).max() - (points @ way).max()) / np.ptp(points @ way) for way in ways]
-    return float(max(further))
+    reach, back = (
+        (boxes.outermost(side * scale) * scale * side).sum(axis=1) for side in (ways, -ways)
+    )
+    return float((((simple @ ways.T).max(axis=0) - reach) / (reach + back)).max())

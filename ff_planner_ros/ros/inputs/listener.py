@@ -16,6 +16,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from ff_planner_ros.common.shown import in_log
+
 # Messages wait in the queues of DDS for so long at most [s].
 _PERIOD = 0.005
 
@@ -70,7 +72,7 @@ class Listener:
                 try:
                     self._take(subscription, keep)
                 except Exception:  # of one message; the end of a thread would not be noticed
-                    self._node.get_logger().error(traceback.format_exc())
+                    self._node.get_logger().error(in_log(traceback.format_exc()))
 
     def _take(self, subscription: Subscription, keep: Callable[[Any], None]) -> None:
         handle, message_type = subscription.handle, subscription.msg_type

@@ -37,7 +37,7 @@ from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS, S
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.values import document_of
 from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Robot, read_urdf
 from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.messages.interfaces import (
     ACTION,
@@ -105,7 +105,7 @@ def recorded_robot(
 ) -> tuple[NodeParameters, bytes]:
     """Return the parameters and the URDF from which the robot can be built without other files."""
     described = replace(parameters.robot, geometry=robot.geometry.value)
-    description = urdf.read_bytes()
+    description = read_urdf(urdf).encode()
     if robot.geometry is Geometry.SHAPES:
         # With meshes and links that may touch; joints that are held are fixed ones there.
         described = replace(described, locked_joints="", srdf="")

@@ -18,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from ff_planner_ros.bag.mcap.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic, TopicQueue
@@ -192,7 +193,7 @@ class Recorder:
                 self._take_all()
             except Exception as error:
                 # The end of a thread would not be noticed.
-                self._logger.error(traceback.format_exc())
+                self._logger.error(in_log(traceback.format_exc()))
                 self._fail(f"{type(error).__name__}: {error}")
                 return
 
@@ -247,8 +248,8 @@ class Recorder:
         """Say once why recording has stopped; planning goes on."""
         self._failure = reason
         self._logger.error(
-            f"recording has stopped, planning goes on: {reason}. Once that is set right, clean up "
-            "and configure the node, or restart it: a new bag is begun"
+            f"recording has stopped, planning goes on: {in_log(reason)}. Once that is set right, "
+            "clean up and configure the node, or restart it: a new bag is begun"
         )
 
     def _remember(self) -> None:

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
@@ -172,7 +173,7 @@ class PlanningService:
                 provenance = error.provenance
             answer = self._refused(job, job.cause or error, begun)
         except Exception as error:
-            self._logger.error(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}")
+            self._logger.error(in_log(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}"))
             unforeseen = f"{type(error).__name__}: {error}"
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
             answer = answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
@@ -199,7 +200,7 @@ class PlanningService:
     def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanAnswer:
         # Apart from `_answer`: a variable there would hold the error whose traceback holds the
         # variable, and with both the request, until the next full garbage collection.
-        self._logger.warning(f"{job.plan_id}: {cause.status.name}: {cause}")
+        self._logger.warning(f"{job.plan_id}: {cause.status.name}: {in_log(str(cause))}")
         return answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
 
     def _planned(
@@ -287,7 +288,7 @@ class PlanningService:
             f"{answer.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest Euler angle {math.degrees(metrics.max_chaser_euler):.2f} deg, "
             f"rotation {math.degrees(metrics.max_chaser_rotation):.2f} deg, "
-            f"{near}, {robust}{solver.iterations} iterations, {solver.solve_time:.2f} s; "
+            f"{in_log(near)}, {robust}{solver.iterations} iterations, {solver.solve_time:.2f} s; "
             f"{what} by {requester}"
         )
 

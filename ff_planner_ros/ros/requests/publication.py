@@ -23,6 +23,7 @@ from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.ros.messages.controller_message import controller_message
@@ -125,13 +126,13 @@ class Publication:
     ) -> PublishPlan.Response:
         try:
             message = self._published(request)
-            self._logger.info(message)
+            self._logger.info(in_log(message))
             response.status = PlanStatus(code=int(Status.SOLVED), message=message)
         except FfPlannerError as error:
-            self._logger.warning(f"{PUBLISH_PLAN}: {error.status.name}: {error}")
+            self._logger.warning(f"{PUBLISH_PLAN}: {error.status.name}: {in_log(str(error))}")
             response.status = status_message(error)
         except Exception as error:
-            self._logger.error(f"{PUBLISH_PLAN}: INTERNAL_ERROR\n{traceback.format_exc()}")
+            self._logger.error(in_log(f"{PUBLISH_PLAN}: INTERNAL_ERROR\n{traceback.format_exc()}"))
             unforeseen = f"{type(error).__name__}: {error}"
             response.status = status_message(FfPlannerError(Status.INTERNAL_ERROR, unforeseen))
         self.answered = time.monotonic()

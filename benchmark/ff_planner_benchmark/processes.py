@@ -1,0 +1,93 @@
+"""All processes that one has started, whatever became of them: their time, and their end."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+_TICK = 1.0 / os.sysconf("SC_CLK_TCK")  # [s]
+_SET_CHILD_SUBREAPER = 36  # of prctl: who loses its parent below this process becomes its child
+_PAUSE = 0.01  # [s] between two looks at whether the killed have ended
+_PATIENCE = 10.0  # [s] until they have: the system ends them at once, but for what waits in it
+
+
+class _Process(NamedTuple):
+    """What the system says of a process."""
+
+    pid: int
+    parent: int
+    begun: int  # [ticks] with the number it tells it from every other process
+    own: float  # processor time [s]
+    of_ended: float  # of those that it has waited for [s]
+
+
+class Family:
+    """A process and all that it starts, in sessions of their own and left alone ones, too."""
+
+    def __init__(self) -> None:
+        """Begin before the process is started: what this one has as children is none of it."""
+        with suppress(OSError, AttributeError):  # another system than Linux
+            ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+        here = os.getpid()
+        self._others = {one.pid for one in _processes() if one.parent == here}
+        self._before = _of_reaped()
+        self._seen: dict[tuple[int, int], float] = {}  # processor time of each [s]
+
+    def seconds(self) -> float:
+        """Return the processor time that all of them have taken so far.
+
+        Ended ones count as their parents waited for them, or as they were seen last if nobody did.
+        """
+        living = list(self._living())
+        for one in living:
+            self._seen[one.pid, one.begun] = one.own
+        waited = _of_reaped() - self._before
+        waited += sum(one.own + one.of_ended for one in living)
+        return max(waited, sum(self._seen.values()))
+
+    def end(self) -> None:
+        """Kill all of them, and wait until they have ended."""
+        until = time.monotonic() + _PATIENCE
+        while (living := list(self._living())) and time.monotonic() < until:
+            for one in living:
+                with suppress(ProcessLookupError, PermissionError):
+                    os.kill(one.pid, signal.SIGKILL)
+            for one in living:
+                if one.parent == os.getpid():
+                    with suppress(ChildProcessError):
+                        os.waitpid(one.pid, os.WNOHANG)
+            time.sleep(_PAUSE)
+
+    def _living(self) -> Iterator[_Process]:
+        """Yield them; what has ended and waits for its parent is among them."""
+        by_parent: dict[int, list[_Process]] = {}
+        for one in _processes():
+            by_parent.setdefault(one.parent, []).append(one)
+        new = [one for one in by_parent.get(os.getpid(), []) if one.pid not in self._others]
+        while new:
+            one = new.pop()
+            yield one
+            new += by_parent.get(one.pid, [])
+
+
+def _of_reaped() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _processes() -> Iterator[_Process]:
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            with suppress(OSError, ValueError, IndexError):  # ended meanwhile
+                # Behind the name, which may hold anything.
+                words = (entry / "stat").read_bytes().rpartition(b")")[2].split()
+                own = (int(words[11]) + int(words[12])) * _TICK
+                of_ended = (int(words[13]) + int(words[14])) * _TICK
+                yield _Process(int(entry.name), int(words[1]), int(words[19]), own, of_ended)

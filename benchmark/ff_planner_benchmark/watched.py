@@ -1,0 +1,154 @@
+"""A method as its judge sees it: a process that answers in bytes, with its time from outside.
+
+Nothing that comes from it is more than JSON: no object of Python, no time, no score.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import selectors
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ff_planner_benchmark import method_process
+from ff_planner_benchmark.method_process import TOO_LONG, ended_with
+from ff_planner_benchmark.processes import Family
+from ff_planner_ros.analysis.json_file import json_document
+from ff_planner_ros.errors import InvalidInput, Status
+
+# A method has so much time to load, and to end once its answers have [s].
+_TO_LOAD, _TO_END = 120.0, 1.0
+# The clock ends only what waits, after so many times the processor time and so much more [s].
+_PATIENCE, _MORE_PATIENCE = 20.0, 10.0
+_LOOK_AFTER = 0.1  # [s] between two looks at how much time has been taken
+# [bytes] of an answer: ten thousand points of fourteen joints are 8 MB.
+_LONGEST, _CHUNK = 20_000_000, 1 << 16
+
+
+class Asked(NamedTuple):
+    """What came of a scenario."""
+
+    seconds: float  # processor time of all processes
+    answer: Any  # JSON
+    failed: str | None  # why there is no answer
+
+
+class Method:
+    """A method that runs."""
+
+    def __init__(self, method: str, seconds: float) -> None:
+        """Start it, and wait until it has loaded.
+
+        Raises:
+            InvalidInput: It cannot.
+        """
+        self._seconds, self._limited = seconds, method != "ours"
+        self._family = Family()
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", method_process.__name__, method, repr(seconds)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        self._rest = b""  # what came behind the last line
+        line, wrong = self._line(_TO_LOAD, None)
+        if line is not None:
+            wrong = _member(line, "wrong") if _member(line, "ready") is not True else None
+        if line is None or wrong is not None:
+            reason = self.end(wrong or "the process ended")
+            raise InvalidInput(Status.UNSUPPORTED, "--method", method, reason)
+        self._taken = self._family.seconds()
+
+    def ask(self, scenario: Path) -> Asked:
+        """Return what it answers to a scenario; one without an answer is to be ended.
+
+        What its processes did since the last answer counts, too.
+        """
+        number = secrets.token_hex(8)  # so that nothing said before is an answer
+        question = json.dumps({"scenario": str(scenario), "number": number}) + "\n"
+        line: bytes | None = None
+        failed: str | None = None
+        with suppress(OSError):
+            os.write(self._pipe("stdin"), question.encode())
+        wait = _PATIENCE * self._seconds + _MORE_PATIENCE
+        line, failed = self._line(wait, TOO_LONG * self._seconds if self._limited else None)
+        now = self._family.seconds()
+        taken, self._taken = now - self._taken, now
+        if line is None:
+            reason = self.end(failed or "")
+            return Asked(max(taken, TOO_LONG * self._seconds), None, reason)
+        try:
+            said = json_document(line.decode("utf-8", "replace"), "its answer", "no answer")
+        except InvalidInput as error:
+            return Asked(taken, None, f"its answer cannot be read: {error.allowed}")
+        if not isinstance(said, dict) or said.get("question") != number:
+            return Asked(taken, None, "it answered something that was not asked")
+        if "answer" not in said:
+            return Asked(taken, None, str(said.get("failed"))[: method_process.MOST_WORDS])
+        return Asked(taken, said["answer"], None)
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it answers no more."""
+        return self._process.poll() is not None
+
+    def end(self, reason: str = "") -> str:
+        """End it and all that it has started, and return what had become of it."""
+        if not reason:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_TO_END)
+        code = self._process.poll()
+        self._family.end()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        self._process.wait()
+        if reason:
+            return reason
+        return "no answer in time" if code is None else f"the process ended: {ended_with(code)}"
+
+    def _pipe(self, name: str) -> int:
+        pipe = getattr(self._process, name)
+        return int(pipe.fileno())
+
+    def _line(self, wait: float, most_seconds: float | None) -> tuple[bytes | None, str | None]:
+        """Return a line that it says; None: why there is none, empty if the process ended."""
+        until, begun = time.monotonic() + wait, self._taken_so_far()
+        found = bytearray(self._rest)
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._pipe("stdout"), selectors.EVENT_READ)
+            while b"\n" not in found[-_CHUNK - 1 :]:
+                if len(found) > _LONGEST:
+                    return None, f"its answer has more than {_LONGEST / 1e6:g} MB"
+                if time.monotonic() > until:
+                    return None, "no answer in time"
+                if most_seconds is not None and self._taken_so_far() - begun > most_seconds:
+                    times = f"{TOO_LONG:g} times its processor time were over"
+                    return None, f"the process ended: {times}"
+                if not selector.select(_LOOK_AFTER):
+                    if self.has_ended:  # others may hold its end of the pipe
+                        return None, None
+                    continue
+                chunk = os.read(self._pipe("stdout"), _CHUNK)
+                if not chunk:
+                    return None, None
+                found += chunk
+        line, _, self._rest = bytes(found).partition(b"\n")
+        return line, None
+
+    def _taken_so_far(self) -> float:
+        return self._family.seconds()
+
+
+def _member(line: bytes, name: str) -> Any:
+    with suppress(ValueError, RecursionError):
+        said = json.loads(line)
+        return said.get(name) if isinstance(said, dict) else None
+    return None
