@@ -68,6 +68,24 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
         ("chaser state", {"state_age": 0.501}, ERROR, "allowed are 0.5 s"),
         ("chaser state", {"state_age": -0.02}, OK, "-0.020 s old"),
         ("chaser state", {"state_refusal": "frame is map"}, ERROR, "planned from: frame is map"),
+        (
+            "chaser state",
+            {"state_age": 2.0, "state_clock_offset": -2.0},
+            ERROR,
+            "its publisher's clock is so much behind this node's",
+        ),
+        (
+            "chaser state",
+            {"state_age": 2.0, "state_clock_offset": 0.0},
+            ERROR,
+            "has its publisher died?",
+        ),
+        (
+            "target body",
+            {"target_age": 70.0, "target_clock_offset": -70.0},
+            WARN,
+            "stamps 70.000 s behind",
+        ),
         ("obstacles", {"obstacles": None}, ERROR, "none received yet: publish them, or an empty"),
         ("obstacles", {"obstacles": 0}, OK, "0 spheres, 61.2 s old"),
         ("obstacles", {"obstacles": 1}, OK, "1 sphere, 61.2 s old"),
@@ -152,6 +170,8 @@ def test_each_part_turns_to_its_level_with_words_that_say_why(
 
 def test_the_figures_are_there_for_machines() -> None:
     assert part(WELL, "chaser state")[2] == {"age [s]": "0.012", "allowed age [s]": "0.5"}
+    measured = part(replace(WELL, state_clock_offset=0.0411), "chaser state")[2]
+    assert measured["clock offset [s]"] == "0.041"
     assert part(WELL, "obstacles")[2] == {"spheres": "3", "age [s]": "61.2"}
     assert part(WELL, "last request")[2] == {"plan id": "run.7", "code": "0", "status": "SOLVED"}
     assert part(WELL, "recorder")[2] == {

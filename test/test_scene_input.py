@@ -259,3 +259,45 @@ def test_a_target_body_is_as_old_and_as_early_as_it_may_be_and_no_more(
     limit, name = ("5", "target_max_age") if age > 0.0 else ("1", "state_future_tolerance")
     assert f"at most {limit} s" in refused.value.allowed
     assert name in refused.value.allowed
+
+
+def test_a_target_body_stamped_ahead_never_becomes_a_measurement_of_now() -> None:
+    body = tumbling.problem("tumbling", 0).target_body
+    assert body is not None
+    now_ns = 100 * SECOND
+    scene_input = SceneInput(FRAME, lambda: now_ns)
+
+    def refusal() -> InvalidInput:
+        with pytest.raises(InvalidInput) as refused:
+            scene_input.target_body(None, now_ns, 5.0, 0.05)
+        return refused.value
+
+    for _ in range(50):
+        scene_input.callbacks()["target_body"](
+            target_body_message(body, now_ns + 3 * SECOND, FRAME)
+        )
+        assert refusal().status is Status.TARGET_IN_FUTURE
+        assert refusal().value == "3.000 s ahead of now"
+        now_ns += SECOND // 10
+    for _ in range(50):
+        now_ns += SECOND // 10
+        assert refusal().status is Status.TARGET_IN_FUTURE
+    # Of now, once and for all.
+    scene_input.callbacks()["target_body"](target_body_message(body, now_ns, FRAME))
+    assert scene_input.target_body(None, now_ns, 5.0, 0.05).stamp_ns == now_ns
+    # And a clock that is behind is told.
+    for _ in range(100):
+        now_ns += SECOND // 10
+        scene_input.callbacks()["target_body"](
+            target_body_message(body, now_ns - 7 * SECOND, FRAME)
+        )
+    assert "7.000 s behind this node's" in refusal().allowed
+
+
+def test_spheres_that_move_are_not_of_now_because_their_stamp_was_ahead() -> None:
+    now_ns = 100 * SECOND
+    scene_input = SceneInput(FRAME, lambda: now_ns)
+    scene_input.keep(_moving_among_still(103))
+    for now_ns in range(100 * SECOND, 110 * SECOND, SECOND):
+        with pytest.raises(InvalidInput, match=r"3\.000 s ahead of now"):
+            scene_input.moving_scene(None, now_ns, 0.05)

@@ -18,7 +18,7 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, heard_with
+from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.inputs.listener import Listener
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
@@ -60,8 +60,10 @@ class Session:
             library = load_library(Path(now.library).expanduser().absolute(), "planner.library")
             plans = len(library.plans)
             node.get_logger().info(f"planner.library: {plans} plans in {now.library}")
-        self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
-        self._scenes = SceneInput(now.inertial_frame, lambda: node.get_clock().now().nanoseconds)
+        self._states = StateInput(
+            robot, now.inertial_frame, now.state_source, now.odometry, self._now_ns
+        )
+        self._scenes = SceneInput(now.inertial_frame, self._now_ns)
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
@@ -131,8 +133,7 @@ class Session:
                 topic.name,
                 keep[topic.name],
                 qos_profile(getattr(qos, topic.name)),
-                serialised=topic
-                in (OBSTACLES, TARGET_BODY),  # read when it is asked for: it may be large
+                serialised=True,  # read when it is asked for
             )
         listener.start()
 
@@ -144,9 +145,11 @@ class Session:
         self._node.get_logger().warning(f"{message} are forgotten")
         self._service.give_up(Status.CLOCK_JUMPED, f"{message} are void; ask again")
 
+    def _now_ns(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)
+
     def _newest_state(self, max_age: float, max_lead: float) -> Snapshot:
-        now_ns = self._node.get_clock().now().nanoseconds
-        return self._states.snapshot(now_ns, max_age, max_lead)
+        return self._states.snapshot(self._now_ns(), max_age, max_lead)
 
     def _stream(self) -> None:
         now = self._parameters.current
@@ -186,12 +189,14 @@ class Session:
             state_age=state_age,
             state_max_age=now.state_max_age,
             state_refusal=state_refusal,
+            state_clock_offset=self._states.clock_offset(clock.nanoseconds),
             obstacles=obstacles,
             obstacles_age=obstacles_age,
             obstacles_refusal=obstacles_refusal,
             target_age=target_age,
             target_max_age=now.target_max_age,
             target_refusal=target_refusal,
+            target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
             solver_is_warm=self._worker.is_warm,

@@ -36,8 +36,11 @@ _NO_FUNCTIONS_OF_THE_PROBLEM = {
     Status.SHUT_DOWN: "the node was shut down",
     Status.SOLVER_DIED: "the solver process died",
     Status.CLOCK_JUMPED: "the node's clock jumped back",
+    Status.CONTRADICTING_PUBLISHERS: "publishers contradicted each other",
 }
 _FOR_LACK_OF_TIME = (Status.TOO_LATE, Status.TIMED_OUT)
+# A bag does not tell when the node heard what was stamped ahead of that time.
+_OF_ARRIVALS = (Status.STATE_IN_FUTURE, Status.TARGET_IN_FUTURE)
 # Of the provenance: what cannot make a plan another one.
 _IRRELEVANT = ("host", "started")
 _WIDTH = 80  # of words in a table
@@ -110,7 +113,8 @@ def replay(recorded: RecordedRequest) -> Replayed:
     except BagError as error:
         return Replayed(recorded, Verdict.NOT_REBUILT, None, str(error), (), 0.0)
     before, found = recorded.response, list[Difference]()
-    if then in _FOR_LACK_OF_TIME and not (before and before.effort):
+    lacked_time = then in _FOR_LACK_OF_TIME and not (before and before.effort)
+    if lacked_time or (then in _OF_ARRIVALS and answer.status.code != then):
         verdict, words = Verdict.WITHOUT_CLOCK, _result(answer)
     elif before is None or answer.status.code != before.status.code:
         verdict, words = Verdict.DIFFERENT, f"{answer.status.message}{_doubt(recorded)}"

@@ -14,17 +14,23 @@ from ff_planner_msgs.msg import Scene as SceneMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from rclpy.serialization import deserialize_message
 
-from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import Sphere, TargetBody
+from ff_planner_ros.ros.inputs.clock_offset import ClockOffset
 from ff_planner_ros.ros.inputs.input_topics import (
     OBSTACLE_BODIES,
     OBSTACLES,
     TARGET_BODY,
     InputTopic,
-    header_stamp,
 )
-from ff_planner_ros.ros.inputs.state_input import require_current
+from ff_planner_ros.ros.inputs.topic_memory import (
+    ROUNDING,
+    HeardMessage,
+    ahead_of_now,
+    require_current,
+    require_same_clock,
+    stamp_of,
+)
 from ff_planner_ros.ros.messages.from_messages import (
     spheres_from_message,
     target_body_from_message,
@@ -60,8 +66,12 @@ class SeenBody:
 class SceneInput:
     """The newest obstacles and the newest target body; may be used from several threads."""
 
-    def __init__(self, inertial_frame: str, now_ns: Callable[[], int] = time.time_ns) -> None:
-        """Start without messages; `now_ns` is read to find stamps that are ahead of it [ns]."""
+    def __init__(self, inertial_frame: str, now_ns: Callable[[], int] | None = None) -> None:
+        """Start without messages.
+
+        Args:
+            now_ns: The node's clock; None: when messages come is not known, as in a replay.
+        """
         self._inertial_frame = inertial_frame
         self._obstacles = _Newest(OBSTACLES, self._spheres, now_ns)
         self._bodies = _Newest(OBSTACLE_BODIES, self._no_bodies, now_ns)
@@ -117,6 +127,8 @@ class SceneInput:
         if not stamp_ns:
             allowed = "it must say when the spheres that move were there"
             raise InvalidInput(Status.OUT_OF_RANGE, field, 0, allowed)
+        if own is None:
+            self._obstacles.require_same_clock(now_ns, max_lead)
         # However long ago: they move uniformly.
         require_current(field, stamp_ns, now_ns, math.inf, max_lead)
         return replace(scene, stamp_ns=stamp_ns)
@@ -140,9 +152,19 @@ class SceneInput:
                 "missing",
                 "none was received yet; publish it, or give the request its target_body",
             )
-        field = f"{TARGET_BODY.name}.header.stamp"
-        require_current(field, seen.stamp_ns, now_ns, max_age, max_lead, _OF_TARGETS)
+        field, came_ns = f"{TARGET_BODY.name}.header.stamp", None
+        if own is None:
+            self._target.require_same_clock(now_ns, max_lead, _OF_TARGETS[1])
+            came_ns = self._target.came_ns
+        require_current(field, seen.stamp_ns, now_ns, max_age, max_lead, _OF_TARGETS, came_ns)
         return seen
+
+    def target_clock_offset(self, now_ns: int) -> float | None:
+        """Return by how much the clock of target bodies' stamps is ahead of the node's [s].
+
+        As measured over the last seconds; None: nothing came, or it is not known when.
+        """
+        return self._target.offset(now_ns)
 
     def _spheres(self, message: ObstacleSphereArray) -> Scene:
         stamp_ns = time_in_ns("obstacles.header.stamp", message.header.stamp)
@@ -180,13 +202,20 @@ class _Newest(Generic[Seen]):
     """
 
     def __init__(
-        self, topic: InputTopic, read: Callable[[Any], Seen], now_ns: Callable[[], int]
+        self, topic: InputTopic, read: Callable[[Any], Seen], now_ns: Callable[[], int] | None
     ) -> None:
         self._type, self._read, self._now_ns = topic.message_type, read, now_ns
+        self._field = f"{topic.name}.header.stamp"
         self._lock = threading.Lock()
-        self._kept: Any = None
-        self._stamp_ns = 0  # of what is kept
-        self._last_read: tuple[Any, Seen] | None = None
+        self._kept: HeardMessage[Seen] | None = None
+        self._offset = ClockOffset()
+        self._last_read: tuple[HeardMessage[Seen], Seen] | None = None
+
+    @property
+    def came_ns(self) -> int | None:
+        """When what is kept came, by the node's clock [ns]; None: not known."""
+        kept = self._kept
+        return None if kept is None else kept.came_ns
 
     def keep(self, message: Any) -> None:
         """Take the next message, as it is or serialised: the newest counts, valid or not.
@@ -194,13 +223,34 @@ class _Newest(Generic[Seen]):
         A message with an older stamp than that of what is kept comes late, and is left out. Without
         a stamp, or with one that is ahead of now, no message is older than another.
         """
-        if isinstance(message, bytes):
-            stamp_ns = header_stamp(message)
-        else:
-            stamp_ns = nanoseconds(message.header.stamp)
+        came_ns = None if self._now_ns is None else self._now_ns()
+        now_ns = time.time_ns() if came_ns is None else came_ns
+        heard = HeardMessage[Seen](message, stamp_of(message), came_ns)
+        stamp_ns = heard.stamp_ns or 0
         with self._lock:
-            if not 0 < stamp_ns < self._stamp_ns <= self._now_ns():
-                self._kept, self._stamp_ns = message, stamp_ns
+            if came_ns is not None and stamp_ns:
+                self._offset.note(stamp_ns - came_ns, came_ns)
+            kept_ns = 0 if self._kept is None else self._kept.stamp_ns or 0
+            if not 0 < stamp_ns < kept_ns <= now_ns:
+                self._kept = heard
+
+    def offset(self, now_ns: int) -> float | None:
+        """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
+        with self._lock:
+            return self._offset.at(now_ns)
+
+    def require_same_clock(
+        self, now_ns: int, max_lead: float, early: Status = Status.STATE_IN_FUTURE
+    ) -> None:
+        """Refuse what was stamped ahead of its time of arrival by more than max_lead [s].
+
+        Raises:
+            InvalidInput: What is kept was, or anything that came in the last seconds.
+        """
+        require_same_clock(early, self._field, self.offset(now_ns), max_lead)
+        kept = self._kept
+        if kept is not None and kept.lead > max_lead + ROUNDING:
+            raise ahead_of_now(early, self._field, kept.lead, max_lead)
 
     def read(self) -> Seen | None:
         """Return what the newest message holds; None: there is none.
@@ -213,7 +263,9 @@ class _Newest(Generic[Seen]):
             return None
         if read is not None and read[0] is kept:
             return read[1]
-        serialised = isinstance(kept, bytes)
-        seen = self._read(deserialize_message(kept, self._type) if serialised else kept)
+        message = kept.message
+        if isinstance(message, bytes):
+            message = deserialize_message(message, self._type)
+        seen = self._read(message)
         self._last_read = kept, seen
         return seen

@@ -52,6 +52,10 @@ class NodeHealth:
     tracking: TrackingError | None  # predicted against measured chaser; None while no plan runs
     tracking_max_position: float  # more than this is a warning [m]
     tracking_max_angle: float  # more than this is a warning [rad]
+    # By how much the clocks of stamps are ahead of the node's, as measured over the last seconds
+    # [s]; None: nothing came
+    state_clock_offset: float | None = None
+    target_clock_offset: float | None = None
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
@@ -90,7 +94,7 @@ def _state(health: NodeHealth) -> _Part:
     if age is None:
         return ERROR, "no chaser state received yet: is its publisher running?", {}
     refusal = health.state_refusal and f"cannot be planned from: {health.state_refusal}"
-    return _of_age(age, limit, 3, refusal, ERROR)
+    return _of_age(age, limit, 3, refusal, ERROR, health.state_clock_offset)
 
 
 def _obstacles(health: NodeHealth) -> _Part:
@@ -109,23 +113,33 @@ def _target_body(health: NodeHealth) -> _Part:
     if age is None:
         return OK, "none received: only a request that brings one can capture it", {}
     refusal = health.target_refusal and f"cannot be captured: {health.target_refusal}"
-    return _of_age(age, limit, 1, refusal, WARN)
+    return _of_age(age, limit, 1, refusal, WARN, health.target_clock_offset)
 
 
-def _of_age(age: float, limit: float, digits: int, refusal: str, level: bytes) -> _Part:
+def _of_age(
+    age: float, limit: float, digits: int, refusal: str, level: bytes, offset: float | None
+) -> _Part:
     """Return how an input is by the age of its newest message [s], and whether it is refused.
 
     Args:
         digits: With which the age is told.
         refusal: Why the newest cannot be used; empty: it can.
         level: Where it cannot be used, or is too old.
+        offset: By which the clock of its stamps is ahead [s]; None: nothing came lately.
     """
     values = {"age [s]": f"{age:.{digits}f}", "allowed age [s]": f"{limit:g}"}
+    if offset is not None:
+        values["clock offset [s]"] = f"{offset:.3f}"
     if refusal:
         return level, refusal, values
     if age > limit:
-        message = f"the newest is {age:.1f} s old, allowed are {limit:g} s: has its publisher died?"
-        return level, message, values
+        why = "has its publisher died?"
+        if offset is not None and -offset > limit:
+            why = (
+                f"messages come with stamps {-offset:.3f} s behind, so its publisher's clock is so "
+                "much behind this node's, or they are so long on their way"
+            )
+        return level, f"the newest is {age:.1f} s old, allowed are {limit:g} s: {why}", values
     return OK, f"the newest is {age:.{digits}f} s old", values
 
 
