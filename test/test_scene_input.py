@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 from ff_planner_msgs.msg import Obstacle, ObstacleArray, ObstacleSphere, ObstacleSphereArray
 from ff_planner_msgs.msg import Scene as SceneMessage
@@ -301,3 +304,114 @@ def test_spheres_that_move_are_not_of_now_because_their_stamp_was_ahead() -> Non
     for now_ns in range(100 * SECOND, 110 * SECOND, SECOND):
         with pytest.raises(InvalidInput, match=r"3\.000 s ahead of now"):
             scene_input.moving_scene(None, now_ns, 0.05)
+
+
+class Published:
+    """Obstacles from publishers with numbers of their own, heard by a node that is told."""
+
+    def __init__(self, *names: str) -> None:
+        self.names, self.unheard, self.told = list(names), list[str](), list[str]()
+        publishers: Any = SimpleNamespace(
+            heard=lambda _: self.names, unheard=lambda _: self.unheard
+        )
+        self.now_ns = 1000 * SECOND
+        self.input = SceneInput(FRAME, lambda: self.now_ns, publishers, self.told.append)
+
+    def ask(self) -> Any:
+        return self.input.moving_scene(None, self.now_ns, 0.05)
+
+    def refusal(self) -> InvalidInput:
+        with pytest.raises(InvalidInput) as refused:
+            self.ask()
+        return refused.value
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("sec", [989, 1, 1100, 1001])
+def test_an_obstacle_array_older_than_the_last_or_stamped_ahead_is_refused_aloud(
+    sec: int, moves: bool
+) -> None:
+    published = Published("/mapper")
+    array = _moving_among_still if moves else lambda sec: _array(0.1, sec=sec)
+    published.input.keep(array(999), 1)
+    assert published.ask().stamp_ns == 999 * SECOND
+    published.input.keep(array(sec), 2)
+    refusal = published.refusal()
+    assert refusal.field == "obstacles.header.stamp"
+    if sec < 1000:
+        assert refusal.value == f"{999 - sec}.000 s before that of the message before"
+        assert len(published.told) == 1
+        assert str(refusal) in published.told[0]
+    else:
+        assert refusal.status is Status.STATE_IN_FUTURE
+        assert refusal.value == f"{sec - 1000}.000 s ahead of now"
+    if sec < 1000:
+        published.input.keep(array(1000), 3)
+        assert published.ask().stamp_ns == 1000 * SECOND
+
+
+def test_two_publishers_of_obstacles_that_contradict_each_other_are_refused_by_name() -> None:
+    published = Published("/mapper", "/operator")
+    published.input.keep(_array(0.1, 0.2), 7)
+    assert len(published.ask().spheres) == 2, "the other one has said nothing"
+    published.input.keep(_array(0.1, 0.2, sec=13), 8)
+    published.input.keep(_array(0.1, 0.2, sec=13), 1)
+    assert len(published.ask().spheres) == 2, "they agree"
+    for number, radii, words in (
+        (2, (0.1,), "one of them alone has c1"),
+        (3, (0.1, 0.3), "c1 differs by 0.1 m"),
+    ):
+        published.input.keep(_array(*radii, sec=14), number)
+        published.input.keep(_array(0.1, 0.2, sec=14), number + 7)
+        refusal = published.refusal()
+        assert (refusal.status, refusal.field) == (Status.CONTRADICTING_PUBLISHERS, "obstacles")
+        assert "/mapper and /operator" in str(refusal)
+        assert words in refusal.allowed
+    published.names = ["/mapper"]
+    assert len(published.ask().spheres) == 2
+
+
+def test_two_publishers_that_have_published_once_contradict_each_other() -> None:
+    published = Published("/mapper", "/operator")
+    published.input.keep(_array(0.1, 0.2), 1)
+    published.input.keep(_array(sec=11), 1)
+    assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
+    # However long ago, but for one that was started again.
+    published.now_ns += 3600 * SECOND
+    assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
+    published.names = ["/mapper", "/mapper"]
+    published.input.keep(_array(sec=13), 1)
+    assert published.ask().spheres == ()
+
+
+def test_two_publishers_of_target_bodies_that_contradict_each_other_are_refused_by_name() -> None:
+    published = Published("/camera", "/radar")
+    keep, body = (
+        published.input.callbacks()["target_body"],
+        tumbling.problem("tumbling", 0).target_body,
+    )
+    assert body is not None
+
+    def ask() -> Any:
+        return published.input.target_body(None, 1000 * SECOND, 5.0, 0.05)
+
+    for later, number in ((0.0, 3), (0.3, 700), (0.5, 4), (0.6, 701)):
+        stamp_ns = 999 * SECOND + round(later * SECOND)
+        keep(target_body_message(body.after(later), stamp_ns, FRAME), number)
+        assert ask().stamp_ns == stamp_ns, "they agree"
+    message = target_body_message(body.after(0.7), 999 * SECOND + round(0.7 * SECOND), FRAME)
+    message.pose.position.x += 0.1
+    keep(message, 5)
+    with pytest.raises(InvalidInput, match=r"/camera and /radar.*0\.1 m away") as refused:
+        ask()
+    assert refused.value.status is Status.CONTRADICTING_PUBLISHERS
+    published.names = ["/camera"]
+    assert ask().stamp_ns == 999 * SECOND + round(0.7 * SECOND)
+
+
+def test_a_publisher_that_the_node_cannot_hear_is_named_where_nothing_was_received() -> None:
+    published = Published()
+    published.unheard = ["/mapper offers durability volatile, this node needs transient_local"]
+    assert "/mapper offers durability volatile" in published.refusal().allowed
+    with pytest.raises(InvalidInput, match="/mapper offers"):
+        published.input.target_body(None, 0, 1.0, 1.0)

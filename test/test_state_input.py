@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import sys
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -578,3 +579,79 @@ def test_joint_states_of_others_leave_the_arm_alone_where_they_are_serialised(
     others.header.stamp = time_message(NOW_NS)
     testbed.keep["joint_states"](serialize_message(others))
     assert testbed.ask().stamp_ns == NOW_NS
+
+
+class TwoPublishers:
+    """Two publishers of states, heard in turn, each with numbers of its own."""
+
+    def __init__(self, problem: PlanningProblem, source: str) -> None:
+        self.now_ns, self._problem, self._numbers = NOW_NS, problem, {"a": 0, "b": 500}
+        self.names = ["/nav_a", "/nav_b"]
+        publishers: Any = SimpleNamespace(heard=lambda _: self.names, unheard=lambda _: [])
+        self.input = StateInput(
+            problem.robot, FRAME, source, PARAMETERS, lambda: self.now_ns, publishers
+        )
+
+    def say(self, who: str, joint: float = 0.0, x: float = 0.0, rate: float = 0.0) -> None:
+        self._numbers[who] += 1
+        state = _chaser_state(self._problem, self.now_ns)
+        state.joint_positions[4] += joint
+        state.joint_velocities[4] += rate
+        state.pose.position.x += x
+        joints = _joints(self._problem.robot, self.now_ns)
+        joints.position[4] += joint
+        joints.velocity[4] += rate
+        messages = {
+            "chaser_state": state,
+            "odometry": _odometry(self.now_ns, x),
+            "joint_states": joints,
+        }
+        for topic, keep in self.input.callbacks().items():
+            keep(serialize_message(messages[topic]), self._numbers[who])
+
+    def ask(self) -> Any:
+        return self.input.snapshot(self.now_ns, MAX_AGE, MAX_LEAD)
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
+@pytest.mark.parametrize(
+    ("off", "words"),
+    [({"joint": 0.5}, "joint_5 is "), ({"x": 0.1}, "m away from where the other says")],
+)
+def test_two_publishers_of_states_that_contradict_each_other_are_refused_by_name(
+    lemur_capture: PlanningProblem, source: str, off: dict[str, float], words: str
+) -> None:
+    two = TwoPublishers(lemur_capture, source)
+    for _ in range(5):
+        for who, error in (("a", {}), ("b", off)):
+            two.now_ns += SECOND // 100
+            two.say(who, **error)
+    for last in ("a", "b"):
+        with pytest.raises(InvalidInput) as refused:
+            two.ask()
+        assert refused.value.status is Status.CONTRADICTING_PUBLISHERS
+        assert "/nav_a and /nav_b" in str(refused.value)
+        assert words in refused.value.allowed
+        two.say(last, **(off if last == "b" else {}))
+    # One of them is stopped.
+    two.names = ["/nav_b"]
+    assert two.ask().stamp_ns == two.now_ns
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
+def test_two_publishers_that_agree_and_one_that_jumps_contradict_nobody(
+    lemur_capture: PlanningProblem, source: str
+) -> None:
+    two = TwoPublishers(lemur_capture, source)
+    begun_ns = two.now_ns
+    for step in range(200):
+        two.now_ns += SECOND // 100
+        time = (two.now_ns - begun_ns) / SECOND
+        # Faster and faster.
+        two.say("ab"[step % 2], joint=time**2, rate=2.0 * time)
+        assert two.ask().stamp_ns == two.now_ns
+    alone = TwoPublishers(lemur_capture, source)  # the other one says nothing
+    for step in range(10):
+        alone.now_ns += SECOND // 100
+        alone.say("a", joint=0.1 * step)
+        assert alone.ask().stamp_ns == alone.now_ns

@@ -18,8 +18,9 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
-from ff_planner_ros.ros.inputs.input_topics import heard_with
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, heard_with
 from ff_planner_ros.ros.inputs.listener import Listener
+from ff_planner_ros.ros.inputs.publishers import Publishers
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
@@ -60,10 +61,18 @@ class Session:
             library = load_library(Path(now.library).expanduser().absolute(), "planner.library")
             plans = len(library.plans)
             node.get_logger().info(f"planner.library: {plans} plans in {now.library}")
+        self._publishers = Publishers(node, now.qos)
         self._states = StateInput(
-            robot, now.inertial_frame, now.state_source, now.odometry, self._now_ns
+            robot,
+            now.inertial_frame,
+            now.state_source,
+            now.odometry,
+            self._now_ns,
+            self._publishers,
         )
-        self._scenes = SceneInput(now.inertial_frame, self._now_ns)
+        self._scenes = SceneInput(
+            now.inertial_frame, self._now_ns, self._publishers, node.get_logger().warning
+        )
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
@@ -134,6 +143,7 @@ class Session:
                 keep[topic.name],
                 qos_profile(getattr(qos, topic.name)),
                 serialised=True,  # read when it is asked for
+                numbered=True,
             )
         listener.start()
 
@@ -173,9 +183,10 @@ class Session:
             scene = self._scenes.scene()
             obstacles = len(scene.spheres)
             obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
+            self._scenes.moving_scene(None, clock.nanoseconds, now.state_future_tolerance)
         except InvalidInput as error:
             if error.status is not Status.NO_OBSTACLES:
-                obstacles, obstacles_refusal = 0, str(error)
+                obstacles, obstacles_refusal = obstacles or 0, str(error)
         target_age, target_refusal = None, ""
         try:
             seen = self._scenes.target_body(
@@ -196,6 +207,8 @@ class Session:
             target_age=target_age,
             target_max_age=now.target_max_age,
             target_refusal=target_refusal,
+            unheard=self._unheard(),
+            obstacles_are_published=bool(self._publishers.heard(OBSTACLES.name)),
             target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
@@ -208,6 +221,11 @@ class Session:
         )
         name = self._node.get_fully_qualified_name()
         self._diagnostics.publish(diagnostics(health, name, clock.to_msg()))
+
+    def _unheard(self) -> dict[str, list[str]]:
+        """Return words on publishers that the node cannot hear, by topic."""
+        topics = (topic.name for topic in heard_with(self._parameters.current.state_source))
+        return {name: words for name in topics if (words := self._publishers.unheard(name))}
 
     def _other_planners(self) -> list[str]:
         """Return the nodes that serve the same requests, and tell of a change in the log."""

@@ -16,6 +16,7 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.task.task import perform
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
     answer_with_plan,
@@ -114,7 +115,7 @@ def replay(recorded: RecordedRequest) -> Replayed:
         return Replayed(recorded, Verdict.NOT_REBUILT, None, str(error), (), 0.0)
     before, found = recorded.response, list[Difference]()
     lacked_time = then in _FOR_LACK_OF_TIME and not (before and before.effort)
-    if lacked_time or (then in _OF_ARRIVALS and answer.status.code != then):
+    if lacked_time or (_is_of_arrivals(recorded) and answer.status.code != then):
         verdict, words = Verdict.WITHOUT_CLOCK, _result(answer)
     elif before is None or answer.status.code != before.status.code:
         verdict, words = Verdict.DIFFERENT, f"{answer.status.message}{_doubt(recorded)}"
@@ -128,6 +129,13 @@ def replay(recorded: RecordedRequest) -> Replayed:
         except (ValueError, IndexError) as error:  # a damaged answer, whose arrays do not fit
             verdict, words = Verdict.DIFFERENT, f"the recorded answer is damaged: {error}"
     return Replayed(recorded, verdict, answer, words, tuple(found), planning_time)
+
+
+def _is_of_arrivals(recorded: RecordedRequest) -> bool:
+    """Whether a request was refused for when, or in which order, messages came."""
+    if recorded.status is Status.STATE_TOO_OLD and recorded.response is not None:
+        return str(recorded.response.status.field).startswith(OBSTACLES.name)
+    return recorded.status in _OF_ARRIVALS
 
 
 def answer_again(recorded: RecordedRequest, effort: int = 0) -> tuple[PlanAnswer, float]:

@@ -33,7 +33,7 @@ class Listener:
     def __init__(self, node: Node) -> None:
         """Begin without topics."""
         self._node, self._group = node, _Unspun()
-        self._heard: list[tuple[Subscription, Callable[[Any], None]]] = []
+        self._heard: list[tuple[Subscription, Callable[..., None], bool]] = []
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="listener", daemon=True)
 
@@ -41,16 +41,21 @@ class Listener:
         self,
         message_type: type,
         topic: str,
-        keep: Callable[[Any], None],
+        keep: Callable[..., None],
         qos: QoSProfile,
         *,
         serialised: bool,
+        numbered: bool = False,
     ) -> None:
-        """Listen to a topic, too; `keep` is given messages, or bytes where they are serialised."""
+        """Listen to a topic, too; `keep` is given messages, or bytes where they are serialised.
+
+        Args:
+            numbered: Whether `keep` is given the number of the publisher, too; None: it gives none.
+        """
         subscription = self._node.create_subscription(
             message_type, topic, keep, qos, callback_group=self._group, raw=serialised
         )
-        self._heard.append((subscription, keep))
+        self._heard.append((subscription, keep, numbered))
 
     def start(self) -> None:
         """Hand over from now on; no topic may be added any more."""
@@ -61,22 +66,23 @@ class Listener:
         self._stopped.set()
         if self._thread.is_alive():
             self._thread.join()
-        for subscription, _ in self._heard:
+        for subscription, _, _ in self._heard:
             self._node.destroy_subscription(subscription)
 
     def _run(self) -> None:
         while not self._stopped.wait(_PERIOD):
-            for subscription, keep in self._heard:
+            for subscription, keep, numbered in self._heard:
                 try:
-                    self._take(subscription, keep)
+                    self._take(subscription, keep, numbered)
                 except Exception:  # of one message; the end of a thread would not be noticed
                     self._node.get_logger().error(traceback.format_exc())
 
-    def _take(self, subscription: Subscription, keep: Callable[[Any], None]) -> None:
+    def _take(self, subscription: Subscription, keep: Callable[..., None], numbered: bool) -> None:
         handle, message_type = subscription.handle, subscription.msg_type
         with handle:
             while not self._stopped.is_set():
                 taken = handle.take_message(message_type, subscription.raw)
                 if taken is None:
                     return
-                keep(taken[0])
+                message, info = taken
+                keep(message, *((info["publication_sequence_number"],) if numbered else ()))

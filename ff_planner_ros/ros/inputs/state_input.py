@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,7 +22,9 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.inputs.contradictions import of_chasers, of_joints, of_states
 from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE, JOINT_STATES, ODOMETRY
+from ff_planner_ros.ros.inputs.publishers import Publishers
 from ff_planner_ros.ros.inputs.topic_memory import ROUNDING, HeardMessage, TopicMemory
 from ff_planner_ros.ros.messages.from_messages import state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
@@ -58,12 +61,14 @@ class StateInput:
         source: str,
         odometry: OdometryParameters,
         now_ns: Callable[[], int] | None = None,
+        publishers: Publishers | None = None,
     ) -> None:
         """Begin with nothing heard.
 
         Args:
             source: One of `parameters.STATE_SOURCES`.
             now_ns: The node's clock; None: when messages come is not known, as in a replay.
+            publishers: None: not known, likewise.
         """
         self._source = source
         self._pairing_tolerance = odometry.pairing_tolerance
@@ -77,19 +82,27 @@ class StateInput:
         self._states: TopicMemory[SystemState] = TopicMemory(
             CHASER_STATE,
             lambda message: state_from_message(message, CHASER_STATE.name, robot, inertial_frame),
+            partial(of_states, names=robot.joint_names),
             now_ns,
+            publishers,
         )
         self._chasers: TopicMemory[ChaserPart] = TopicMemory(
             ODOMETRY,
             lambda message: chaser_from_odometry(message, inertial_frame, odometry),
+            of_chasers,
             now_ns,
+            publishers,
         )
         self._joints: TopicMemory[JointPart] = TopicMemory(
-            JOINT_STATES, lambda message: joints_from_joint_state(message, robot), now_ns
+            JOINT_STATES,
+            lambda message: joints_from_joint_state(message, robot),
+            partial(of_joints, names=robot.joint_names),
+            now_ns,
+            publishers,
         )
 
-    def callbacks(self) -> dict[str, Callable[[Any], None]]:
-        """Return what takes the next message of a topic, by the topic's name."""
+    def callbacks(self) -> dict[str, Callable[..., None]]:
+        """Return what takes the next message of a topic, and its number, by the topic's name."""
         return {
             CHASER_STATE.name: self._states.keep,
             ODOMETRY.name: self._chasers.keep,
@@ -162,13 +175,13 @@ class StateInput:
             smallest = min(smallest, apart)
         return None, smallest
 
-    def _keep_joints(self, message: JointState | bytes) -> None:
+    def _keep_joints(self, message: JointState | bytes, number: int | None = None) -> None:
         # Messages of other joints, for example of a gripper, are not errors.
         if isinstance(message, bytes):
             is_of_arm = any(name in message for name in self._arm_in_bytes)
         else:
             is_of_arm = not self._arm.isdisjoint(message.name)
-        self._joints.keep(message, is_for_others=not is_of_arm)
+        self._joints.keep(message, number, is_for_others=not is_of_arm)
 
 
 def _stamp(heard: HeardMessage[Any]) -> int:

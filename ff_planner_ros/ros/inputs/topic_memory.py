@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from rclpy.serialization import deserialize_message
 
@@ -16,6 +16,8 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW, ClockOffset
 from ff_planner_ros.ros.inputs.input_topics import MEMORY, InputTopic, header_time
+from ff_planner_ros.ros.inputs.publishers import Publishers
+from ff_planner_ros.ros.inputs.speakers import Speakers, require_agreement
 from ff_planner_ros.ros.messages.from_messages import time_in_ns
 
 # A time this little beyond a limit is within it [s].
@@ -26,6 +28,8 @@ _OF_STATES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "state_max_age"
 _LONGEST_STORED = 20_000
 
 Part = TypeVar("Part")
+# Of two messages, and the time from the first to the second [s].
+Contradiction: TypeAlias = Callable[[Part, Part, float], str]
 
 
 def require_current(
@@ -112,27 +116,37 @@ class TopicMemory(Generic[Part]):
     """The last messages of a topic, in the order of hearing; may be used from several threads."""
 
     def __init__(
-        self, topic: InputTopic, read: Callable[[Any], Part], now_ns: Callable[[], int] | None
+        self,
+        topic: InputTopic,
+        read: Callable[[Any], Part],
+        contradiction: Contradiction[Part],
+        now_ns: Callable[[], int] | None,
+        publishers: Publishers | None,
     ) -> None:
         """Begin with nothing heard.
 
         Args:
             read: Returns what is in a message, or refuses it.
+            contradiction: Says how far two messages are apart; empty: they agree.
             now_ns: The node's clock, which is read when a message comes; None: when they come is
                 not known, as in a replay.
+            publishers: None: not known, likewise.
         """
         self._topic, self._read, self._now_ns = topic, read, now_ns
+        self._contradiction, self._publishers = contradiction, publishers
+        self._speakers = Speakers[HeardMessage[Part]]()
         self._field = f"{topic.name}.header.stamp"
         self._lock = threading.RLock()
         self._kept: deque[HeardMessage[Part]] = deque(maxlen=MEMORY)
         self._other: HeardMessage[Part] | None = None  # that is not for the node
         self._offset = ClockOffset()
-        self._silence = self._missing("yet")
+        self._since = "yet"
 
-    def keep(self, message: Any, *, is_for_others: bool = False) -> None:
+    def keep(self, message: Any, number: int | None = None, *, is_for_others: bool = False) -> None:
         """Take the next message, as it is or serialised.
 
         Args:
+            number: That its publisher has given it; None: not known.
             is_for_others: It is told about only while nothing else was heard.
         """
         came_ns = None if self._now_ns is None else self._now_ns()
@@ -146,6 +160,7 @@ class TopicMemory(Generic[Part]):
             if isinstance(message, bytes) and len(message) > _LONGEST_STORED:
                 self.read(heard)
             self._kept.append(heard)
+            self._speakers.note(heard, number)
 
     def read(self, heard: HeardMessage[Part]) -> Part | InvalidInput:
         """Return what is in a message, or why it cannot be used; it is read once."""
@@ -159,8 +174,9 @@ class TopicMemory(Generic[Part]):
         with self._lock:
             self._kept.clear()
             self._offset.forget()
+            self._speakers.forget()
             self._other = None
-            self._silence = self._missing("since the clock has jumped back or changed")
+            self._since = "since the clock has jumped back or changed"
 
     def offset(self, now_ns: int) -> float | None:
         """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
@@ -173,18 +189,19 @@ class TopicMemory(Generic[Part]):
         The newest one is sound; others may turn out not to be.
 
         Raises:
-            InvalidInput: There is none, the newest one is not sound, or the publisher's clock is
-                ahead.
+            InvalidInput: There is none, the newest one is not sound, the publisher's clock is
+                ahead, or there are two that contradict each other.
         """
         with self._lock:
-            kept, other, silence = list(self._kept), self._other, self._silence
+            kept, other = list(self._kept), self._other
             offset = self._offset.at(now_ns)
         if not kept:
             part = None if other is None else self.read(other)
             # Another one, or else its traceback would grow each time.
-            raise copy.copy(part if isinstance(part, InvalidInput) else silence)
+            raise copy.copy(part) if isinstance(part, InvalidInput) else self._missing(self._since)
         early = Status.STATE_IN_FUTURE
         require_same_clock(early, self._field, offset, max_lead)
+        self._require_agreement(now_ns)
         oldest_ns = now_ns - round((max_age + ROUNDING) * NANOSECONDS)
         latest_ns = now_ns + round((max_lead + ROUNDING) * NANOSECONDS)
         # Of those with one stamp, the one heard last comes last.
@@ -223,6 +240,20 @@ class TopicMemory(Generic[Part]):
             and not isinstance(heard.part, InvalidInput)
         ]
 
+    def _require_agreement(self, now_ns: int) -> None:
+        """Refuse what two publishers have said lately if they contradict each other."""
+        with self._lock:
+            two = self._speakers.last_two()
+
+        def contradiction(before: HeardMessage[Part], after: HeardMessage[Part]) -> str:
+            parts = self.read(before), self.read(after)
+            if isinstance(parts[0], InvalidInput) or isinstance(parts[1], InvalidInput):
+                return ""  # for another reason
+            return self._contradiction(parts[0], parts[1], seconds_between(before, after))
+
+        if two is not None and all(came_lately(one, now_ns) for one in two):
+            require_agreement(self._topic.name, self._publishers, two, contradiction, lately=True)
+
     def _read_now(self, message: Any) -> Part | InvalidInput:
         if isinstance(message, bytes):
             try:
@@ -242,8 +273,27 @@ class TopicMemory(Generic[Part]):
             Status.NO_STATE,
             self._topic.name,
             "missing",
-            f"none was received {since}; publish it, or give the request a start_state",
+            f"none was received {since}; publish it, or give the request a start_state"
+            f"{unheard_words(self._topic.name, self._publishers)}",
         )
+
+
+def seconds_between(before: HeardMessage[Any], after: HeardMessage[Any]) -> float:
+    """Return how long after each other two messages were stamped [s]; zero: not known."""
+    if not before.stamp_ns or not after.stamp_ns:
+        return 0.0
+    return (after.stamp_ns - before.stamp_ns) / NANOSECONDS
+
+
+def came_lately(heard: HeardMessage[Any], now_ns: int) -> bool:
+    """Whether a message came in the last seconds."""
+    return heard.came_ns is not None and now_ns - heard.came_ns <= WINDOW * NANOSECONDS
+
+
+def unheard_words(topic: str, publishers: Publishers | None) -> str:
+    """Return words on publishers that the node cannot hear, to be added to a refusal."""
+    unheard = [] if publishers is None else publishers.unheard(topic)
+    return "".join(f"; {words}: it is not heard" for words in unheard)
 
 
 def stamp_of(message: Any) -> int | None:

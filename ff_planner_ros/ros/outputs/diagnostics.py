@@ -16,6 +16,9 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.outputs.prediction import TrackingError
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
+# Topics of the parts.
+_STATES = "chaser_state", "odometry", "joint_states"
+_SCENES, _TARGETS = ("obstacles", "obstacle_bodies"), ("target_body",)
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -56,14 +59,18 @@ class NodeHealth:
     # [s]; None: nothing came
     state_clock_offset: float | None = None
     target_clock_offset: float | None = None
+    # Words on publishers that the node cannot hear, by topic
+    unheard: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    # Whether whoever published the obstacles may be there still
+    obstacles_are_published: bool = True
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
     """Write how the node is: one status for each part, always the same ones in one order."""
     parts = {
-        "chaser state": _state(health),
-        "obstacles": _obstacles(health),
-        "target body": _target_body(health),
+        "chaser state": _with_unheard(_state(health), health, _STATES),
+        "obstacles": _with_unheard(_obstacles(health), health, _SCENES),
+        "target body": _with_unheard(_target_body(health), health, _TARGETS),
         "last request": _last(health),
         "solver": _solver(health),
         "solve time": _solve_time(health),
@@ -89,6 +96,15 @@ def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
 _Part = tuple[bytes, str, Mapping[str, str]]
 
 
+def _with_unheard(part: _Part, health: NodeHealth, topics: Sequence[str]) -> _Part:
+    """Return a part with what is published in vain."""
+    level, message, values = part
+    words = [f"{name}: {one}" for name in topics for one in health.unheard.get(name, ())]
+    if not words:
+        return part
+    return max(level, WARN), f"{message}; not heard: {'; '.join(words)}", values
+
+
 def _state(health: NodeHealth) -> _Part:
     age, limit = health.state_age, health.state_max_age
     if age is None:
@@ -105,7 +121,10 @@ def _obstacles(health: NodeHealth) -> _Part:
     if health.obstacles_refusal:
         return ERROR, f"cannot be planned around: {health.obstacles_refusal}", values
     spheres = f"{health.obstacles} sphere{'' if health.obstacles == 1 else 's'}"
-    return OK, f"{spheres}, {health.obstacles_age:.1f} s old", values
+    message = f"{spheres}, {health.obstacles_age:.1f} s old"
+    if not health.obstacles_are_published:
+        return WARN, f"{message}: their publisher is gone, and nobody tells of changes", values
+    return OK, message, values
 
 
 def _target_body(health: NodeHealth) -> _Part:
