@@ -415,3 +415,35 @@ def test_a_publisher_that_the_node_cannot_hear_is_named_where_nothing_was_receiv
     assert "/mapper offers durability volatile" in published.refusal().allowed
     with pytest.raises(InvalidInput, match="/mapper offers"):
         published.input.target_body(None, 0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize(
+    ("sec", "max_age", "status"),
+    [
+        *((96, 5.0, None), (95, 5.0, None), (94, 5.0, Status.STATE_TOO_OLD)),
+        *((1, 5.0, Status.STATE_TOO_OLD), (1, 100.0, None)),
+        (-2000, 5.0, Status.OUT_OF_RANGE),
+    ],
+)
+def test_an_old_scene_of_what_moves_is_refused_and_not_carried_out_of_the_way(
+    own: bool, sec: int, max_age: float, status: Status | None
+) -> None:
+    now_ns = 100 * SECOND
+    scene_input, message = SceneInput(FRAME, lambda: now_ns), _moving_among_still(sec)
+    if not own:
+        scene_input.keep(serialize_message(message))
+    asked = (_own(message) if own else None, now_ns, 0.05, max_age)
+    if status is None:
+        assert scene_input.moving_scene(*asked).stamp_ns == sec * SECOND
+        return
+    with pytest.raises(InvalidInput) as refused:
+        scene_input.moving_scene(*asked)
+    field = f"{'scene' if own else 'obstacles'}.header.stamp"
+    assert refused.value.status is status
+    assert refused.value.field == (field if sec > 0 else f"{field}.sec")
+    if sec > 0:
+        assert "at most 5 s old (parameter obstacles_max_age)" in refused.value.allowed
+    still = _array(0.1, sec=max(sec, 0))
+    scene_input.keep(still)
+    assert scene_input.moving_scene(None, now_ns, 0.05, max_age).spheres, "of any age"

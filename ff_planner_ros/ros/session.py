@@ -183,7 +183,8 @@ class Session:
             scene = self._scenes.scene()
             obstacles = len(scene.spheres)
             obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
-            self._scenes.moving_scene(None, clock.nanoseconds, now.state_future_tolerance)
+            limits = now.state_future_tolerance, now.obstacles_max_age
+            self._scenes.moving_scene(None, clock.nanoseconds, *limits)
         except InvalidInput as error:
             if error.status is not Status.NO_OBSTACLES:
                 obstacles, obstacles_refusal = obstacles or 0, str(error)

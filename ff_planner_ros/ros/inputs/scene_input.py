@@ -35,6 +35,7 @@ from ff_planner_ros.ros.messages.from_messages import (
 )
 
 _OWN = "scene"  # field of a request
+_OF_SCENES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "obstacles_max_age"
 _OF_TARGETS = Status.TARGET_TOO_OLD, Status.TARGET_IN_FUTURE, "target_max_age"
 
 
@@ -118,8 +119,18 @@ class SceneInput:
             return scene
         return replace(scene, bodies_stamp_ns=bodies[0], bodies_source=bodies[1])
 
-    def moving_scene(self, own: SceneMessage | None, now_ns: int, max_lead: float) -> Scene:
-        """Return what `scene` does; spheres that move have a stamp, not too far ahead of now.
+    def moving_scene(
+        self,
+        own: SceneMessage | None,
+        now_ns: int,
+        max_lead: float,
+        max_age: float = math.inf,
+    ) -> Scene:
+        """Return what `scene` does; spheres that move have a stamp that is near enough to now.
+
+        Args:
+            max_lead: Of any stamp of the topic, and of spheres that move [s].
+            max_age: Of spheres that move [s].
 
         Raises:
             InvalidInput: As by `scene`, or they have not; what was heard last was stamped ahead of
@@ -137,8 +148,8 @@ class SceneInput:
         if not stamp_ns:
             allowed = "it must say when the spheres that move were there"
             raise InvalidInput(Status.OUT_OF_RANGE, field, 0, allowed)
-        # However long ago: they move uniformly.
-        require_current(field, stamp_ns, now_ns, math.inf, max_lead)
+        # Nothing moves uniformly for long: an old scene would be carried out of the way.
+        require_current(field, stamp_ns, now_ns, max_age, max_lead, _OF_SCENES)
         return replace(scene, stamp_ns=stamp_ns)
 
     def target_body(

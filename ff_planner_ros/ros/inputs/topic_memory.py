@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from rclpy.serialization import deserialize_message
 
-from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW, ClockOffset
 from ff_planner_ros.ros.inputs.input_topics import MEMORY, InputTopic, header_time
@@ -300,7 +300,8 @@ def stamp_of(message: Any) -> int | None:
     """Return the stamp of a message, as it is or serialised [ns]; None: it is none."""
     if isinstance(message, bytes):
         seconds, nanosec = header_time(message)
-        stamp_ns = seconds * NANOSECONDS + nanosec
     else:
-        nanosec, stamp_ns = message.header.stamp.nanosec, nanoseconds(message.header.stamp)
-    return stamp_ns if 0 <= nanosec < NANOSECONDS else None
+        seconds, nanosec = message.header.stamp.sec, message.header.stamp.nanosec
+    if seconds < 0 or not 0 <= nanosec < NANOSECONDS:
+        return None
+    return int(seconds * NANOSECONDS + nanosec)

@@ -178,8 +178,12 @@ def time_in_ns(field: str, time: Time) -> int:
     """Return a message's time [ns].
 
     Raises:
-        InvalidInput: It has more nanoseconds than a second.
+        InvalidInput: It has more nanoseconds than a second, or is negative.
     """
+    if time.sec < 0:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE, f"{field}.sec", time.sec, "it must not be negative: before 1970"
+        )
     if time.nanosec >= NANOSECONDS:
         raise InvalidInput(
             Status.OUT_OF_RANGE,

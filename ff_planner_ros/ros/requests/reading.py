@@ -149,7 +149,10 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             )
         own = request.scene[0] if request.scene else None
         scene = knowledge.scenes.moving_scene(
-            own, knowledge.now_ns, parameters.state_future_tolerance
+            own,
+            knowledge.now_ns,
+            parameters.state_future_tolerance,
+            parameters.obstacles_max_age,
         )
         provenance = replace(
             provenance,
