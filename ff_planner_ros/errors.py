@@ -233,6 +233,7 @@ class OutOfTime(FfPlannerError):
         """Only one status fits."""
         super().__init__(Status.TIMED_OUT, message)
         self.ended_by = ended_by
+        self.used_for = ""  # what used the time, in words; empty: not known
         self.refusal: NoPlanFound | None = None  # with how far the search came, where it knows
 
 

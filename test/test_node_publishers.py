@@ -77,9 +77,7 @@ def test_a_publisher_with_another_quality_of_service_is_named_in_answer_and_diag
 
 
 @pytest.mark.usefixtures("planner")
-def test_publishers_of_states_that_contradict_each_other_are_refused_by_name_till_one_stops() -> (
-    None
-):
+def test_publishers_that_contradict_each_other_are_refused_by_name_till_one_stops() -> None:
     scene = Scene(resting_capture())
     with connected_client() as client:
         heard = client.hear(DiagnosticArray, "/diagnostics")

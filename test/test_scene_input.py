@@ -12,6 +12,7 @@ from rclpy.serialization import serialize_message
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.ros.inputs import scene_input as scene_input_module
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 
@@ -447,3 +448,25 @@ def test_an_old_scene_of_what_moves_is_refused_and_not_carried_out_of_the_way(
     still = _array(0.1, sec=max(sec, 0))
     scene_input.keep(still)
     assert scene_input.moving_scene(None, now_ns, 0.05, max_age).spheres, "of any age"
+
+
+def test_latched_obstacles_may_come_as_long_as_discovery_takes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shown = [1000.0]
+    monkeypatch.setattr(scene_input_module.time, "monotonic", lambda: shown[0])
+    published = Published()
+    for names, seconds, may_come in (
+        ([], 0.0, True),
+        ([], 4.9, True),
+        ([], 5.1, False),
+        (["/mapper"], 5.1, True),
+        (["/mapper"], 14.9, True),
+        (["/mapper"], 15.1, False),
+    ):
+        published.names, shown[0] = names, 1000.0 + seconds
+        assert published.input.may_come() is may_come
+    shown[0] = 1000.0
+    published.input.keep(_array())
+    assert not published.input.may_come()
+    assert not SceneInput(FRAME).may_come(), "in a replay nothing comes"

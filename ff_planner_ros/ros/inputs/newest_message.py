@@ -47,6 +47,11 @@ class NewestMessage(Generic[Seen]):
         self.late: InvalidInput | None = None  # why the last message was left out; None: it is kept
 
     @property
+    def is_known(self) -> bool:
+        """Whether anything was heard."""
+        return self._kept is not None
+
+    @property
     def came_ns(self) -> int | None:
         """When what is kept came, by the node's clock [ns]; None: not known."""
         kept = self._kept

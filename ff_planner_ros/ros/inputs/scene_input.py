@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -34,6 +35,9 @@ from ff_planner_ros.ros.messages.from_messages import (
     time_in_ns,
 )
 
+# What is latched comes as soon as its publisher is discovered: on a busy machine seconds after the
+# node listens. So long [s] the first request waits; longer where a publisher is there already.
+_DISCOVERY, _MATCHED = 5.0, 15.0
 _OWN = "scene"  # field of a request
 _OF_SCENES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "obstacles_max_age"
 _OF_TARGETS = Status.TARGET_TOO_OLD, Status.TARGET_IN_FUTURE, "target_max_age"
@@ -77,6 +81,7 @@ class SceneInput:
             tell: Takes a warning for the log.
         """
         self._inertial_frame, self._publishers, self._tell = inertial_frame, publishers, tell
+        self._begun = time.monotonic()
         self._obstacles = NewestMessage(OBSTACLES, self._spheres, now_ns)
         self._bodies = NewestMessage(OBSTACLE_BODIES, self._no_bodies, now_ns)
         self._target = NewestMessage(TARGET_BODY, self._seen_body, now_ns)
@@ -96,6 +101,14 @@ class SceneInput:
         late = self._obstacles.late
         if late is not None and before is None:
             self._tell(f"left out: {late}")
+
+    def may_come(self) -> bool:
+        """Whether obstacles that were published before the node listened may be on their way."""
+        if self._publishers is None or self._obstacles.is_known:
+            return False
+        listens = time.monotonic() - self._begun
+        is_matched = listens < _MATCHED and bool(self._publishers.heard(OBSTACLES.name))
+        return is_matched or listens < _DISCOVERY
 
     def scene(self, own: SceneMessage | None = None) -> Scene:
         """Return the obstacles: those that a request brings (`own`), or else those of the topics.
