@@ -45,7 +45,7 @@ from ff_planner_ros.ros.messages.to_messages import (
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.qos import EVENT_QOS
+from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
 from ff_planner_ros.ros.requests.plan_action import PlanAction
 from ff_planner_ros.ros.requests.publication import Publication
@@ -105,7 +105,7 @@ class PlanningService:
 
         group = ReentrantCallbackGroup()
         self._service = node.create_service(
-            PlanTrajectory, SERVICE, self._serve, callback_group=group
+            PlanTrajectory, SERVICE, self._serve, qos_profile=REQUEST_QOS, callback_group=group
         )
         self._service.configure_introspection(
             self._clock, EVENT_QOS, ServiceIntrospectionState.CONTENTS
