@@ -35,6 +35,8 @@ from ff_planner_ros.ros.requests.worker import Worker
 
 # Longest wait for the answer to a request that was given up [s].
 _LAST_ANSWER = 2.0
+# Of what the node publishes, its own recorder hears everything.
+_RECORDERS = 1
 # Of a state whose age does not matter [s].
 _ANY_AGE = 1e9
 
@@ -110,6 +112,9 @@ class Session:
                 clock = Clock(clock_type=ClockType.STEADY_TIME)
                 timer = node.create_timer(1.0 / rate, callback, group, clock)
                 stack.callback(node.destroy_timer, timer)
+                if callback == self._stream:
+                    self._streaming = timer
+                    self._output.published_one = timer.reset
             jumps = node.get_clock().create_jump_callback(
                 JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
                 post_callback=self._forget,
@@ -162,6 +167,9 @@ class Session:
         return self._states.snapshot(self._now_ns(), max_age, max_lead)
 
     def _stream(self) -> None:
+        if not self._output.is_streamed:
+            self._streaming.cancel()  # until a plan is published: nobody asks for the state
+            return
         now = self._parameters.current
         try:
             measured = self._newest_state(now.state_max_age, now.state_future_tolerance)
@@ -170,6 +178,7 @@ class Session:
         self._output.stream(measured)
 
     def _diagnose(self) -> None:
+        self._output.look_for_viewers(_RECORDERS)
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""
         try:
