@@ -27,6 +27,7 @@ class Status(IntEnum):
     NO_TARGET_BODY = 108
     TARGET_TOO_OLD = 109
     TARGET_IN_FUTURE = 110
+    CONTRADICTING_PUBLISHERS = 111
 
     NOT_FINITE = 200
     WRONG_SIZE = 201
@@ -232,6 +233,7 @@ class OutOfTime(FfPlannerError):
         """Only one status fits."""
         super().__init__(Status.TIMED_OUT, message)
         self.ended_by = ended_by
+        self.used_for = ""  # what used the time, in words; empty: not known
         self.refusal: NoPlanFound | None = None  # with how far the search came, where it knows
 
 

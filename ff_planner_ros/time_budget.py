@@ -19,10 +19,17 @@ _REMEMBERED = 5
 class TimeBudget(Watch):
     """A watch that ends a search before a step for which the time will not do."""
 
-    def __init__(self, budget: Budget, begun: float | None = None) -> None:
-        """Count from `begun`, a `time.monotonic()` of any process of this host, or from now on."""
-        self._begun = time.monotonic() if begun is None else begun
-        self._budget, self._seconds = budget, budget.seconds
+    def __init__(self, budget: Budget, begun: float | None = None, reserved: float = 0.0) -> None:
+        """Count from `begun`, a `time.monotonic()` of any process of this host, or from now on.
+
+        Args:
+            reserved: Of the budget, for what comes after the search [s].
+        """
+        now = time.monotonic()
+        self._begun = now if begun is None else begun
+        self._budget, self._seconds, self._reserved = budget, budget.seconds, reserved
+        self._before = now - self._begun
+        self._took = defaultdict[str, float](float)  # by phase [s]
         self._last: tuple[str, float] | None = None  # phase and begin of the last step
         self._lasted = defaultdict[str, deque[float]](lambda: deque(maxlen=_REMEMBERED))
 
@@ -36,10 +43,21 @@ class TimeBudget(Watch):
         if self._last is not None:
             before, begun = self._last
             self._lasted[before].append(now - begun)
+            self._took[before] += now - begun
         self._last = phase, now
-        if now + max(self._lasted[phase], default=0.0) > self._begun + self._seconds:
-            raise OutOfTime(f"the time budget of {self._seconds:g} s is used up")
+        deadline = self._begun + self._seconds - self._reserved
+        if now + max(self._lasted[phase], default=0.0) > deadline:
+            end = OutOfTime(f"the time budget of {self._seconds:g} s is used up")
+            end.used_for = self._used_for()
+            raise end
 
     def offer(self, plan: Plan) -> None:  # noqa: ARG002 (that there is one is enough)
         """Allow no more than what counts once there is a plan."""
         self._seconds = min(self._budget)
+
+    def _used_for(self) -> str:
+        """Return words on what used the time."""
+        parts = {"before the search": self._before, **self._took}
+        if self._reserved:
+            parts["kept for the answer"] = self._reserved
+        return ", ".join(f"{seconds:.2f} s {what}" for what, seconds in parts.items())

@@ -136,6 +136,7 @@ class Client:
 
     def close(self) -> None:
         self._stop()
+        self.node.destroy_node()  # or else the middleware tells of its publishers for long
         rclpy.shutdown()
 
     def hear(self, message_type: Any, topic: str, qos: QoSProfile | int = 100) -> list[Any]:

@@ -147,7 +147,7 @@ RETRIES = {
         *(Status.START_IN_PAST, Status.UNKNOWN_PLAN, Status.PLAN_ENDING),
         *(Status.GOAL_OUT_OF_REACH, Status.COLLISION, Status.LIMIT_VIOLATED, Status.SINGULAR),
         *(Status.CHECK_FAILED, Status.TIMED_OUT, Status.TORQUE_TOO_HIGH),
-        *(Status.CONTROLLER_CONSTRAINT, Status.STATE_MOVED),
+        *(Status.CONTRADICTING_PUBLISHERS, Status.CONTROLLER_CONSTRAINT, Status.STATE_MOVED),
     },
     Retry.NEVER: {Status.SHUT_DOWN},
 }

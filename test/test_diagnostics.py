@@ -68,10 +68,37 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
         ("chaser state", {"state_age": 0.501}, ERROR, "allowed are 0.5 s"),
         ("chaser state", {"state_age": -0.02}, OK, "-0.020 s old"),
         ("chaser state", {"state_refusal": "frame is map"}, ERROR, "planned from: frame is map"),
+        (
+            "chaser state",
+            {"state_age": 2.0, "state_clock_offset": -2.0},
+            ERROR,
+            "its publisher's clock is so much behind this node's",
+        ),
+        (
+            "chaser state",
+            {"state_age": 2.0, "state_clock_offset": 0.0},
+            ERROR,
+            "has its publisher died?",
+        ),
+        (
+            "target body",
+            {"target_age": 70.0, "target_clock_offset": -70.0},
+            WARN,
+            "stamps 70.000 s behind",
+        ),
         ("obstacles", {"obstacles": None}, ERROR, "none received yet: publish them, or an empty"),
         ("obstacles", {"obstacles": 0}, OK, "0 spheres, 61.2 s old"),
         ("obstacles", {"obstacles": 1}, OK, "1 sphere, 61.2 s old"),
         ("obstacles", {"obstacles_refusal": "radius is 0"}, ERROR, "around: radius is 0"),
+        (
+            "obstacles",
+            {"obstacles": None, "unheard": {"obstacles": ["/mapper offers durability volatile"]}},
+            ERROR,
+            "not heard: obstacles: /mapper offers durability volatile",
+        ),
+        ("obstacles", {"unheard": {"obstacle_bodies": ["/m offers"]}}, WARN, "old; not heard: "),
+        ("chaser state", {"unheard": {"joint_states": ["/arm offers"]}}, WARN, "/arm offers"),
+        ("obstacles", {"obstacles_are_published": False}, WARN, "their publisher is gone"),
         ("target body", {"target_age": None}, OK, "none received: only a request that brings one"),
         ("target body", {"target_age": 60.0}, OK, "the newest is 60.0 s old"),
         ("target body", {"target_age": 60.1}, WARN, "is 60.1 s old, allowed are 60 s"),
@@ -152,6 +179,8 @@ def test_each_part_turns_to_its_level_with_words_that_say_why(
 
 def test_the_figures_are_there_for_machines() -> None:
     assert part(WELL, "chaser state")[2] == {"age [s]": "0.012", "allowed age [s]": "0.5"}
+    measured = part(replace(WELL, state_clock_offset=0.0411), "chaser state")[2]
+    assert measured["clock offset [s]"] == "0.041"
     assert part(WELL, "obstacles")[2] == {"spheres": "3", "age [s]": "61.2"}
     assert part(WELL, "last request")[2] == {"plan id": "run.7", "code": "0", "status": "SOLVED"}
     assert part(WELL, "recorder")[2] == {

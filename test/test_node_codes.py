@@ -14,6 +14,7 @@ import test_node_action
 import test_node_lifecycle
 import test_node_odometry
 import test_node_publish_plan
+import test_node_publishers
 import test_node_refusals
 import test_node_time
 import test_planning_service
@@ -110,6 +111,9 @@ ELSEWHERE: dict[Status, Callable[..., object]] = {
     Status.NO_ACTIVE_PLAN: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
     Status.PLAN_ENDING: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
     Status.STATE_MOVED: test_node_publish_plan.test_a_plan_goes_out_only_from_where_it_begins,
+    Status.CONTRADICTING_PUBLISHERS: (
+        test_node_publishers.test_publishers_that_contradict_each_other_are_refused_by_name_till_one_stops
+    ),
     Status.NO_OBSTACLES: (
         test_node_refusals.test_what_is_or_is_not_published_is_refused_with_its_cause
     ),

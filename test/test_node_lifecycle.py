@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
+import rclpy
 from lifecycle_msgs.msg import State, Transition
 from managed_node import Manager, holdings
 from quick_capture import resting_capture
+from rclpy.lifecycle import TransitionCallbackReturn
 from ros_processes import (
     DEADLINE,
     PlannerProcess,
@@ -20,6 +23,8 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.planner_node import PlannerNode
+from ff_planner_ros.ros.requests.worker import Worker
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
@@ -148,3 +153,41 @@ def test_it_goes_through_its_states_again_and_again_without_growing(
         request = Scene(resting_capture()).complete_request()
         assert client.plan(request).status.code == Status.SOLVED
     assert planner.stop() == 0
+
+
+def test_clean_up_and_shutdown_have_codes_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the one the same request may be sent again, after the other it may not."""
+    with private_domain():
+        rclpy.init(args=[])
+        node = PlannerNode(Mock(spec=Worker))
+        for transition, status in (
+            (node.on_cleanup, Status.NOT_ACTIVE),
+            (node.on_error, Status.NOT_ACTIVE),
+            (node.on_shutdown, Status.SHUT_DOWN),
+        ):
+            session = Mock()
+            monkeypatch.setattr(node, "_session", session)
+            assert transition(Mock()) == TransitionCallbackReturn.SUCCESS
+            ((told, _),) = [call.args for call in session.stop_planning.call_args_list]
+            assert told is status
+            session.close.assert_called_once_with()
+        rclpy.shutdown()
+
+
+@pytest.mark.usefixtures("planner")
+def test_after_clean_up_configure_activate_the_first_request_waits_for_latched_obstacles(
+    times: Callable[[int, int], int],
+) -> None:
+    request = Scene(resting_capture()).complete_request()
+    request.scene = []
+    with connected_client() as client:
+        manager = Manager(client)
+        client.publish_obstacles(Scene(resting_capture()).obstacles())
+        assert manager.change(CONFIGURE, ACTIVATE) == [True] * 2
+        for _ in range(times(3, 20)):
+            answer = client.plan(request)
+            assert answer.status.code == Status.SOLVED, answer.status
+            assert manager.change(DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE) == [True] * 4
+        client.node.destroy_publisher(client._obstacles)
+        assert manager.change(DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE) == [True] * 4
+        assert client.plan(request).status.code == Status.NO_OBSTACLES

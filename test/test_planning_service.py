@@ -180,3 +180,29 @@ def test_a_refused_request_leaves_nothing_to_the_garbage_collector(
             left = [one for one in gc.garbage if isinstance(one, FfPlannerError)]
             gc.garbage.clear()
             assert left == []
+
+
+def test_the_first_request_waits_for_obstacles_that_may_come_and_no_longer(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request, waits = Scene(lemur_capture).complete_request(), list[bool]()
+    request.scene = []
+    with service(lemur_capture, monkeypatch) as (answering, worker, _):
+        worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
+        scenes = answering._scenes
+
+        def may_come() -> bool:
+            waits.append(len(waits) < 5)
+            return waits[-1]
+
+        monkeypatch.setattr(scenes, "may_come", may_come)
+        assert answer(answering, request).status.code == Status.NO_OBSTACLES
+        assert waits[:6] == [True] * 5 + [False]
+        waits.clear()
+
+        def comes() -> bool:
+            scenes.keep(Scene(lemur_capture).obstacles())
+            return not waits and not waits.append(True)
+
+        monkeypatch.setattr(scenes, "may_come", comes)
+        assert answer(answering, request).status.code == Status.COLLISION

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 from ff_planner_msgs.msg import Obstacle, ObstacleArray, ObstacleSphere, ObstacleSphereArray
 from ff_planner_msgs.msg import Scene as SceneMessage
@@ -9,6 +12,7 @@ from rclpy.serialization import serialize_message
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.ros.inputs import scene_input as scene_input_module
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 
@@ -259,3 +263,210 @@ def test_a_target_body_is_as_old_and_as_early_as_it_may_be_and_no_more(
     limit, name = ("5", "target_max_age") if age > 0.0 else ("1", "state_future_tolerance")
     assert f"at most {limit} s" in refused.value.allowed
     assert name in refused.value.allowed
+
+
+def test_a_target_body_stamped_ahead_never_becomes_a_measurement_of_now() -> None:
+    body = tumbling.problem("tumbling", 0).target_body
+    assert body is not None
+    now_ns = 100 * SECOND
+    scene_input = SceneInput(FRAME, lambda: now_ns)
+
+    def refusal() -> InvalidInput:
+        with pytest.raises(InvalidInput) as refused:
+            scene_input.target_body(None, now_ns, 5.0, 0.05)
+        return refused.value
+
+    for _ in range(50):
+        scene_input.callbacks()["target_body"](
+            target_body_message(body, now_ns + 3 * SECOND, FRAME)
+        )
+        assert refusal().status is Status.TARGET_IN_FUTURE
+        assert refusal().value == "3.000 s ahead of now"
+        now_ns += SECOND // 10
+    for _ in range(50):
+        now_ns += SECOND // 10
+        assert refusal().status is Status.TARGET_IN_FUTURE
+    # Of now, once and for all.
+    scene_input.callbacks()["target_body"](target_body_message(body, now_ns, FRAME))
+    assert scene_input.target_body(None, now_ns, 5.0, 0.05).stamp_ns == now_ns
+    # And a clock that is behind is told.
+    for _ in range(100):
+        now_ns += SECOND // 10
+        scene_input.callbacks()["target_body"](
+            target_body_message(body, now_ns - 7 * SECOND, FRAME)
+        )
+    assert "7.000 s behind this node's" in refusal().allowed
+
+
+def test_spheres_that_move_are_not_of_now_because_their_stamp_was_ahead() -> None:
+    now_ns = 100 * SECOND
+    scene_input = SceneInput(FRAME, lambda: now_ns)
+    scene_input.keep(_moving_among_still(103))
+    for now_ns in range(100 * SECOND, 110 * SECOND, SECOND):
+        with pytest.raises(InvalidInput, match=r"3\.000 s ahead of now"):
+            scene_input.moving_scene(None, now_ns, 0.05)
+
+
+class Published:
+    """Obstacles from publishers with numbers of their own, heard by a node that is told."""
+
+    def __init__(self, *names: str) -> None:
+        self.names, self.unheard, self.told = list(names), list[str](), list[str]()
+        publishers: Any = SimpleNamespace(
+            heard=lambda _: self.names, unheard=lambda _: self.unheard
+        )
+        self.now_ns = 1000 * SECOND
+        self.input = SceneInput(FRAME, lambda: self.now_ns, publishers, self.told.append)
+
+    def ask(self) -> Any:
+        return self.input.moving_scene(None, self.now_ns, 0.05)
+
+    def refusal(self) -> InvalidInput:
+        with pytest.raises(InvalidInput) as refused:
+            self.ask()
+        return refused.value
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("sec", [989, 1, 1100, 1001])
+def test_an_obstacle_array_older_than_the_last_or_stamped_ahead_is_refused_aloud(
+    sec: int, moves: bool
+) -> None:
+    published = Published("/mapper")
+    array = _moving_among_still if moves else lambda sec: _array(0.1, sec=sec)
+    published.input.keep(array(999), 1)
+    assert published.ask().stamp_ns == 999 * SECOND
+    published.input.keep(array(sec), 2)
+    refusal = published.refusal()
+    assert refusal.field == "obstacles.header.stamp"
+    if sec < 1000:
+        assert refusal.value == f"{999 - sec}.000 s before that of the message before"
+        assert len(published.told) == 1
+        assert str(refusal) in published.told[0]
+    else:
+        assert refusal.status is Status.STATE_IN_FUTURE
+        assert refusal.value == f"{sec - 1000}.000 s ahead of now"
+    if sec < 1000:
+        published.input.keep(array(1000), 3)
+        assert published.ask().stamp_ns == 1000 * SECOND
+
+
+def test_two_publishers_of_obstacles_that_contradict_each_other_are_refused_by_name() -> None:
+    published = Published("/mapper", "/operator")
+    published.input.keep(_array(0.1, 0.2), 7)
+    assert len(published.ask().spheres) == 2, "the other one has said nothing"
+    published.input.keep(_array(0.1, 0.2, sec=13), 8)
+    published.input.keep(_array(0.1, 0.2, sec=13), 1)
+    assert len(published.ask().spheres) == 2, "they agree"
+    for number, radii, words in (
+        (2, (0.1,), "one of them alone has c1"),
+        (3, (0.1, 0.3), "c1 differs by 0.1 m"),
+    ):
+        published.input.keep(_array(*radii, sec=14), number)
+        published.input.keep(_array(0.1, 0.2, sec=14), number + 7)
+        refusal = published.refusal()
+        assert (refusal.status, refusal.field) == (Status.CONTRADICTING_PUBLISHERS, "obstacles")
+        assert "/mapper and /operator" in str(refusal)
+        assert words in refusal.allowed
+    published.names = ["/mapper"]
+    assert len(published.ask().spheres) == 2
+
+
+def test_two_publishers_that_have_published_once_contradict_each_other() -> None:
+    published = Published("/mapper", "/operator")
+    published.input.keep(_array(0.1, 0.2), 1)
+    published.input.keep(_array(sec=11), 1)
+    assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
+    # However long ago, but for one that was started again.
+    published.now_ns += 3600 * SECOND
+    assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
+    published.names = ["/mapper", "/mapper"]
+    published.input.keep(_array(sec=13), 1)
+    assert published.ask().spheres == ()
+
+
+def test_two_publishers_of_target_bodies_that_contradict_each_other_are_refused_by_name() -> None:
+    published = Published("/camera", "/radar")
+    keep, body = (
+        published.input.callbacks()["target_body"],
+        tumbling.problem("tumbling", 0).target_body,
+    )
+    assert body is not None
+
+    def ask() -> Any:
+        return published.input.target_body(None, 1000 * SECOND, 5.0, 0.05)
+
+    for later, number in ((0.0, 3), (0.3, 700), (0.5, 4), (0.6, 701)):
+        stamp_ns = 999 * SECOND + round(later * SECOND)
+        keep(target_body_message(body.after(later), stamp_ns, FRAME), number)
+        assert ask().stamp_ns == stamp_ns, "they agree"
+    message = target_body_message(body.after(0.7), 999 * SECOND + round(0.7 * SECOND), FRAME)
+    message.pose.position.x += 0.1
+    keep(message, 5)
+    with pytest.raises(InvalidInput, match=r"/camera and /radar.*0\.1 m away") as refused:
+        ask()
+    assert refused.value.status is Status.CONTRADICTING_PUBLISHERS
+    published.names = ["/camera"]
+    assert ask().stamp_ns == 999 * SECOND + round(0.7 * SECOND)
+
+
+def test_a_publisher_that_the_node_cannot_hear_is_named_where_nothing_was_received() -> None:
+    published = Published()
+    published.unheard = ["/mapper offers durability volatile, this node needs transient_local"]
+    assert "/mapper offers durability volatile" in published.refusal().allowed
+    with pytest.raises(InvalidInput, match="/mapper offers"):
+        published.input.target_body(None, 0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize(
+    ("sec", "max_age", "status"),
+    [
+        *((96, 5.0, None), (95, 5.0, None), (94, 5.0, Status.STATE_TOO_OLD)),
+        *((1, 5.0, Status.STATE_TOO_OLD), (1, 100.0, None)),
+        (-2000, 5.0, Status.OUT_OF_RANGE),
+    ],
+)
+def test_an_old_scene_of_what_moves_is_refused_and_not_carried_out_of_the_way(
+    own: bool, sec: int, max_age: float, status: Status | None
+) -> None:
+    now_ns = 100 * SECOND
+    scene_input, message = SceneInput(FRAME, lambda: now_ns), _moving_among_still(sec)
+    if not own:
+        scene_input.keep(serialize_message(message))
+    asked = (_own(message) if own else None, now_ns, 0.05, max_age)
+    if status is None:
+        assert scene_input.moving_scene(*asked).stamp_ns == sec * SECOND
+        return
+    with pytest.raises(InvalidInput) as refused:
+        scene_input.moving_scene(*asked)
+    field = f"{'scene' if own else 'obstacles'}.header.stamp"
+    assert refused.value.status is status
+    assert refused.value.field == (field if sec > 0 else f"{field}.sec")
+    if sec > 0:
+        assert "at most 5 s old (parameter obstacles_max_age)" in refused.value.allowed
+    still = _array(0.1, sec=max(sec, 0))
+    scene_input.keep(still)
+    assert scene_input.moving_scene(None, now_ns, 0.05, max_age).spheres, "of any age"
+
+
+def test_latched_obstacles_may_come_as_long_as_discovery_takes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shown = [1000.0]
+    monkeypatch.setattr(scene_input_module.time, "monotonic", lambda: shown[0])
+    published = Published()
+    for names, seconds, may_come in (
+        ([], 0.0, True),
+        ([], 4.9, True),
+        ([], 5.1, False),
+        (["/mapper"], 5.1, True),
+        (["/mapper"], 14.9, True),
+        (["/mapper"], 15.1, False),
+    ):
+        published.names, shown[0] = names, 1000.0 + seconds
+        assert published.input.may_come() is may_come
+    shown[0] = 1000.0
+    published.input.keep(_array())
+    assert not published.input.may_come()
+    assert not SceneInput(FRAME).may_come(), "in a replay nothing comes"

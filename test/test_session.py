@@ -57,6 +57,7 @@ class Configured:
             _recorder=Mock(),
             _diagnostics=Mock(),
             _namesakes=[],
+            _publishers=Mock(heard=lambda _: ["/mapper"], unheard=lambda _: []),
         )
 
     def diagnosed(self) -> NodeHealth:

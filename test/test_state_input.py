@@ -5,11 +5,13 @@ from __future__ import annotations
 import random
 import sys
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
@@ -17,6 +19,7 @@ from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.parameters.node import STATE_SOURCES
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.clock_offset import WINDOW
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, heard_with
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
@@ -37,8 +40,8 @@ PARAMETERS = OdometryParameters(
 class Fed:
     """A state input with its callbacks by topic, and the question at a time."""
 
-    def __init__(self, robot: Robot, source: str) -> None:
-        self.input = StateInput(robot, FRAME, source, PARAMETERS)
+    def __init__(self, robot: Robot, source: str, clock: Callable[[], int] | None = None) -> None:
+        self.input = StateInput(robot, FRAME, source, PARAMETERS, clock)
         callbacks = self.input.callbacks()
         self.keep: dict[str, Callable[[Any], None]] = {
             topic.name: callbacks[topic.name]
@@ -470,3 +473,185 @@ def test_asking_again_and_again_does_not_grow_the_refusal(testbed: Fed) -> None:
         return count
 
     assert len({frames() for _ in range(5)}) == 1
+
+
+class Navigation:
+    """A publisher whose clock is off, and the node that hears it, live."""
+
+    def __init__(self, problem: PlanningProblem, source: str, ahead: float) -> None:
+        self.now_ns, self.ahead, self._problem = NOW_NS, ahead, problem
+        self.fed = Fed(problem.robot, source, lambda: self.now_ns)
+
+    def go_on(self, seconds: float, rate: float = 20.0) -> None:
+        """Publish at a rate [Hz] for a time."""
+        for _ in range(round(seconds * rate)):
+            self.now_ns += round(SECOND / rate)
+            self.say(self.ahead)
+
+    def say(self, ahead: float) -> None:
+        stamp_ns = self.now_ns + round(ahead * SECOND)
+        messages = {
+            "chaser_state": _chaser_state(self._problem, stamp_ns),
+            "odometry": _odometry(stamp_ns),
+            "joint_states": _joints(self._problem.robot, stamp_ns),
+        }
+        for topic, keep in self.fed.keep.items():
+            keep(serialize_message(messages[topic]))
+
+    def refusal(self) -> InvalidInput:
+        return self.fed.refusal(self.now_ns)
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
+@pytest.mark.parametrize("ahead", [0.06, 3.0, 3600.0])
+def test_a_stamp_ahead_of_now_never_becomes_a_measurement_of_now(
+    lemur_capture: PlanningProblem, source: str, ahead: float
+) -> None:
+    """However long one waits: as long as its publisher goes on, and when it has stopped."""
+    navigation = Navigation(lemur_capture, source, ahead)
+    for _ in range(5):
+        navigation.go_on(1.0)
+        refusal = navigation.refusal()
+        assert refusal.status is Status.STATE_IN_FUTURE
+        assert refusal.value == f"{ahead:.3f} s ahead of now"
+        assert navigation.fed.input.clock_offset(navigation.now_ns) == pytest.approx(ahead)
+    for _ in range(20):
+        navigation.now_ns += round(ahead / 10 * SECOND)
+        assert navigation.refusal().status is Status.STATE_IN_FUTURE
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
+def test_a_clock_that_is_ahead_is_refused_whichever_message_comes_until_it_was_right_for_seconds(
+    lemur_capture: PlanningProblem, source: str
+) -> None:
+    navigation = Navigation(lemur_capture, source, 3.0)
+    for ahead in (0.0, 3.0, 0.0, -0.1, 0.0):
+        navigation.say(3.0)
+        navigation.now_ns += SECOND // 10
+        navigation.say(ahead)
+        assert navigation.refusal().status is Status.STATE_IN_FUTURE
+    navigation.ahead = -0.01
+    navigation.go_on(WINDOW - 0.2)
+    assert navigation.refusal().status is Status.STATE_IN_FUTURE
+    navigation.go_on(0.5)
+    snapshot = navigation.fed.ask(navigation.now_ns)
+    assert snapshot.stamp_ns == navigation.now_ns - SECOND // 100
+    assert snapshot.clock_offset == pytest.approx(-0.01)
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
+def test_a_clock_that_is_behind_is_told_as_such_and_a_publisher_that_is_gone_is_not(
+    lemur_capture: PlanningProblem, source: str
+) -> None:
+    navigation = Navigation(lemur_capture, source, -2.0)
+    navigation.go_on(1.0)
+    refusal = navigation.refusal()
+    assert (refusal.status, refusal.value) == (Status.STATE_TOO_OLD, "2.000 s old")
+    assert "clock is 2.000 s behind this node's" in refusal.allowed
+    navigation.now_ns += 60 * SECOND
+    assert "behind" not in navigation.refusal().allowed
+    navigation.ahead = 0.0
+    navigation.go_on(1.0)
+    navigation.now_ns += 60 * SECOND
+    assert "behind" not in navigation.refusal().allowed
+
+
+def test_a_stored_message_is_read_when_it_is_asked_for_and_a_huge_one_is_not_stored(
+    states: Fed, lemur_capture: PlanningProblem
+) -> None:
+    message = _chaser_state(lemur_capture)
+    states.keep["chaser_state"](serialize_message(message))
+    assert states.ask().stamp_ns == NOW_NS
+    states.keep["chaser_state"](b"\0\1\0\0" + bytes(20))
+    assert states.refusal(0).value == "damaged"
+    message.joint_names = [f"tentacle_{i}" for i in range(10_000)]
+    states.keep["chaser_state"](serialize_message(message))
+    assert states.refusal().status is Status.UNKNOWN_JOINT
+
+
+def test_joint_states_of_others_leave_the_arm_alone_where_they_are_serialised(
+    testbed: Fed, lemur: Robot
+) -> None:
+    longer = [f"{name}_of_another_arm" for name in lemur.joint_names]
+    testbed.keep["odometry"](serialize_message(_odometry()))
+    testbed.keep["joint_states"](serialize_message(_joints(lemur)))
+    others = JointState(name=longer, position=[0.1] * 7, velocity=[0.0] * 7)
+    others.header.stamp = time_message(NOW_NS)
+    testbed.keep["joint_states"](serialize_message(others))
+    assert testbed.ask().stamp_ns == NOW_NS
+
+
+class TwoPublishers:
+    """Two publishers of states, heard in turn, each with numbers of its own."""
+
+    def __init__(self, problem: PlanningProblem, source: str) -> None:
+        self.now_ns, self._problem, self._numbers = NOW_NS, problem, {"a": 0, "b": 500}
+        self.names = ["/nav_a", "/nav_b"]
+        publishers: Any = SimpleNamespace(heard=lambda _: self.names, unheard=lambda _: [])
+        self.input = StateInput(
+            problem.robot, FRAME, source, PARAMETERS, lambda: self.now_ns, publishers
+        )
+
+    def say(self, who: str, joint: float = 0.0, x: float = 0.0, rate: float = 0.0) -> None:
+        self._numbers[who] += 1
+        state = _chaser_state(self._problem, self.now_ns)
+        state.joint_positions[4] += joint
+        state.joint_velocities[4] += rate
+        state.pose.position.x += x
+        joints = _joints(self._problem.robot, self.now_ns)
+        joints.position[4] += joint
+        joints.velocity[4] += rate
+        messages = {
+            "chaser_state": state,
+            "odometry": _odometry(self.now_ns, x),
+            "joint_states": joints,
+        }
+        for topic, keep in self.input.callbacks().items():
+            keep(serialize_message(messages[topic]), self._numbers[who])
+
+    def ask(self) -> Any:
+        return self.input.snapshot(self.now_ns, MAX_AGE, MAX_LEAD)
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
+@pytest.mark.parametrize(
+    ("off", "words"),
+    [({"joint": 0.5}, "joint_5 is "), ({"x": 0.1}, "m away from where the other says")],
+)
+def test_two_publishers_of_states_that_contradict_each_other_are_refused_by_name(
+    lemur_capture: PlanningProblem, source: str, off: dict[str, float], words: str
+) -> None:
+    two = TwoPublishers(lemur_capture, source)
+    for _ in range(5):
+        for who, error in (("a", {}), ("b", off)):
+            two.now_ns += SECOND // 100
+            two.say(who, **error)
+    for last in ("a", "b"):
+        with pytest.raises(InvalidInput) as refused:
+            two.ask()
+        assert refused.value.status is Status.CONTRADICTING_PUBLISHERS
+        assert "/nav_a and /nav_b" in str(refused.value)
+        assert words in refused.value.allowed
+        two.say(last, **(off if last == "b" else {}))
+    # One of them is stopped.
+    two.names = ["/nav_b"]
+    assert two.ask().stamp_ns == two.now_ns
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
+def test_two_publishers_that_agree_and_one_that_jumps_contradict_nobody(
+    lemur_capture: PlanningProblem, source: str
+) -> None:
+    two = TwoPublishers(lemur_capture, source)
+    begun_ns = two.now_ns
+    for step in range(200):
+        two.now_ns += SECOND // 100
+        time = (two.now_ns - begun_ns) / SECOND
+        # Faster and faster.
+        two.say("ab"[step % 2], joint=time**2, rate=2.0 * time)
+        assert two.ask().stamp_ns == two.now_ns
+    alone = TwoPublishers(lemur_capture, source)  # the other one says nothing
+    for step in range(10):
+        alone.now_ns += SECOND // 100
+        alone.say("a", joint=0.1 * step)
+        assert alone.ask().stamp_ns == alone.now_ns

@@ -294,7 +294,16 @@ def moving(stamp_ns: int) -> ObstacleSphereArray:
     return obstacles_message(ROCKS, stamp_ns, FRAME)
 
 
-@pytest.mark.parametrize("age", [0.0, 1.5, 600.0])
+@pytest.mark.parametrize("stamp", [NOW - 6 * NANOSECONDS, NOW - 900 * NANOSECONDS])
+def test_spheres_that_move_are_refused_where_they_are_old(
+    lemur_capture: PlanningProblem, stamp: int
+) -> None:
+    refusal = refused(lemur_capture, request_message(lemur_capture, FRAME), None, moving(stamp))
+    assert (refusal.status, refusal.field) == (Status.STATE_TOO_OLD, "obstacles.header.stamp")
+    assert "obstacles_max_age" in refusal.allowed
+
+
+@pytest.mark.parametrize("age", [0.0, 1.5, 4.9])
 def test_a_sphere_that_moves_goes_on_from_its_stamp_to_the_plans_start(
     lemur_capture: PlanningProblem, age: float
 ) -> None:

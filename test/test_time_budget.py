@@ -8,6 +8,7 @@ import pytest
 
 from ff_planner_ros import time_budget as module
 from ff_planner_ros.errors import OutOfTime, Status
+from ff_planner_ros.planning.check.check import out_of_time
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -51,3 +52,16 @@ def test_once_there_is_a_plan_less_time_will_do(clock: list[float]) -> None:
     clock[0] += 2.6
     with pytest.raises(OutOfTime, match=r"the time budget of 2\.5 s is used up"):
         never_more.require_time()
+
+
+def test_what_used_the_time_is_told(clock: list[float]) -> None:
+    watch = TimeBudget(Budget(10.0), begun=999.5, reserved=0.5)
+    for clock[0], phase in ((1000.25, "searching"), (1001.0, "refining"), (1008.0, "searching")):
+        watch.require_time(phase)
+    clock[0] = 1009.5
+    with pytest.raises(OutOfTime) as end:
+        watch.require_time("checking")
+    assert end.value.used_for == (
+        "0.50 s before the search, 2.25 s searching, 7.00 s refining, 0.50 s kept for the answer"
+    )
+    assert f"is used up ({end.value.used_for}); whether" in str(out_of_time(end.value))

@@ -203,6 +203,13 @@ def each(of: Form, least: int = 0, unique: str = "id") -> Form:
 def or_none(form: Form, none: Any = None) -> Form:
     """Return a form that the word `none` has, too; none: what it stands for."""
 
+    def read(field: str, value: Any) -> Any:
+        if value == "none":
+            return none
+        if isinstance(none, float) and value == none:  # spelled as a number, it is a mistake
+            raise InvalidInput(Status.NOT_FINITE, field, value, "it must be finite, or none")
+        return either(form.read, field, value)
+
     def either(reader: Callable[[str, Any], Any], field: str, value: Any) -> Any:
         try:
             return reader(field, value)
@@ -213,7 +220,7 @@ def or_none(form: Form, none: Any = None) -> Form:
             raise InvalidInput(error.status, field, error.value, allowed) from None
 
     return Form(
-        lambda field, value: none if value == "none" else either(form.read, field, value),
+        read,
         lambda: {"anyOf": [{"const": "none"}, form.schema()]},
         lambda field, value: value if value == none else either(form.checked, field, value),
         lambda value: "none" if value == none else form.written(value),
@@ -289,10 +296,12 @@ def _one_or_each(field: str, value: object) -> tuple[float, ...]:
     return (finite_number(field, number(field, value), above=0.0),)
 
 
+# A limit that no motion keeps is none [rad/s2].
+_of_joint = a_number(above=0.0, at_least=1e-9)
+
+
 def _positive(field: str, value: Any) -> tuple[float, ...]:
-    return tuple(
-        finite_number(f"{field}[{index}]", limit, above=0.0) for index, limit in enumerate(value)
-    )
+    return tuple(_of_joint.checked(f"{field}[{index}]", limit) for index, limit in enumerate(value))
 
 
 _ELEMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

@@ -30,6 +30,8 @@ from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviou
 
 # What a request does that meets another one: parameter when_busy.
 REJECT, PREEMPT = "reject", "preempt"
+# Obstacles may be so old that their age does not matter, as it did not until version 0.3 [s].
+ANY_AGE = 1e10
 STATE_SOURCES = ("chaser_state", "odometry")
 
 
@@ -130,6 +132,15 @@ class NodeParameters:
         "An older target body is refused; a younger one is carried forward",
         0.0,
         3600.0,
+        "s",
+        STRICT_IF_LOW,
+    )
+
+    obstacles_max_age: float = tunable(
+        "Obstacles that move are refused if they are older; younger ones are carried forward. "
+        "Others may be of any age",
+        0.0,
+        ANY_AGE,
         "s",
         STRICT_IF_LOW,
     )

@@ -67,8 +67,8 @@ class PlannerNode(LifecycleNode):
         return self._attempt(deactivate)
 
     def on_cleanup(self, _: LifecycleState) -> TransitionCallbackReturn:
-        """Disconnect and close the bag."""
-        return self._attempt(self.close)
+        """Disconnect and close the bag; requests that come meanwhile may be sent again."""
+        return self._attempt(self._clean_up)
 
     def on_shutdown(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Disconnect and close the bag, from whatever state."""
@@ -76,20 +76,30 @@ class PlannerNode(LifecycleNode):
 
     def on_error(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Go back to the beginning."""
-        return self._attempt(self.close)
+        return self._attempt(self._clean_up)
 
     def stop_planning(self, status: Status, message: str) -> None:
         """Take up no more requests, and give up the one that is."""
         if self._session is not None:
             self._session.stop_planning(status, message)
 
-    def close(self) -> None:
-        """Disconnect and close the bag, whatever state the node is in and without a transition."""
-        self.stop_planning(Status.SHUT_DOWN, "the planner was shut down")
+    def close(
+        self, status: Status = Status.SHUT_DOWN, message: str = "the planner was shut down"
+    ) -> None:
+        """Disconnect and close the bag, whatever state the node is in and without a transition.
+
+        Args:
+            status: Of the answers to requests that still come.
+            message: Of them, too.
+        """
+        self.stop_planning(status, message)
         session, self._session = self._session, None
         if session is not None:
             session.close()
         self.parameters.configured = False
+
+    def _clean_up(self) -> None:
+        self.close(Status.NOT_ACTIVE, "the planner was cleaned up: configure and activate it")
 
     def _attempt(self, action: Callable[[], None]) -> TransitionCallbackReturn:
         """Do one part of a transition; rclpy itself would swallow what goes wrong."""

@@ -19,8 +19,9 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, heard_with
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, heard_with
 from ff_planner_ros.ros.inputs.listener import Listener
+from ff_planner_ros.ros.inputs.publishers import Publishers
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
@@ -35,6 +36,8 @@ from ff_planner_ros.ros.requests.worker import Worker
 
 # Longest wait for the answer to a request that was given up [s].
 _LAST_ANSWER = 2.0
+# Of what the node publishes, its own recorder hears everything.
+_RECORDERS = 1
 # Of a state whose age does not matter [s].
 _ANY_AGE = 1e9
 
@@ -61,8 +64,18 @@ class Session:
             library = load_library(Path(now.library).expanduser().absolute(), "planner.library")
             plans = len(library.plans)
             node.get_logger().info(f"planner.library: {plans} plans in {now.library}")
-        self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
-        self._scenes = SceneInput(now.inertial_frame, lambda: node.get_clock().now().nanoseconds)
+        self._publishers = Publishers(node, now.qos)
+        self._states = StateInput(
+            robot,
+            now.inertial_frame,
+            now.state_source,
+            now.odometry,
+            self._now_ns,
+            self._publishers,
+        )
+        self._scenes = SceneInput(
+            now.inertial_frame, self._now_ns, self._publishers, node.get_logger().warning
+        )
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
@@ -100,6 +113,9 @@ class Session:
                 clock = Clock(clock_type=ClockType.STEADY_TIME)
                 timer = node.create_timer(1.0 / rate, callback, group, clock)
                 stack.callback(node.destroy_timer, timer)
+                if callback == self._stream:
+                    self._streaming = timer
+                    self._output.published_one = timer.reset
             jumps = node.get_clock().create_jump_callback(
                 JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
                 post_callback=self._forget,
@@ -132,8 +148,8 @@ class Session:
                 topic.name,
                 keep[topic.name],
                 qos_profile(getattr(qos, topic.name)),
-                serialised=topic
-                in (OBSTACLES, TARGET_BODY),  # read when it is asked for: it may be large
+                serialised=True,  # read when it is asked for
+                numbered=True,
             )
         listener.start()
 
@@ -145,11 +161,16 @@ class Session:
         self._node.get_logger().warning(f"{message} are forgotten")
         self._service.give_up(Status.CLOCK_JUMPED, f"{message} are void; ask again")
 
+    def _now_ns(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)
+
     def _newest_state(self, max_age: float, max_lead: float) -> Snapshot:
-        now_ns = self._node.get_clock().now().nanoseconds
-        return self._states.snapshot(now_ns, max_age, max_lead)
+        return self._states.snapshot(self._now_ns(), max_age, max_lead)
 
     def _stream(self) -> None:
+        if not self._output.is_streamed:
+            self._streaming.cancel()  # until a plan is published: nobody asks for the state
+            return
         now = self._parameters.current
         try:
             measured = self._newest_state(now.state_max_age, now.state_future_tolerance)
@@ -158,6 +179,7 @@ class Session:
         self._output.stream(measured)
 
     def _diagnose(self) -> None:
+        self._output.look_for_viewers(_RECORDERS)
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""
         try:
@@ -171,9 +193,11 @@ class Session:
             scene = self._scenes.scene()
             obstacles = len(scene.spheres)
             obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
+            limits = now.state_future_tolerance, now.obstacles_max_age
+            self._scenes.moving_scene(None, clock.nanoseconds, *limits)
         except InvalidInput as error:
             if error.status is not Status.NO_OBSTACLES:
-                obstacles, obstacles_refusal = 0, str(error)
+                obstacles, obstacles_refusal = obstacles or 0, str(error)
         target_age, target_refusal = None, ""
         try:
             seen = self._scenes.target_body(
@@ -187,12 +211,16 @@ class Session:
             state_age=state_age,
             state_max_age=now.state_max_age,
             state_refusal=state_refusal,
+            state_clock_offset=self._states.clock_offset(clock.nanoseconds),
             obstacles=obstacles,
             obstacles_age=obstacles_age,
             obstacles_refusal=obstacles_refusal,
             target_age=target_age,
             target_max_age=now.target_max_age,
             target_refusal=target_refusal,
+            unheard=self._unheard(),
+            obstacles_are_published=bool(self._publishers.heard(OBSTACLES.name)),
+            target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
             solver_is_warm=self._worker.is_warm,
@@ -204,6 +232,11 @@ class Session:
         )
         name = self._node.get_fully_qualified_name()
         self._diagnostics.publish(diagnostics(health, name, clock.to_msg()))
+
+    def _unheard(self) -> dict[str, list[str]]:
+        """Return words on publishers that the node cannot hear, by topic."""
+        topics = (topic.name for topic in heard_with(self._parameters.current.state_source))
+        return {name: words for name in topics if (words := self._publishers.unheard(name))}
 
     def _other_planners(self) -> list[str]:
         """Return the nodes that serve the same requests, and tell of a change in the log."""

@@ -13,6 +13,7 @@ from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
+from ff_planner_ros.parameters.node import ANY_AGE
 from ff_planner_ros.parameters.values import flattened, parameters_of, present_name, replaced
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs.installed import as_installed
@@ -72,8 +73,10 @@ class RecordedParameters:
             raise BagError(f"bag {bag.path} has no {_ATTACHED} attached, or an empty one") from None
         except (InvalidInput, TypeError, ValueError):
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
-        # Where `ff-planner plan --bag` of earlier versions attached none, plans start at once.
-        assumed = dict(default_values()) | {"planning_lead_time": 0.0}
+        # Where `ff-planner plan --bag` of earlier versions attached none, plans start at once; and
+        # obstacles that moved were of any age.
+        before = {"planning_lead_time": 0.0, "obstacles_max_age": ANY_AGE}
+        assumed = dict(default_values()) | before
         unknown = [name for name in values if name not in assumed]
         if unknown:
             names = ", ".join(unknown)

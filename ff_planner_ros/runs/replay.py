@@ -16,6 +16,7 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.task.task import perform
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
     answer_with_plan,
@@ -36,8 +37,11 @@ _NO_FUNCTIONS_OF_THE_PROBLEM = {
     Status.SHUT_DOWN: "the node was shut down",
     Status.SOLVER_DIED: "the solver process died",
     Status.CLOCK_JUMPED: "the node's clock jumped back",
+    Status.CONTRADICTING_PUBLISHERS: "publishers contradicted each other",
 }
 _FOR_LACK_OF_TIME = (Status.TOO_LATE, Status.TIMED_OUT)
+# A bag does not tell when the node heard what was stamped ahead of that time.
+_OF_ARRIVALS = (Status.STATE_IN_FUTURE, Status.TARGET_IN_FUTURE)
 # Of the provenance: what cannot make a plan another one.
 _IRRELEVANT = ("host", "started")
 _WIDTH = 80  # of words in a table
@@ -110,7 +114,8 @@ def replay(recorded: RecordedRequest) -> Replayed:
     except BagError as error:
         return Replayed(recorded, Verdict.NOT_REBUILT, None, str(error), (), 0.0)
     before, found = recorded.response, list[Difference]()
-    if then in _FOR_LACK_OF_TIME and not (before and before.effort):
+    lacked_time = then in _FOR_LACK_OF_TIME and not (before and before.effort)
+    if lacked_time or (_is_of_arrivals(recorded) and answer.status.code != then):
         verdict, words = Verdict.WITHOUT_CLOCK, _result(answer)
     elif before is None or answer.status.code != before.status.code:
         verdict, words = Verdict.DIFFERENT, f"{answer.status.message}{_doubt(recorded)}"
@@ -124,6 +129,13 @@ def replay(recorded: RecordedRequest) -> Replayed:
         except (ValueError, IndexError) as error:  # a damaged answer, whose arrays do not fit
             verdict, words = Verdict.DIFFERENT, f"the recorded answer is damaged: {error}"
     return Replayed(recorded, verdict, answer, words, tuple(found), planning_time)
+
+
+def _is_of_arrivals(recorded: RecordedRequest) -> bool:
+    """Whether a request was refused for when, or in which order, messages came."""
+    if recorded.status is Status.STATE_TOO_OLD and recorded.response is not None:
+        return str(recorded.response.status.field).startswith(OBSTACLES.name)
+    return recorded.status in _OF_ARRIVALS
 
 
 def answer_again(recorded: RecordedRequest, effort: int = 0) -> tuple[PlanAnswer, float]:

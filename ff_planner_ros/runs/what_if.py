@@ -36,7 +36,7 @@ _OF_REQUEST = tuple(key for key in REQUEST_KEYS if not key.startswith("target.")
 _OF_NODE = (
     *("planner.", "limits.", "controller.", "replanning."),
     *("post_goal_duration", "following_tolerance", "planning_lead_time", "start_horizon"),
-    *("state_max_age", "state_future_tolerance"),
+    *("state_max_age", "state_future_tolerance", "obstacles_max_age"),
 )
 _LIBRARY = "planner.library"
 _NONE = "-"

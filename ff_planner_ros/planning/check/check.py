@@ -80,7 +80,10 @@ def out_of_time(
     end: OutOfTime, plan: Plan | None = None, found: Sequence[Failure] = ()
 ) -> NoPlanFound:
     """Return the error that tells how far a search came that was ended; plan: the best attempt."""
-    message = f"{end}; whether there is a plan is not known: give it more time or fewer points"
+    used = f" ({end.used_for})" if end.used_for else ""
+    message = (
+        f"{end}{used}; whether there is a plan is not known: give it more time or fewer points"
+    )
     if plan is not None:
         points = f"the best attempt so far, on {len(plan.trajectory.time)} points"
         state = (

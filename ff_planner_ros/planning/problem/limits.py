@@ -17,6 +17,9 @@ from ff_planner_ros.common.forms import (
     or_none,
 )
 
+# A limit is not less [rad]: a plan's check does not see that it is kept.
+_LEAST = 1e-6
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -41,7 +44,7 @@ class Limits:
         default=False,
     )
     chaser_attitude: float = declare(  # infinite: any
-        or_none(a_number(above=0.0), math.inf),
+        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
         "largest Euler angle of the chaser, Eq. (45)",
         unit="rad",
         since="0.3",
@@ -67,7 +70,7 @@ class Limits:
         late=True,
     )
     chaser_rotation: float = declare(  # infinite: any
-        or_none(a_number(above=0.0), math.inf),
+        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
         "largest angle of the chaser's rotation since the plan's first point, in any frame the "
         "same; mostly more than its largest Euler angle",
         unit="rad",

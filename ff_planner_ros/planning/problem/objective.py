@@ -54,6 +54,11 @@ class Objective:
         return self.joint_path_length == self.chaser_attitude == 0.0
 
 
+# A plan is not shorter [s]: no controller samples it more often, and the powers of much shorter
+# times are no numbers any more.
+SHORTEST = 1e-3
+
+
 @dataclass(frozen=True, eq=False)
 class DurationRange:
     """Durations of which the planner chooses one.
@@ -65,7 +70,11 @@ class DurationRange:
     SINCE: ClassVar[str] = "0.3"
 
     minimum: float = declare(
-        a_number(above=0.0), "the shortest", key="min", unit="s", message="duration"
+        a_number(above=0.0, at_least=SHORTEST),
+        "the shortest",
+        key="min",
+        unit="s",
+        message="duration",
     )
     maximum: float = declare(a_number(), "the longest", key="max", unit="s", message="duration_max")
     # Of the target's place by the duration: it rests where it is told, but a frame that moves sees

@@ -26,7 +26,7 @@ from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.limits import Limits
-from ff_planner_ros.planning.problem.objective import DurationRange, Objective
+from ff_planner_ros.planning.problem.objective import SHORTEST, DurationRange, Objective
 from ff_planner_ros.planning.problem.obstacles import (
     Sphere,
     attached_spheres,
@@ -112,7 +112,7 @@ class PlanningProblem:
         message="goal",
     )
     duration: float = declare(
-        or_part(a_number(above=0.0), part(DurationRange)),
+        or_part(a_number(above=0.0, at_least=SHORTEST), part(DurationRange)),
         "from the first point to the goal; of a range the planner chooses it",
         unit="s",
         message="duration",

@@ -69,10 +69,16 @@ OUTPUTS_OF_THESE_TYPES = ("planned_joint_states",)
 
 def header_stamp(cdr: bytes) -> int:
     """Return the stamp of the header that every input begins with [ns]; -1 without one."""
+    seconds, nanosec = header_time(cdr)
+    return -1 if nanosec < 0 else seconds * NANOSECONDS + nanosec
+
+
+def header_time(cdr: bytes) -> tuple[int, int]:
+    """Return seconds and nanoseconds of that stamp; the latter are negative without one."""
     if len(cdr) < 12:
-        return -1
-    seconds, nanoseconds = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
-    return int(seconds) * NANOSECONDS + int(nanoseconds)
+        return -1, -1
+    seconds, nanosec = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
+    return int(seconds), int(nanosec)
 
 
 def heard_with(state_source: str) -> list[InputTopic]:

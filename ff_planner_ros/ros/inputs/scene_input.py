@@ -3,38 +3,44 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
 
 from ff_planner_msgs.msg import ObstacleArray, ObstacleSphereArray
 from ff_planner_msgs.msg import Scene as SceneMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
-from rclpy.serialization import deserialize_message
 
-from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import Sphere, TargetBody
+from ff_planner_ros.ros.inputs.contradictions import of_bodies, of_spheres
 from ff_planner_ros.ros.inputs.input_topics import (
     OBSTACLE_BODIES,
     OBSTACLES,
     TARGET_BODY,
-    InputTopic,
-    header_stamp,
 )
-from ff_planner_ros.ros.inputs.state_input import require_current
+from ff_planner_ros.ros.inputs.newest_message import NewestMessage
+from ff_planner_ros.ros.inputs.publishers import Publishers
+from ff_planner_ros.ros.inputs.speakers import require_agreement
+from ff_planner_ros.ros.inputs.topic_memory import (
+    HeardMessage,
+    came_lately,
+    require_current,
+    seconds_between,
+    unheard_words,
+)
 from ff_planner_ros.ros.messages.from_messages import (
     spheres_from_message,
     target_body_from_message,
     time_in_ns,
 )
 
+# What is latched comes as soon as its publisher is discovered: on a busy machine seconds after the
+# node listens. So long [s] the first request waits; longer where a publisher is there already.
+_DISCOVERY, _MATCHED = 5.0, 15.0
 _OWN = "scene"  # field of a request
+_OF_SCENES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "obstacles_max_age"
 _OF_TARGETS = Status.TARGET_TOO_OLD, Status.TARGET_IN_FUTURE, "target_max_age"
-
-Seen = TypeVar("Seen")
 
 
 @dataclass(frozen=True)
@@ -60,24 +66,49 @@ class SeenBody:
 class SceneInput:
     """The newest obstacles and the newest target body; may be used from several threads."""
 
-    def __init__(self, inertial_frame: str, now_ns: Callable[[], int] = time.time_ns) -> None:
-        """Start without messages; `now_ns` is read to find stamps that are ahead of it [ns]."""
-        self._inertial_frame = inertial_frame
-        self._obstacles = _Newest(OBSTACLES, self._spheres, now_ns)
-        self._bodies = _Newest(OBSTACLE_BODIES, self._no_bodies, now_ns)
-        self._target = _Newest(TARGET_BODY, self._seen_body, now_ns)
+    def __init__(
+        self,
+        inertial_frame: str,
+        now_ns: Callable[[], int] | None = None,
+        publishers: Publishers | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Start without messages.
 
-    def callbacks(self) -> dict[str, Callable[[Any], None]]:
-        """Return what takes the next message of a topic, by the topic's name."""
+        Args:
+            now_ns: The node's clock; None: when messages come is not known, as in a replay.
+            publishers: None: not known, likewise.
+            tell: Takes a warning for the log.
+        """
+        self._inertial_frame, self._publishers, self._tell = inertial_frame, publishers, tell
+        self._begun = time.monotonic()
+        self._obstacles = NewestMessage(OBSTACLES, self._spheres, now_ns)
+        self._bodies = NewestMessage(OBSTACLE_BODIES, self._no_bodies, now_ns)
+        self._target = NewestMessage(TARGET_BODY, self._seen_body, now_ns)
+
+    def callbacks(self) -> dict[str, Callable[..., None]]:
+        """Return what takes the next message of a topic, and its number, by the topic's name."""
         return {
             OBSTACLES.name: self.keep,
             OBSTACLE_BODIES.name: self._bodies.keep,
             TARGET_BODY.name: self._target.keep,
         }
 
-    def keep(self, message: ObstacleSphereArray | bytes) -> None:
+    def keep(self, message: ObstacleSphereArray | bytes, number: int | None = None) -> None:
         """Take the next obstacles, as they are or serialised: the newest count, valid or not."""
-        self._obstacles.keep(message)
+        before = self._obstacles.late
+        self._obstacles.keep(message, number)
+        late = self._obstacles.late
+        if late is not None and before is None:
+            self._tell(f"left out: {late}")
+
+    def may_come(self) -> bool:
+        """Whether obstacles that were published before the node listened may be on their way."""
+        if self._publishers is None or self._obstacles.is_known:
+            return False
+        listens = time.monotonic() - self._begun
+        is_matched = listens < _MATCHED and bool(self._publishers.heard(OBSTACLES.name))
+        return is_matched or listens < _DISCOVERY
 
     def scene(self, own: SceneMessage | None = None) -> Scene:
         """Return the obstacles: those that a request brings (`own`), or else those of the topics.
@@ -94,20 +125,33 @@ class SceneInput:
                 "obstacles",
                 "missing",
                 "none were received yet; publish an empty array if the scene is free, "
-                "or give the request its scene",
+                f"or give the request its scene{unheard_words(OBSTACLES.name, self._publishers)}",
             )
         bodies = self._bodies.read()
         if bodies is None:
             return scene
         return replace(scene, bodies_stamp_ns=bodies[0], bodies_source=bodies[1])
 
-    def moving_scene(self, own: SceneMessage | None, now_ns: int, max_lead: float) -> Scene:
-        """Return what `scene` does; spheres that move have a stamp, not too far ahead of now.
+    def moving_scene(
+        self,
+        own: SceneMessage | None,
+        now_ns: int,
+        max_lead: float,
+        max_age: float = math.inf,
+    ) -> Scene:
+        """Return what `scene` does; spheres that move have a stamp that is near enough to now.
+
+        Args:
+            max_lead: Of any stamp of the topic, and of spheres that move [s].
+            max_age: Of spheres that move [s].
 
         Raises:
-            InvalidInput: As by `scene`, or they have not.
+            InvalidInput: As by `scene`, or they have not; what was heard last was stamped ahead of
+                now or before what was heard before, or publishers contradict each other.
         """
         scene = self.scene(own)
+        if own is None:
+            self._require_sound(now_ns, max_lead)
         if not any(sphere.moves for sphere in scene.spheres):
             return scene
         field = f"{OBSTACLES.name if own is None else _OWN}.header.stamp"
@@ -117,8 +161,8 @@ class SceneInput:
         if not stamp_ns:
             allowed = "it must say when the spheres that move were there"
             raise InvalidInput(Status.OUT_OF_RANGE, field, 0, allowed)
-        # However long ago: they move uniformly.
-        require_current(field, stamp_ns, now_ns, math.inf, max_lead)
+        # Nothing moves uniformly for long: an old scene would be carried out of the way.
+        require_current(field, stamp_ns, now_ns, max_age, max_lead, _OF_SCENES)
         return replace(scene, stamp_ns=stamp_ns)
 
     def target_body(
@@ -138,11 +182,48 @@ class SceneInput:
                 Status.NO_TARGET_BODY,
                 TARGET_BODY.name,
                 "missing",
-                "none was received yet; publish it, or give the request its target_body",
+                "none was received yet; publish it, or give the request its target_body"
+                f"{unheard_words(TARGET_BODY.name, self._publishers)}",
             )
-        field = f"{TARGET_BODY.name}.header.stamp"
-        require_current(field, seen.stamp_ns, now_ns, max_age, max_lead, _OF_TARGETS)
+        field, came_ns = f"{TARGET_BODY.name}.header.stamp", None
+        if own is None:
+            self._target.require_same_clock(now_ns, max_lead, _OF_TARGETS[1])
+            two = self._target.last_two()
+            if two is not None and all(came_lately(one, now_ns) for one in two):
+                require_agreement(
+                    TARGET_BODY.name, self._publishers, two, self._bodies_apart, lately=True
+                )
+            came_ns = self._target.came_ns
+        require_current(field, seen.stamp_ns, now_ns, max_age, max_lead, _OF_TARGETS, came_ns)
         return seen
+
+    def target_clock_offset(self, now_ns: int) -> float | None:
+        """Return by how much the clock of target bodies' stamps is ahead of the node's [s].
+
+        As measured over the last seconds; None: nothing came, or it is not known when.
+        """
+        return self._target.offset(now_ns)
+
+    def _require_sound(self, now_ns: int, max_lead: float) -> None:
+        """Refuse obstacles of topics that came in another order or with another clock."""
+        self._obstacles.require_same_clock(now_ns, max_lead)
+        two = self._obstacles.last_two()
+        lately = two is not None and all(came_lately(one, now_ns) for one in two)
+        require_agreement(OBSTACLES.name, self._publishers, two, self._scenes_apart, lately=lately)
+        self._obstacles.require_in_order()
+
+    def _scenes_apart(self, before: HeardMessage[Scene], after: HeardMessage[Scene]) -> str:
+        spheres = [self._obstacles.sound(one) for one in (before, after)]
+        if spheres[0] is None or spheres[1] is None:
+            return ""
+        time = seconds_between(before, after)
+        return of_spheres(spheres[0].spheres, spheres[1].spheres, time)
+
+    def _bodies_apart(self, before: HeardMessage[SeenBody], after: HeardMessage[SeenBody]) -> str:
+        bodies = [self._target.sound(one) for one in (before, after)]
+        if bodies[0] is None or bodies[1] is None:
+            return ""
+        return of_bodies(bodies[0].body, bodies[1].body, seconds_between(before, after))
 
     def _spheres(self, message: ObstacleSphereArray) -> Scene:
         stamp_ns = time_in_ns("obstacles.header.stamp", message.header.stamp)
@@ -170,50 +251,3 @@ class SceneInput:
         stamp_ns = time_in_ns("target_body.header.stamp", message.header.stamp) or otherwise_ns
         body = target_body_from_message(message, self._inertial_frame)
         return SeenBody(body, stamp_ns, message.source)
-
-
-class _Newest(Generic[Seen]):
-    """The newest message of a topic, read when it is asked for.
-
-    Not before: thousands of spheres ten times a second would slow down the node. It is kept when
-    the clock jumps back, too: a scene is often published only once.
-    """
-
-    def __init__(
-        self, topic: InputTopic, read: Callable[[Any], Seen], now_ns: Callable[[], int]
-    ) -> None:
-        self._type, self._read, self._now_ns = topic.message_type, read, now_ns
-        self._lock = threading.Lock()
-        self._kept: Any = None
-        self._stamp_ns = 0  # of what is kept
-        self._last_read: tuple[Any, Seen] | None = None
-
-    def keep(self, message: Any) -> None:
-        """Take the next message, as it is or serialised: the newest counts, valid or not.
-
-        A message with an older stamp than that of what is kept comes late, and is left out. Without
-        a stamp, or with one that is ahead of now, no message is older than another.
-        """
-        if isinstance(message, bytes):
-            stamp_ns = header_stamp(message)
-        else:
-            stamp_ns = nanoseconds(message.header.stamp)
-        with self._lock:
-            if not 0 < stamp_ns < self._stamp_ns <= self._now_ns():
-                self._kept, self._stamp_ns = message, stamp_ns
-
-    def read(self) -> Seen | None:
-        """Return what the newest message holds; None: there is none.
-
-        Raises:
-            InvalidInput: It cannot be used.
-        """
-        kept, read = self._kept, self._last_read
-        if kept is None:
-            return None
-        if read is not None and read[0] is kept:
-            return read[1]
-        serialised = isinstance(kept, bytes)
-        seen = self._read(deserialize_message(kept, self._type) if serialised else kept)
-        self._last_read = kept, seen
-        return seen

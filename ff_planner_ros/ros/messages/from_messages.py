@@ -141,6 +141,8 @@ def _limits(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
     """Return the limits of a request: those of the parameters, or lower ones that it asks for."""
     for name in ("chaser_attitude", "chaser_rotation"):
         angle, most = asked.get(name, getattr(kept, name)), getattr(kept, name)
+        if name in asked:
+            finite_number(f"limits.{name}", angle)
         if not 0.0 < angle <= most:
             upper = f" and at most {most:g} rad" if math.isfinite(most) else ""
             raise InvalidInput(
@@ -178,8 +180,11 @@ def time_in_ns(field: str, time: Time) -> int:
     """Return a message's time [ns].
 
     Raises:
-        InvalidInput: It has more nanoseconds than a second.
+        InvalidInput: It has more nanoseconds than a second, or is negative.
     """
+    if time.sec < 0:
+        allowed = "it must not be negative: before 1970"
+        raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.sec", time.sec, allowed)
     if time.nanosec >= NANOSECONDS:
         raise InvalidInput(
             Status.OUT_OF_RANGE,

@@ -16,6 +16,9 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.outputs.prediction import TrackingError
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
+# Topics of the parts.
+_STATES = "chaser_state", "odometry", "joint_states"
+_SCENES, _TARGETS = ("obstacles", "obstacle_bodies"), ("target_body",)
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -52,14 +55,22 @@ class NodeHealth:
     tracking: TrackingError | None  # predicted against measured chaser; None while no plan runs
     tracking_max_position: float  # more than this is a warning [m]
     tracking_max_angle: float  # more than this is a warning [rad]
+    # By how much the clocks of stamps are ahead of the node's, as measured over the last seconds
+    # [s]; None: nothing came
+    state_clock_offset: float | None = None
+    target_clock_offset: float | None = None
+    # Words on publishers that the node cannot hear, by topic
+    unheard: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    # Whether whoever published the obstacles may be there still
+    obstacles_are_published: bool = True
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
     """Write how the node is: one status for each part, always the same ones in one order."""
     parts = {
-        "chaser state": _state(health),
-        "obstacles": _obstacles(health),
-        "target body": _target_body(health),
+        "chaser state": _with_unheard(_state(health), health, _STATES),
+        "obstacles": _with_unheard(_obstacles(health), health, _SCENES),
+        "target body": _with_unheard(_target_body(health), health, _TARGETS),
         "last request": _last(health),
         "solver": _solver(health),
         "solve time": _solve_time(health),
@@ -85,12 +96,21 @@ def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
 _Part = tuple[bytes, str, Mapping[str, str]]
 
 
+def _with_unheard(part: _Part, health: NodeHealth, topics: Sequence[str]) -> _Part:
+    """Return a part with what is published in vain."""
+    level, message, values = part
+    words = [f"{name}: {one}" for name in topics for one in health.unheard.get(name, ())]
+    if not words:
+        return part
+    return max(level, WARN), f"{message}; not heard: {'; '.join(words)}", values
+
+
 def _state(health: NodeHealth) -> _Part:
     age, limit = health.state_age, health.state_max_age
     if age is None:
         return ERROR, "no chaser state received yet: is its publisher running?", {}
     refusal = health.state_refusal and f"cannot be planned from: {health.state_refusal}"
-    return _of_age(age, limit, 3, refusal, ERROR)
+    return _of_age(age, limit, 3, refusal, ERROR, health.state_clock_offset)
 
 
 def _obstacles(health: NodeHealth) -> _Part:
@@ -101,7 +121,10 @@ def _obstacles(health: NodeHealth) -> _Part:
     if health.obstacles_refusal:
         return ERROR, f"cannot be planned around: {health.obstacles_refusal}", values
     spheres = f"{health.obstacles} sphere{'' if health.obstacles == 1 else 's'}"
-    return OK, f"{spheres}, {health.obstacles_age:.1f} s old", values
+    message = f"{spheres}, {health.obstacles_age:.1f} s old"
+    if not health.obstacles_are_published:
+        return WARN, f"{message}: their publisher is gone, and nobody tells of changes", values
+    return OK, message, values
 
 
 def _target_body(health: NodeHealth) -> _Part:
@@ -109,23 +132,33 @@ def _target_body(health: NodeHealth) -> _Part:
     if age is None:
         return OK, "none received: only a request that brings one can capture it", {}
     refusal = health.target_refusal and f"cannot be captured: {health.target_refusal}"
-    return _of_age(age, limit, 1, refusal, WARN)
+    return _of_age(age, limit, 1, refusal, WARN, health.target_clock_offset)
 
 
-def _of_age(age: float, limit: float, digits: int, refusal: str, level: bytes) -> _Part:
+def _of_age(
+    age: float, limit: float, digits: int, refusal: str, level: bytes, offset: float | None
+) -> _Part:
     """Return how an input is by the age of its newest message [s], and whether it is refused.
 
     Args:
         digits: With which the age is told.
         refusal: Why the newest cannot be used; empty: it can.
         level: Where it cannot be used, or is too old.
+        offset: By which the clock of its stamps is ahead [s]; None: nothing came lately.
     """
     values = {"age [s]": f"{age:.{digits}f}", "allowed age [s]": f"{limit:g}"}
+    if offset is not None:
+        values["clock offset [s]"] = f"{offset:.3f}"
     if refusal:
         return level, refusal, values
     if age > limit:
-        message = f"the newest is {age:.1f} s old, allowed are {limit:g} s: has its publisher died?"
-        return level, message, values
+        why = "has its publisher died?"
+        if offset is not None and -offset > limit:
+            why = (
+                f"messages come with stamps {-offset:.3f} s behind, so its publisher's clock is so "
+                "much behind this node's, or they are so long on their way"
+            )
+        return level, f"the newest is {age:.1f} s old, allowed are {limit:g} s: {why}", values
     return OK, f"the newest is {age:.{digits}f} s old", values
 
 

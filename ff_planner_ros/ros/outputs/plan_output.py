@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
 
@@ -77,8 +77,10 @@ class PlanOutput:
         self._clock = node.get_clock()
         self.published: PublishedPlan | None = None  # the last plan that went out
         self.tracking: prediction.TrackingError | None = None  # None while no plan runs
+        self.published_one: Callable[[], None] = lambda: None  # called after a plan has gone out
         self._preview: Iterator[JointState] = iter(())
         self._repeated_since_ns: int | None = None  # None while it is played for the first time
+        self._viewers = 1  # of the preview, when they were last counted
         self._node, self._publishers = node, list[LifecyclePublisher]()
         self._trajectory, self._path, self._pose = (
             self._publisher(kind, name, qos_profile(getattr(qos, name)))
@@ -105,6 +107,7 @@ class PlanOutput:
         self._description = self._publisher(String, "robot_description", LATCHED_QOS)
         group = MutuallyExclusiveCallbackGroup()
         self._timer = node.create_timer(1.0 / self._rates.preview, self._play_preview, group)
+        self._timer.cancel()  # until there is something to play
 
     def describe_robot(self, urdf: str) -> None:
         """Publish the text of the robot's URDF file; to be called when the node becomes active."""
@@ -148,11 +151,30 @@ class PlanOutput:
         self.published = PublishedPlan(
             plan_id, plan.trajectory, start_ns, body, plan.duration, before
         )
+        self.published_one()
+
+    @property
+    def is_streamed(self) -> bool:
+        """Whether a plan runs, or will; no tracking is told of one that is over."""
+        published, now_ns = self.published, self._clock.now().nanoseconds
+        runs = published is not None and (
+            now_ns <= published.start_ns or published.at(now_ns) is not None
+        )
+        if not runs:
+            self.tracking = None
+        return runs
 
     def show(self, plan: Plan, scene: Scene) -> None:
         """Publish what is drawn of a plan."""
         self._markers.publish(plan_markers(self._robot, plan, scene, self._frame))
         self._preview = self._played(preview_joint_states(plan, self._rates.preview))
+        self._timer.reset()
+
+    def look_for_viewers(self, recorders: int) -> None:
+        """Play the preview again where somebody subscribes, beside so many recorders."""
+        self._viewers = self._joint_states.get_subscription_count() - recorders
+        if self._viewers > 0 and self._timer.is_canceled() and self._repeated_since_ns is not None:
+            self._timer.reset()
 
     def stream(self, measured: Snapshot | None) -> None:
         """Publish where the chaser should be by now, and how far from there it was measured."""
@@ -210,7 +232,11 @@ class PlanOutput:
         yield from cycle(states)
 
     def _play_preview(self) -> None:
-        state = next(self._preview, None)
-        if state is not None:
-            state.header.stamp = self._clock.now().to_msg()
-            self._joint_states.publish(state)
+        # The first time it is played for the bag, too, which repeats nothing.
+        is_seen = self._repeated_since_ns is None or self._viewers > 0
+        state = next(self._preview, None) if is_seen else None
+        if state is None:
+            self._timer.cancel()
+            return
+        state.header.stamp = self._clock.now().to_msg()
+        self._joint_states.publish(state)

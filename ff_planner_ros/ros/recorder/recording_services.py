@@ -10,6 +10,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.qos import REQUEST_QOS
 from ff_planner_ros.ros.recorder.recorder import Recorder
 
 
@@ -23,7 +24,13 @@ def recording_services(node: Node, recorder: Recorder) -> Iterator[None]:
             ("~/resume_recording", recorder.resume),
             ("~/split_bag", recorder.split),
         ):
-            service = node.create_service(Trigger, name, _answer(action), callback_group=group)
+            service = node.create_service(
+                Trigger,
+                name,
+                _answer(action),
+                qos_profile=REQUEST_QOS,
+                callback_group=group,
+            )
             stack.callback(node.destroy_service, service)
         yield
 

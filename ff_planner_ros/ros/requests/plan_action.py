@@ -21,7 +21,7 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.ros.messages.from_messages import OnCancel
 from ff_planner_ros.ros.messages.interfaces import ACTION
-from ff_planner_ros.ros.qos import EVENT_QOS
+from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.ros.requests.jobs import Job
 
@@ -63,6 +63,9 @@ class PlanAction:
             callback_group=group,
             handle_accepted_callback=self._accept,
             cancel_callback=self._cancel,
+            goal_service_qos_profile=REQUEST_QOS,
+            result_service_qos_profile=REQUEST_QOS,
+            cancel_service_qos_profile=REQUEST_QOS,
             result_timeout=_RESULT_TIMEOUT,
         )
         self._events = ActionEvents(node, ACTION, EVENT_QOS)

@@ -46,7 +46,7 @@ from ff_planner_ros.ros.messages.to_messages import (
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.qos import EVENT_QOS
+from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
 from ff_planner_ros.ros.requests.plan_action import PlanAction
 from ff_planner_ros.ros.requests.publication import Publication
@@ -63,8 +63,8 @@ from ff_planner_ros.ros.requests.worker import Worker
 # A response that a client reads after it has heard that the service is gone is lost, and rclpy
 # cannot tell when a response has arrived. So the service stays so long after the last one [s].
 _DELIVERY = 1.0
-# While a response is written, whether it is still wanted is asked so often [s]; one that is not is
-# written to its end beside the next one.
+# While a response is written, or obstacles are waited for, whether it is still wanted is asked so
+# often [s]; a response that is not is written to its end beside the next one.
 _POLL, _WRITERS = 0.02, 2
 _TOKEN_BYTES = 16  # of what opens ~/publish_plan: not to be guessed
 # Percentiles are those of so many plans.
@@ -106,7 +106,7 @@ class PlanningService:
 
         group = ReentrantCallbackGroup()
         self._service = node.create_service(
-            PlanTrajectory, SERVICE, self._serve, callback_group=group
+            PlanTrajectory, SERVICE, self._serve, qos_profile=REQUEST_QOS, callback_group=group
         )
         self._service.configure_introspection(
             self._clock, EVENT_QOS, ServiceIntrospectionState.CONTENTS
@@ -163,11 +163,9 @@ class PlanningService:
                 taken_up = time.monotonic()
                 knowledge = self._knowledge()
                 provenance = Provenance(received_stamp_ns=knowledge.now_ns)
-                asked = read_request(request, knowledge)
+                asked, parameters = self._read(request, knowledge, job)
                 provenance, task = asked.provenance, asked.task
-                answer = self._planned(
-                    asked, knowledge.parameters, door, job, tell, begun, taken_up
-                )
+                answer = self._planned(asked, parameters, door, job, tell, begun, taken_up)
         except FfPlannerError as error:
             if isinstance(error, RequestRefused):
                 provenance = error.provenance
@@ -185,6 +183,21 @@ class PlanningService:
         self.last = LastRequest(job.plan_id, status, answer.status.message, clearances)
         self._answered = time.monotonic()
         return answer
+
+    def _read(
+        self, request: PlanRequest, knowledge: Knowledge, job: Job
+    ) -> tuple[ReadRequest, NodeParameters]:
+        """Read a request; the first one waits for obstacles that were published before."""
+        while True:
+            try:
+                return read_request(request, knowledge), knowledge.parameters
+            except RequestRefused as refused:
+                if refused.status is not Status.NO_OBSTACLES or not self._scenes.may_come():
+                    raise
+            while self._scenes.may_come():
+                job.check()
+                time.sleep(_POLL)
+            knowledge = self._knowledge()
 
     def _knowledge(self) -> Knowledge:
         return Knowledge(

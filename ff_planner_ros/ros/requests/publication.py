@@ -30,7 +30,7 @@ from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
 from ff_planner_ros.ros.messages.to_messages import plan_message, status_message
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
-from ff_planner_ros.ros.qos import EVENT_QOS
+from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.reading import Knowledge, requester_named
 from ff_planner_ros.ros.requests.waiting_plan import (
     MadePlan,
@@ -60,7 +60,11 @@ class Publication:
         self.answered = -math.inf  # when, last of all, by the monotonic clock [s]
         self.close(Status.NOT_ACTIVE, "the planner is not active yet")
         self._service = node.create_service(
-            PublishPlan, PUBLISH_PLAN, self._serve, callback_group=MutuallyExclusiveCallbackGroup()
+            PublishPlan,
+            PUBLISH_PLAN,
+            self._serve,
+            qos_profile=REQUEST_QOS,
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
         self._service.configure_introspection(
             node.get_clock(), EVENT_QOS, ServiceIntrospectionState.CONTENTS

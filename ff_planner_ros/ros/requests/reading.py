@@ -23,7 +23,8 @@ from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput, SeenBody
-from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput, require_current
+from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
+from ff_planner_ros.ros.inputs.topic_memory import require_current
 from ff_planner_ros.ros.messages.from_messages import (
     MAX_MESSAGE_SECONDS,
     problem_from_request,
@@ -59,6 +60,7 @@ class Provenance:
     received_stamp_ns: int = 0  # the node's time when it read the request; zero: it did not [ns]
     state_stamp_ns: int = 0  # of the measured state [ns]
     state_source: str = ""  # topic or field of the state; empty: no state is known
+    state_clock_offset: float = 0.0  # by which its stamps are ahead when they come [s]
     joint_states_stamp_ns: int = 0  # of the joint states with odometry; zero: none [ns]
     obstacles_stamp_ns: int = 0  # [ns]
     obstacles_source: str = ""  # as their message says, or the request's field
@@ -128,6 +130,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             provenance,
             state_stamp_ns=measured.stamp_ns,
             state_source=measured.source,
+            state_clock_offset=measured.clock_offset,
             joint_states_stamp_ns=measured.joint_states_stamp_ns,
         )
         # A state may be stamped a little ahead of now, where two computers' clocks differ.
@@ -148,7 +151,10 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             )
         own = request.scene[0] if request.scene else None
         scene = knowledge.scenes.moving_scene(
-            own, knowledge.now_ns, parameters.state_future_tolerance
+            own,
+            knowledge.now_ns,
+            parameters.state_future_tolerance,
+            parameters.obstacles_max_age,
         )
         provenance = replace(
             provenance,

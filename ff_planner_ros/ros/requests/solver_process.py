@@ -94,7 +94,7 @@ class _Teller(TimeBudget):
     """Ends a search when its time is used up or is told to; tells its progress to who waits."""
 
     def __init__(self, data: Connection, budget: Budget, begun: float) -> None:
-        super().__init__(budget, begun - min(_RESERVED * min(budget), _MOST_RESERVED))
+        super().__init__(budget, begun, min(_RESERVED * min(budget), _MOST_RESERVED))
         self._data, self._reported = data, begun
         self._best: Metrics | None = None
 

@@ -108,16 +108,18 @@ class Worker:
                 raise NoPlanFound(
                     Status.TIMED_OUT,
                     f"the time budget of {budget.seconds:g} s is used up within a single "
-                    "iteration; whether there is a plan is not known: ask for fewer points or "
-                    "give it more time",
+                    f"iteration ({before[0] - begun:.2f} s {before[1]}); whether there is a plan "
+                    "is not known: ask for fewer points or give it more time",
                 )
 
         request = pickle.dumps((task, budget, begun))
+        before = time.monotonic(), "before the solver was asked"
         with self._solving:
             self._interrupted = False
             if self._closed:  # looked at last: `close` sets it first
                 raise Interrupted
             with self._begun(request, still_wanted) as process:
+                before = time.monotonic(), "until the solver had begun"
                 answer = process.answer(still_wanted, report, ends_early)
         try:
             if isinstance(answer, FfPlannerError):

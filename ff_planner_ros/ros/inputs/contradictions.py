@@ -1,0 +1,102 @@
+"""How far two messages of one quantity are apart, beyond what the motion between them explains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.problem import Sphere, TargetBody, carried_spheres
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.from_odometry import ChaserPart, JointPart
+
+# Measurements of one thing differ by noise and by what a filter makes of it. The same distances as
+# those within which a published plan may begin (publication.max_position and others) [m, rad].
+_FURTHEST = 0.02
+
+
+def of_states(before: SystemState, after: SystemState, time: float, names: Sequence[str]) -> str:
+    """Say how far two states are apart, measured a time after each other [s]; empty: they agree.
+
+    Args:
+        names: Of the joints.
+    """
+    return of_chasers(_chaser(before), _chaser(after), time) or of_joints(
+        _joints(before), _joints(after), time, names
+    )
+
+
+def of_chasers(before: ChaserPart, after: ChaserPart, time: float) -> str:
+    """Say how far two chasers are apart; empty: they agree."""
+    off = _beyond(before[0], after[0], before[2], after[2], time)
+    if off.max() > _FURTHEST:
+        return f"the chaser is {off.max():.3g} m away from where the other says"
+    rate = (before[3] + after[3]) / 2.0
+    predicted = Rotation.from_rotvec(rate * time) * Rotation.from_quat(before[1])
+    angle = float((predicted.inv() * Rotation.from_quat(after[1])).magnitude())
+    angle -= float(np.linalg.norm(after[3] - before[3])) * abs(time) / 2.0
+    if angle > _FURTHEST:
+        return f"the chaser is turned by {angle:.3g} rad from how the other says"
+    return ""
+
+
+def of_joints(before: JointPart, after: JointPart, time: float, names: Sequence[str]) -> str:
+    """Say how far the joints are apart; empty: they agree."""
+    off = _beyond(before[0], after[0], before[1], after[1], time)
+    if off.max() > _FURTHEST:
+        joint = int(off.argmax())
+        return f"{names[joint]} is {before[0][joint]:.4g} and {after[0][joint]:.4g} rad"
+    return ""
+
+
+def of_bodies(before: TargetBody, after: TargetBody, time: float) -> str:
+    """Say how far two target bodies are apart; empty: they agree."""
+    there = before.after(time)
+    off = float(np.linalg.norm(after.position - there.position))
+    if off > _FURTHEST:
+        return f"the body is {off:.3g} m away from where the other says"
+    turn = Rotation.from_quat(there.quaternion_xyzw).inv() * Rotation.from_quat(
+        after.quaternion_xyzw
+    )
+    if turn.magnitude() > _FURTHEST:
+        return f"the body is turned by {turn.magnitude():.3g} rad from how the other says"
+    return ""
+
+
+def of_spheres(before: Sequence[Sphere], after: Sequence[Sphere], time: float) -> str:
+    """Say how two scenes differ; empty: they agree."""
+    return next(_differences(before, after, time), "")
+
+
+def _differences(before: Sequence[Sphere], after: Sequence[Sphere], time: float) -> Iterator[str]:
+    there = {sphere.id: sphere for sphere in carried_spheres(tuple(before), time)}
+    here = {sphere.id: sphere for sphere in after}
+    for name in sorted(there.keys() ^ here.keys()):
+        yield f"one of them alone has {name}"
+    for name, sphere in here.items():
+        off = float(np.linalg.norm(sphere.center - there[name].center))
+        off += abs(sphere.radius - there[name].radius)
+        if off > _FURTHEST:
+            yield f"{name} differs by {off:.3g} m"
+
+
+def _beyond(before: Array, after: Array, rate: Array, later_rate: Array, time: float) -> Array:
+    """Return how far values are from where the mean rate leads, less what its change explains."""
+    moved: Array = np.abs(after - before - time * (rate + later_rate) / 2.0)
+    explained: Array = np.abs(time * (later_rate - rate)) / 2.0
+    return moved - explained
+
+
+def _chaser(state: SystemState) -> ChaserPart:
+    return (
+        state.position_chaser_in_inertial,
+        state.quaternion_chaser_to_inertial_xyzw,
+        state.linear_velocity_chaser_in_inertial,
+        state.angular_velocity_chaser_in_inertial,
+    )
+
+
+def _joints(state: SystemState) -> JointPart:
+    return state.joint_positions, state.joint_velocities

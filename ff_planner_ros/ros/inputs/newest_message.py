@@ -1,0 +1,145 @@
+"""The newest message of a topic, read when it is asked for."""
+
+from __future__ import annotations
+
+import copy
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from rclpy.serialization import deserialize_message
+
+from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.ros.inputs.clock_offset import ClockOffset
+from ff_planner_ros.ros.inputs.input_topics import InputTopic
+from ff_planner_ros.ros.inputs.speakers import Speakers
+from ff_planner_ros.ros.inputs.topic_memory import (
+    ROUNDING,
+    HeardMessage,
+    ahead_of_now,
+    require_same_clock,
+    stamp_of,
+)
+
+Seen = TypeVar("Seen")
+
+
+class NewestMessage(Generic[Seen]):
+    """The newest message of a topic, read when it is asked for.
+
+    Not before: thousands of spheres ten times a second would slow down the node. It is kept when
+    the clock jumps back, too: a scene is often published only once.
+    """
+
+    def __init__(
+        self, topic: InputTopic, read: Callable[[Any], Seen], now_ns: Callable[[], int] | None
+    ) -> None:
+        """Begin with nothing heard; None for the clock: when messages come is not known."""
+        self._type, self._read, self._now_ns = topic.message_type, read, now_ns
+        self._field = f"{topic.name}.header.stamp"
+        self._lock = threading.Lock()
+        self._kept: HeardMessage[Seen] | None = None
+        self._offset = ClockOffset()
+        self._last_read: tuple[HeardMessage[Seen], Seen] | None = None
+        self._speakers = Speakers[HeardMessage[Seen]]()
+        self.late: InvalidInput | None = None  # why the last message was left out; None: it is kept
+
+    @property
+    def is_known(self) -> bool:
+        """Whether anything was heard."""
+        return self._kept is not None
+
+    @property
+    def came_ns(self) -> int | None:
+        """When what is kept came, by the node's clock [ns]; None: not known."""
+        kept = self._kept
+        return None if kept is None else kept.came_ns
+
+    def keep(self, message: Any, number: int | None = None) -> None:
+        """Take the next message, as it is or serialised: the newest counts, valid or not.
+
+        A message with an older stamp than that of what is kept comes late, and is left out. Without
+        a stamp, or with one that is ahead of now, no message is older than another.
+        """
+        came_ns = None if self._now_ns is None else self._now_ns()
+        now_ns = time.time_ns() if came_ns is None else came_ns
+        heard = HeardMessage[Seen](message, stamp_of(message), came_ns)
+        stamp_ns = heard.stamp_ns or 0
+        with self._lock:
+            if came_ns is not None and stamp_ns:
+                self._offset.note(stamp_ns - came_ns, came_ns)
+            kept_ns = 0 if self._kept is None else self._kept.stamp_ns or 0
+            self._speakers.note(heard, number)
+            if not 0 < stamp_ns < kept_ns <= now_ns:
+                self._kept, self.late = heard, None
+            else:
+                self.late = self._behind((kept_ns - stamp_ns) / NANOSECONDS)
+
+    def last_two(self) -> tuple[HeardMessage[Seen], HeardMessage[Seen]] | None:
+        """Return the last messages of the two who spoke last; None: there are not two."""
+        with self._lock:
+            return self._speakers.last_two()
+
+    def require_in_order(self) -> None:
+        """Refuse what is kept where a message with an older stamp came after it.
+
+        Raises:
+            InvalidInput: One did.
+        """
+        if self.late is not None:
+            raise copy.copy(self.late)
+
+    def sound(self, heard: HeardMessage[Seen]) -> Seen | None:
+        """Return what is in a message; None: it cannot be used."""
+        try:
+            return self._read(_plain(heard.message, self._type))
+        except InvalidInput:
+            return None
+
+    def offset(self, now_ns: int) -> float | None:
+        """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
+        with self._lock:
+            return self._offset.at(now_ns)
+
+    def require_same_clock(
+        self, now_ns: int, max_lead: float, early: Status = Status.STATE_IN_FUTURE
+    ) -> None:
+        """Refuse what was stamped ahead of its time of arrival by more than max_lead [s].
+
+        Raises:
+            InvalidInput: What is kept was, or anything that came in the last seconds.
+        """
+        require_same_clock(early, self._field, self.offset(now_ns), max_lead)
+        kept = self._kept
+        if kept is not None and kept.lead > max_lead + ROUNDING:
+            raise ahead_of_now(early, self._field, kept.lead, max_lead)
+
+    def _behind(self, seconds: float) -> InvalidInput:
+        return InvalidInput(
+            Status.STATE_TOO_OLD,
+            self._field,
+            f"{seconds:.3f} s before that of the message before",
+            "stamps must not go back: is there another publisher, or was a clock set back? The "
+            "next message that is newer counts",
+        )
+
+    def read(self) -> Seen | None:
+        """Return what the newest message holds; None: there is none.
+
+        Raises:
+            InvalidInput: It cannot be used.
+        """
+        kept, read = self._kept, self._last_read
+        if kept is None:
+            return None
+        if read is not None and read[0] is kept:
+            return read[1]
+        seen = self._read(_plain(kept.message, self._type))
+        self._last_read = kept, seen
+        return seen
+
+
+def _plain(message: Any, kind: type[Any]) -> Any:
+    return deserialize_message(message, kind) if isinstance(message, bytes) else message

@@ -1,0 +1,60 @@
+"""Who publishes a topic of the node, heard or in vain, as the middleware says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from ff_planner_ros.parameters.interfaces import QosParameters
+from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS
+from ff_planner_ros.ros.messages.interfaces import type_name
+
+_UNNAMED = "a publisher without a name"  # that the middleware has not told of yet
+
+
+class Publishers:
+    """The publishers of the topics that a node plans from."""
+
+    def __init__(self, node: Node, qos: QosParameters) -> None:
+        """Look from now on; `qos` is what the node asks for."""
+        self._node, self._qos = node, qos
+
+    def heard(self, topic: str) -> list[str]:
+        """Return the names of those whom the node hears, one for each publisher, sorted."""
+        return sorted(_name(one) for one in self._infos(topic) if not self._why_unheard(topic, one))
+
+    def unheard(self, topic: str) -> list[str]:
+        """Return words on those whom it cannot hear: who, and why."""
+        return sorted(
+            f"{_name(one)} {why}"
+            for one in self._infos(topic)
+            if (why := self._why_unheard(topic, one))
+        )
+
+    def _infos(self, topic: str) -> list[TopicEndpointInfo]:
+        found: list[TopicEndpointInfo] = self._node.get_publishers_info_by_topic(
+            self._node.resolve_topic_name(topic)
+        )
+        return found
+
+    def _why_unheard(self, topic: str, one: TopicEndpointInfo) -> str:
+        wanted = type_name(INPUT_TOPICS[topic].message_type)
+        if one.topic_type != wanted:
+            return f"publishes {one.topic_type}, this node needs {wanted}"
+        return " and ".join(self._differences(topic, one))
+
+    def _differences(self, topic: str, one: TopicEndpointInfo) -> Iterator[str]:
+        asked = getattr(self._qos, topic)
+        for policy, weak in (("reliability", "best_effort"), ("durability", "volatile")):
+            offered = getattr(one.qos_profile, policy).name.lower()
+            wanted = getattr(asked, policy)
+            if offered == weak and wanted != weak:
+                yield f"offers {policy} {offered}, this node needs {wanted} (qos.{topic}.{policy})"
+
+
+def _name(one: TopicEndpointInfo) -> str:
+    if not one.node_name or "UNKNOWN" in one.node_name:
+        return _UNNAMED
+    return f"{one.node_namespace.rstrip('/')}/{one.node_name}"

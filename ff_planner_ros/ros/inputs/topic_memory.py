@@ -1,0 +1,307 @@
+"""The last messages of a topic: stored when they come, and read when somebody asks for them."""
+
+from __future__ import annotations
+
+import copy
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, Generic, TypeAlias, TypeVar
+
+from rclpy.serialization import deserialize_message
+
+from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.ros.inputs.clock_offset import WINDOW, ClockOffset
+from ff_planner_ros.ros.inputs.input_topics import MEMORY, InputTopic, header_time
+from ff_planner_ros.ros.inputs.publishers import Publishers
+from ff_planner_ros.ros.inputs.speakers import Speakers, require_agreement
+from ff_planner_ros.ros.messages.from_messages import time_in_ns
+
+# A time this little beyond a limit is within it [s].
+ROUNDING = 1e-6
+_OF_STATES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "state_max_age"
+# A serialised message that is longer is read at once [bytes]: a second of them at 1 kHz would fill
+# the memory, and no chaser has so many joints.
+_LONGEST_STORED = 20_000
+
+Part = TypeVar("Part")
+# Of two messages, and the time from the first to the second [s].
+Contradiction: TypeAlias = Callable[[Part, Part, float], str]
+
+
+def require_current(
+    field: str,
+    stamp_ns: int,
+    now_ns: int,
+    max_age: float,
+    max_lead: float,
+    told: tuple[Status, Status, str] = _OF_STATES,
+    came_ns: int | None = None,
+) -> None:
+    """Refuse a stamp that is older than max_age or further ahead of now than max_lead [s].
+
+    Args:
+        told: The status of either, and the parameter that max_age is of.
+        came_ns: When the message came, by the node's clock; None: not known [ns].
+
+    Raises:
+        InvalidInput: It is.
+    """
+    age, (old, early, parameter) = (now_ns - stamp_ns) / NANOSECONDS, told
+    if age > max_age + ROUNDING:
+        allowed = f"it must be at most {max_age:g} s old (parameter {parameter})"
+        if came_ns is not None:
+            came, late = (now_ns - came_ns) / NANOSECONDS, (came_ns - stamp_ns) / NANOSECONDS
+            if came <= max_age < late:
+                allowed += (
+                    f"; it came {came:.3f} s ago with a stamp {late:.3f} s behind: its "
+                    f"publisher's clock is {late:.3f} s behind this node's, or messages are so "
+                    "long on their way"
+                )
+        raise InvalidInput(old, field, f"{age:.3f} s old", allowed)
+    if -age > max_lead + ROUNDING:
+        raise ahead_of_now(early, field, -age, max_lead)
+
+
+def ahead_of_now(status: Status, field: str, lead: float, max_lead: float) -> InvalidInput:
+    """Return the refusal of a stamp that is ahead of now by a lead [s], more than max_lead."""
+    return InvalidInput(
+        status,
+        field,
+        f"{lead:.3f} s ahead of now",
+        f"it must be at most {max_lead:g} s ahead (parameter state_future_tolerance); "
+        "do both computers have the same time?",
+    )
+
+
+def require_same_clock(status: Status, field: str, offset: float | None, max_lead: float) -> None:
+    """Refuse a publisher whose clock is ahead by more than max_lead [s], whatever it says now.
+
+    Args:
+        offset: As measured over the last seconds; None: nothing came.
+
+    Raises:
+        InvalidInput: It is.
+    """
+    if offset is not None and offset > max_lead + ROUNDING:
+        error = ahead_of_now(status, field, offset, max_lead)
+        measured = (
+            f"as measured when messages came, over the last {WINDOW:g} s: what is "
+            "stamped ahead never counts as a measurement, not even when its time has come"
+        )
+        raise InvalidInput(status, field, error.value, f"{error.allowed} ({measured})")
+
+
+@dataclass(eq=False)
+class HeardMessage(Generic[Part]):
+    """A message, and what is in it once it was read."""
+
+    message: Any  # as it is or serialised; None once it was read
+    stamp_ns: int | None  # None: its stamp is none
+    came_ns: int | None = None  # by the node's clock; None: not known
+    part: Part | InvalidInput | None = None  # the reason where it cannot be used
+
+    @property
+    def lead(self) -> float:
+        """By how much its stamp was ahead when it came [s]; without end behind: not known."""
+        if self.came_ns is None or self.stamp_ns is None:
+            return float("-inf")
+        return (self.stamp_ns - self.came_ns) / NANOSECONDS
+
+
+class TopicMemory(Generic[Part]):
+    """The last messages of a topic, in the order of hearing; may be used from several threads."""
+
+    def __init__(
+        self,
+        topic: InputTopic,
+        read: Callable[[Any], Part],
+        contradiction: Contradiction[Part],
+        now_ns: Callable[[], int] | None,
+        publishers: Publishers | None,
+    ) -> None:
+        """Begin with nothing heard.
+
+        Args:
+            read: Returns what is in a message, or refuses it.
+            contradiction: Says how far two messages are apart; empty: they agree.
+            now_ns: The node's clock, which is read when a message comes; None: when they come is
+                not known, as in a replay.
+            publishers: None: not known, likewise.
+        """
+        self._topic, self._read, self._now_ns = topic, read, now_ns
+        self._contradiction, self._publishers = contradiction, publishers
+        self._speakers = Speakers[HeardMessage[Part]]()
+        self._field = f"{topic.name}.header.stamp"
+        self._lock = threading.RLock()
+        self._kept: deque[HeardMessage[Part]] = deque(maxlen=MEMORY)
+        self._other: HeardMessage[Part] | None = None  # that is not for the node
+        self._offset = ClockOffset()
+        self._since = "yet"
+
+    def keep(self, message: Any, number: int | None = None, *, is_for_others: bool = False) -> None:
+        """Take the next message, as it is or serialised.
+
+        Args:
+            number: That its publisher has given it; None: not known.
+            is_for_others: It is told about only while nothing else was heard.
+        """
+        came_ns = None if self._now_ns is None else self._now_ns()
+        heard = HeardMessage[Part](message, stamp_of(message), came_ns)
+        with self._lock:
+            if is_for_others:
+                self._other = heard
+                return
+            if heard.stamp_ns is not None and came_ns is not None:
+                self._offset.note(heard.stamp_ns - came_ns, came_ns)
+            if isinstance(message, bytes) and len(message) > _LONGEST_STORED:
+                self.read(heard)
+            self._kept.append(heard)
+            self._speakers.note(heard, number)
+
+    def read(self, heard: HeardMessage[Part]) -> Part | InvalidInput:
+        """Return what is in a message, or why it cannot be used; it is read once."""
+        with self._lock:
+            if heard.part is None:
+                heard.part, heard.message = self._read_now(heard.message), None
+            return heard.part
+
+    def clear(self) -> None:
+        """Forget every message; to be called when the clock has jumped back or changed."""
+        with self._lock:
+            self._kept.clear()
+            self._offset.forget()
+            self._speakers.forget()
+            self._other = None
+            self._since = "since the clock has jumped back or changed"
+
+    def offset(self, now_ns: int) -> float | None:
+        """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
+        with self._lock:
+            return self._offset.at(now_ns)
+
+    def current(self, now_ns: int, max_age: float, max_lead: float) -> list[HeardMessage[Part]]:
+        """Return the messages that are neither too old nor too early, the newest one last.
+
+        The newest one is sound; others may turn out not to be.
+
+        Raises:
+            InvalidInput: There is none, the newest one is not sound, the publisher's clock is
+                ahead, or there are two that contradict each other.
+        """
+        with self._lock:
+            kept, other = list(self._kept), self._other
+            offset = self._offset.at(now_ns)
+        if not kept:
+            part = None if other is None else self.read(other)
+            # Another one, or else its traceback would grow each time.
+            raise copy.copy(part) if isinstance(part, InvalidInput) else self._missing(self._since)
+        early = Status.STATE_IN_FUTURE
+        require_same_clock(early, self._field, offset, max_lead)
+        self._require_agreement(now_ns)
+        oldest_ns = now_ns - round((max_age + ROUNDING) * NANOSECONDS)
+        latest_ns = now_ns + round((max_lead + ROUNDING) * NANOSECONDS)
+        # Of those with one stamp, the one heard last comes last.
+        until_now = sorted(
+            (
+                heard
+                for heard in kept
+                if heard.stamp_ns is not None
+                and heard.stamp_ns <= latest_ns
+                and heard.lead <= max_lead + ROUNDING
+            ),
+            key=attrgetter("stamp_ns"),
+        )
+        newest = kept[-1]
+        if newest.stamp_ns is not None and until_now:
+            newest = until_now[-1]
+        if newest.lead > max_lead + ROUNDING:
+            raise ahead_of_now(early, self._field, newest.lead, max_lead)
+        part = self.read(newest)
+        if isinstance(part, InvalidInput):
+            raise copy.copy(part)
+        if newest.stamp_ns is not None:
+            require_current(
+                self._field,
+                newest.stamp_ns,
+                now_ns,
+                max_age,
+                max_lead,
+                came_ns=newest.came_ns,
+            )
+        return [
+            heard
+            for heard in until_now
+            if heard.stamp_ns is not None
+            and oldest_ns <= heard.stamp_ns
+            and not isinstance(heard.part, InvalidInput)
+        ]
+
+    def _require_agreement(self, now_ns: int) -> None:
+        """Refuse what two publishers have said lately if they contradict each other."""
+        with self._lock:
+            two = self._speakers.last_two()
+
+        def contradiction(before: HeardMessage[Part], after: HeardMessage[Part]) -> str:
+            parts = self.read(before), self.read(after)
+            if isinstance(parts[0], InvalidInput) or isinstance(parts[1], InvalidInput):
+                return ""  # for another reason
+            return self._contradiction(parts[0], parts[1], seconds_between(before, after))
+
+        if two is not None and all(came_lately(one, now_ns) for one in two):
+            require_agreement(self._topic.name, self._publishers, two, contradiction, lately=True)
+
+    def _read_now(self, message: Any) -> Part | InvalidInput:
+        if isinstance(message, bytes):
+            try:
+                message = deserialize_message(message, self._topic.message_type)
+            except RuntimeError:  # what rclpy raises has no narrower public name
+                allowed = f"it must be a {self._topic.message_type.__name__}"
+                return InvalidInput(Status.OUT_OF_RANGE, self._topic.name, "damaged", allowed)
+        try:
+            time_in_ns(self._field, message.header.stamp)
+            return self._read(message)
+        except InvalidInput as error:
+            # Another one: the error's traceback would keep the message, however large, in memory.
+            return InvalidInput(error.status, error.field, error.value, error.allowed)
+
+    def _missing(self, since: str) -> InvalidInput:
+        return InvalidInput(
+            Status.NO_STATE,
+            self._topic.name,
+            "missing",
+            f"none was received {since}; publish it, or give the request a start_state"
+            f"{unheard_words(self._topic.name, self._publishers)}",
+        )
+
+
+def seconds_between(before: HeardMessage[Any], after: HeardMessage[Any]) -> float:
+    """Return how long after each other two messages were stamped [s]; zero: not known."""
+    if not before.stamp_ns or not after.stamp_ns:
+        return 0.0
+    return (after.stamp_ns - before.stamp_ns) / NANOSECONDS
+
+
+def came_lately(heard: HeardMessage[Any], now_ns: int) -> bool:
+    """Whether a message came in the last seconds."""
+    return heard.came_ns is not None and now_ns - heard.came_ns <= WINDOW * NANOSECONDS
+
+
+def unheard_words(topic: str, publishers: Publishers | None) -> str:
+    """Return words on publishers that the node cannot hear, to be added to a refusal."""
+    unheard = [] if publishers is None else publishers.unheard(topic)
+    return "".join(f"; {words}: it is not heard" for words in unheard)
+
+
+def stamp_of(message: Any) -> int | None:
+    """Return the stamp of a message, as it is or serialised [ns]; None: it is none."""
+    if isinstance(message, bytes):
+        seconds, nanosec = header_time(message)
+    else:
+        seconds, nanosec = message.header.stamp.sec, message.header.stamp.nanosec
+    if seconds < 0 or not 0 <= nanosec < NANOSECONDS:
+        return None
+    return int(seconds * NANOSECONDS + nanosec)

@@ -1,0 +1,91 @@
+"""What the node costs while nobody asks: processor time of its process, not of the clock."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from quick_capture import resting_capture
+from ros_processes import (
+    Client,
+    PlannerProcess,
+    Scene,
+    connected_client,
+    private_domain,
+    running_planner,
+)
+from sensor_msgs.msg import JointState
+
+from ff_planner_ros.errors import Status
+
+# Documented are 1 % idle and 5 % with states at 100 Hz; a busy machine may need twice as much.
+IDLE, WITH_STATES = 0.02, 0.10
+SECONDS = 5  # diagnostics come once a second of the steady clock
+RATE = 100.0  # [Hz]
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
+    directory: Path = tmp_path_factory.mktemp("costs")
+    with private_domain(), running_planner(directory) as planner:
+        yield planner
+
+
+def processor_time(planner: PlannerProcess) -> float:
+    """Return what the process has used [s]."""
+    fields = Path(f"/proc/{planner.process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def wait_seconds(client: Client, heard: list[Any], seconds: int) -> None:
+    """Wait until the node has published diagnostics so many times more."""
+    before = len(heard)
+    client.wait_until(lambda: len(heard) >= before + seconds, "diagnostics")
+
+
+def test_the_node_costs_little_idle_and_with_states_at_a_hundred_hertz(
+    planner: PlannerProcess,
+) -> None:
+    scene = Scene(resting_capture())
+    with connected_client() as client:
+        heard = client.hear(DiagnosticArray, "/diagnostics")
+        client.wait_for_planner()
+        client.wait_for_an_answer()
+        wait_seconds(client, heard, 2)
+        before = processor_time(planner)
+        wait_seconds(client, heard, SECONDS)
+        assert processor_time(planner) - before <= IDLE * SECONDS
+
+        def publish() -> None:
+            client.publish_state(scene.state(client.now_ns()))
+
+        timer = client.node.create_timer(1.0 / RATE, publish)
+        wait_seconds(client, heard, 1)
+        before = processor_time(planner)
+        wait_seconds(client, heard, SECONDS)
+        assert processor_time(planner) - before <= WITH_STATES * SECONDS
+        client.node.destroy_timer(timer)
+
+
+def test_the_preview_stops_when_nobody_sees_it_and_goes_on_for_who_comes_later(
+    planner: PlannerProcess,
+) -> None:
+    scene = Scene(resting_capture())
+    with connected_client() as client:
+        heard = client.hear(DiagnosticArray, "/diagnostics")
+        client.wait_for_planner()
+        request = scene.complete_request()
+        request.duration = 10.0
+        answer = client.plan(request)
+        assert answer.status.code == Status.SOLVED, answer.status
+        wait_seconds(client, heard, 13)  # it was played once
+        before = processor_time(planner)
+        wait_seconds(client, heard, SECONDS)
+        # The plan itself is streamed until it is over.
+        assert processor_time(planner) - before <= 2.0 * IDLE * SECONDS
+        states = client.hear(JointState, "planned_joint_states")
+        client.wait_until(lambda: len(states) > 20, "the preview")
