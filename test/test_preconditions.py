@@ -23,6 +23,7 @@ from ff_planner_ros.robot.momentum import smallest_singular_values
 
 SETTINGS = load_parameters().planner
 ROUNDING, MORE = 9e-7, 1.1e-6
+PAPERS = Parametrisation.END_EFFECTOR_POLYNOMIAL
 EXCESS = {"position": 1e-4, "rate": 1e-4}  # that a plan may have [rad, parts of the limit]
 
 
@@ -51,19 +52,19 @@ def start_beyond(problem: PlanningProblem, limit: str, excess: float) -> Plannin
 
 
 @pytest.mark.parametrize(
-    ("limit", "words"),
+    ("limit", "words", "allowed"),
     [
-        ("upper_position_limits", r"joints\.position\[joint_1\]"),
-        ("lower_position_limits", r"joints\.position\[joint_1\]"),
-        ("velocity_limits", r"joints\.velocity\[joint_1\]"),
+        ("upper_position_limits", r"joints\.position\[joint_1\]", 1e-4),
+        ("lower_position_limits", r"joints\.position\[joint_1\]", 1e-4),
+        ("velocity_limits", r"joints\.velocity\[joint_1\]", 1e-6),  # the slowest joint
     ],
 )
-def test_a_start_beyond_its_limits_by_rounding_is_not_refused(
-    lemur_capture: PlanningProblem, limit: str, words: str
+def test_a_start_beyond_its_limits_by_what_plans_may_be_is_not_refused(
+    lemur_capture: PlanningProblem, limit: str, words: str, allowed: float
 ) -> None:
-    require_plannable(start_beyond(lemur_capture, limit, ROUNDING), SETTINGS)
+    require_plannable(start_beyond(lemur_capture, limit, 0.9 * allowed), SETTINGS)
     with pytest.raises(InvalidInput, match=words) as refused:
-        require_plannable(start_beyond(lemur_capture, limit, MORE), SETTINGS)
+        require_plannable(start_beyond(lemur_capture, limit, 1.1 * allowed), SETTINGS)
     assert refused.value.status is Status.START_OUTSIDE_LIMITS
 
 
@@ -84,15 +85,32 @@ def test_a_start_as_near_to_a_singularity_as_allowed_but_for_rounding_is_not_ref
     assert refused.value.status is Status.START_SINGULAR
 
 
-def test_a_plan_is_found_from_a_start_beyond_a_limit_by_rounding(
-    lemur_capture: PlanningProblem,
+@pytest.mark.parametrize("beyond", [ROUNDING, 1.5e-5, 0.9e-4])
+@pytest.mark.parametrize("family", [PAPERS, Parametrisation.JOINT_SPLINE])
+def test_a_plan_is_found_from_a_start_beyond_a_limit_by_what_plans_may_be(
+    lemur_capture: PlanningProblem, beyond: float, family: Parametrisation
 ) -> None:
     """Its rate leads away from the limit, which it would leave behind otherwise."""
     upper = lemur_capture.robot.upper_position_limits.copy()
     joint = int(lemur_capture.start.joint_velocities.argmin())
-    upper[joint] = lemur_capture.start.joint_positions[joint] - ROUNDING
-    answer = plan(with_limits(lemur_capture, upper_position_limits=upper), SETTINGS)
-    assert answer.metrics.min_joint_margin == pytest.approx(-ROUNDING, abs=1e-12)
+    upper[joint] = lemur_capture.start.joint_positions[joint] - beyond
+    problem = with_limits(lemur_capture, upper_position_limits=upper)
+    answer = plan(replace(problem, parametrisation=family), SETTINGS)
+    assert answer.metrics.min_joint_margin == pytest.approx(-beyond, abs=1e-12)
+
+
+def test_a_plan_is_found_from_a_start_that_is_too_fast_by_what_plans_may_be(
+    lemur_capture: PlanningProblem,
+) -> None:
+    """With joint splines: the paper's paths do not choose the accelerations at the start."""
+    joint = int(np.abs(lemur_capture.start.joint_velocities).argmax())
+    limits = np.full(7, 1.0)
+    limits[joint] = np.abs(lemur_capture.start.joint_velocities[joint]) / (1.0 + 0.9e-4)
+    problem = with_limits(lemur_capture, velocity_limits=limits)
+    splines = Parametrisation.JOINT_SPLINE
+    answer = plan(replace(problem, parametrisation=splines, duration=20.0), SETTINGS)
+    least = answer.metrics.min_velocity_margin
+    assert least == pytest.approx(-0.9e-4 * limits[joint], rel=1e-3)
 
 
 @pytest.mark.parametrize(

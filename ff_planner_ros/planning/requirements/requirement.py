@@ -30,8 +30,10 @@ from ff_planner_ros.robot.momentum import momentum_maps
 # A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
 # limit: rad, rad/s, N m, and that of singular values.
 LIMIT_TOLERANCE = 1e-6
-# So far beyond a limit, in rad or in parts of a rate limit, a plan may be: a joint that is measured
-# at its limit and moves outward cannot stop at once. The search keeps the limits themselves.
+# So far beyond a limit, in rad or in parts of a limit of rates or accelerations, a plan may be, and
+# so a start, which may be where another plan ended: a joint that is measured at its limit and moves
+# outward cannot stop at once. The search keeps the limits themselves, but for what the start
+# already is beyond them.
 ALLOWED_EXCESS = 1e-4
 # A joint or the chaser further from its limit [rad], or a link further from a sphere [m], cannot
 # reach it in one step of the solver that the linearisation still describes.
@@ -169,6 +171,15 @@ class Requirement:
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield where, and by how much, a plan violates the requirement, and what may help."""
         yield from ()
+
+
+def eased(limits: Array, at_start: Array, excess: Array | float = ALLOWED_EXCESS) -> Array:
+    """Return upper limits that a start keeps which is beyond them by no more than is allowed.
+
+    Args:
+        excess: That is allowed.
+    """
+    return np.where(at_start <= limits + excess, np.maximum(limits, at_start), limits)
 
 
 def within(

@@ -24,6 +24,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Requirement,
     Rows,
     Samples,
+    eased,
     within,
 )
 
@@ -69,7 +70,8 @@ class JointAccelerations(Requirement):
         step = problem.duration / (len(motion.q) - 1)
         parts = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step) / limits
         by_x = accelerations_by_x(motion, sensitivity, step) / limits[:, None]
-        most = 1.0 - np.clip(1.0 - np.abs(parts[0]), 0.0, margin)
+        most = eased(np.ones(len(limits)), np.abs(parts[0]))
+        most = most - np.clip(most - np.abs(parts[0]), 0.0, margin)
         return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
@@ -77,6 +79,9 @@ class JointAccelerations(Requirement):
         limits = _limits(problem)
         if limits is None:
             return np.inf
+        if problem.start.joint_accelerations is not None:
+            at_start = np.abs(problem.start.joint_accelerations)
+            limits = eased(limits, at_start, ALLOWED_EXCESS * limits)
         distances, _ = _distances(limits, motion.joints)
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
 

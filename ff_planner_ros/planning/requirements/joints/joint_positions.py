@@ -23,6 +23,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Requirement,
     Rows,
     Samples,
+    eased,
     within,
 )
 from ff_planner_ros.robot.model import Robot
@@ -48,7 +49,7 @@ class JointPositions(Requirement):
             robot.upper_position_limits,
             strict=True,
         ):
-            if not lower - LIMIT_TOLERANCE <= position <= upper + LIMIT_TOLERANCE:
+            if not lower - ALLOWED_EXCESS <= position <= upper + ALLOWED_EXCESS:
                 raise InvalidInput(
                     Status.START_OUTSIDE_LIMITS,
                     f"joints.position[{name}]",
@@ -65,8 +66,8 @@ class JointPositions(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows:
         """Return the distances of interest to the limits, at the points and the turns [rad]."""
-        lower, upper = problem.robot.lower_position_limits, problem.robot.upper_position_limits
         at_start = motion.q[0, 7:]
+        lower, upper = _eased_limits(problem.robot, at_start)
         lower = lower + np.clip(at_start - lower, 0.0, margin)
         upper = upper - np.clip(upper - at_start, 0.0, margin)
         if motion.hull is not None and sensitivity.hull is not None:
@@ -84,12 +85,10 @@ class JointPositions(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the joints stay from their limits, or less that is enough [rad]."""
-        robot = problem.robot
-        distances = motion.joints.least_distances(
-            robot.lower_position_limits, robot.upper_position_limits
-        )
+        lower, upper = _eased_limits(problem.robot, problem.start.joint_positions)
+        distances = motion.joints.least_distances(lower, upper)
         if distances.min() < 0.0:
-            distances, _ = _distances(robot, motion.joints)
+            distances, _ = motion.joints.distances(lower, upper)
         return float(distances.min()) + LIMIT_TOLERANCE
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
@@ -113,6 +112,11 @@ class JointPositions(Requirement):
             f"{samples.at(times[side, joint])}",
             ("another goal orientation, start posture or duration", "more planner.starts"),
         )
+
+
+def _eased_limits(robot: Robot, at_start: Array) -> tuple[Array, Array]:
+    lower = -eased(-robot.lower_position_limits, -at_start)
+    return lower, eased(robot.upper_position_limits, at_start)
 
 
 def _require_stops(problem: PlanningProblem) -> None:

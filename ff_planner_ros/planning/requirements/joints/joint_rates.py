@@ -22,6 +22,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Requirement,
     Rows,
     Samples,
+    eased,
     within,
 )
 from ff_planner_ros.robot.model import Robot
@@ -48,7 +49,7 @@ class JointRates(Requirement):
         for name, rate, limit in zip(
             robot.joint_names, problem.start.joint_velocities, robot.velocity_limits, strict=True
         ):
-            if not abs(rate) <= limit + LIMIT_TOLERANCE:
+            if not abs(rate) <= limit + max(ALLOWED_EXCESS * limit, LIMIT_TOLERANCE):
                 raise InvalidInput(
                     Status.START_OUTSIDE_LIMITS,
                     f"joints.velocity[{name}]",
@@ -84,7 +85,9 @@ class JointRates(Requirement):
             return None
         limits = problem.robot.velocity_limits
         interest = (1.0 - _OF_INTEREST) * limits
-        limits = limits - np.clip(limits - np.abs(motion.v[0, 6:]), 0.0, margin * limits)
+        at_start = np.abs(motion.v[0, 6:])
+        limits = eased(limits, at_start, ALLOWED_EXCESS * limits)
+        limits = limits - np.clip(limits - at_start, 0.0, margin * limits)
         if motion.hull is not None and sensitivity.hull is not None:
             return within(motion.hull.rates, sensitivity.hull.rates, -limits, limits, interest)
         at_points = within(motion.v[1:, 6:], sensitivity.v[1:, 6:], -limits, limits, interest)
@@ -102,9 +105,10 @@ class JointRates(Requirement):
         if not problem.limits.joint_velocities:
             return np.inf
         limits = problem.robot.velocity_limits
+        limits = eased(limits, np.abs(problem.start.joint_velocities), ALLOWED_EXCESS * limits)
         distances = motion.joints.least_distances(-limits, limits, order=1)
         if distances.min() < 0.0:
-            distances, _ = _distances(problem.robot, motion.joints)
+            distances, _ = motion.joints.distances(-limits, limits, order=1)
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
