@@ -336,7 +336,7 @@ def test_a_worker_of_another_version_is_named(
 ) -> None:
     here = cluster.environment()
     monkeypatch.setattr(cluster, "environment", lambda: here | {"piqp": "0.0.1"})
-    with pytest.raises(InvalidInput, match=r"worker is tcp://.*: piqp is .*, not 0.0.1"):
+    with pytest.raises(InvalidInput, match=r"worker is tls://.*: piqp is .*, not 0.0.1"):
         run_campaign(study(tmp_path), tmp_path / "out", scheduler)
     assert ids(tmp_path / "out") == []
 
@@ -348,7 +348,7 @@ def test_a_worker_of_another_version_that_comes_later_is_named(
     here = cluster.environment()
     monkeypatch.setattr(cluster, "_require_same_software", lambda *_: None)
     monkeypatch.setattr(cluster, "environment", lambda: here | {"scipy": "0.0.1"})
-    with pytest.raises(InvalidInput, match=r"worker is tcp://.*: scipy is .*, not 0.0.1"):
+    with pytest.raises(InvalidInput, match=r"worker is tls://.*: scipy is .*, not 0.0.1"):
         run_campaign(study(tmp_path), tmp_path / "out", scheduler)
 
 
