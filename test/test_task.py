@@ -236,3 +236,32 @@ def test_a_digest_says_what_digests_always_said_and_leaves_out_what_came_later()
     for value, fields_said in told.items():
         expected = [part for pair in fields_said.items() for one in pair for part in canonical(one)]
         assert b"".join(canonical(value)) == b"".join(expected)
+
+
+def test_a_refusal_of_a_joint_that_is_carried_beyond_its_limit_tells_what_was_measured(
+    lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    """A joint that nobody saw beyond its limit is no fault of the encoder."""
+    start = lemur_capture.start
+    rates = np.zeros(7)
+    rates[4] = 0.05
+    upper = lemur_capture.robot.upper_position_limits.copy()
+    upper[4] = start.joint_positions[4] + 0.3
+    problem = replace(
+        lemur_capture,
+        robot=replace(lemur_capture.robot, upper_position_limits=upper),
+        start=replace(start, joint_velocities=rates),
+        obstacles=(),
+    )
+    measured = start.joint_positions[4]
+    with pytest.raises(InvalidInput) as refused:
+        perform(PlanningTask(problem, settings, ahead=10.0))
+    assert refused.value.field == "joints.position[joint_5]"
+    assert str(refused.value).startswith(
+        f"joints.position[joint_5] is {measured + 0.5:.6f} rad, measured as {measured:.6f} rad "
+        "10.000 s before: it must be within the joint's limits"
+    )
+    upper[4] = measured - 0.1
+    with pytest.raises(InvalidInput) as at_once:
+        perform(PlanningTask(problem, settings))
+    assert "measured" not in str(at_once.value)

@@ -216,10 +216,28 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
         refused = end.refusal or out_of_time(end)
     except NoPlanFound as found_none:
         refused = found_none
+    except InvalidInput as error:
+        raise _as_measured(error, task) from None
     refused.effort = steps.ended_at
     if isinstance(refused.attempt, Plan):
         refused.attempt = frame.plan_seen_by_user(refused.attempt)
     raise refused
+
+
+def _as_measured(error: InvalidInput, task: PlanningTask) -> InvalidInput:
+    """Return the refusal of a joint at the start that tells what was measured of it, too."""
+    start, ahead = task.problem.start, task.ahead
+    measured = (
+        ("position", start.joint_positions, "rad"),
+        ("velocity", start.joint_velocities, "rad/s"),
+    )
+    for quantity, values, unit in measured:
+        for name, value in zip(task.problem.robot.joint_names, values, strict=True):
+            if ahead and error.field == f"joints.{quantity}[{name}]":
+                before = f"measured as {value:.6f} {unit} {ahead:.3f} s before"
+                told = f"{error.value}, {before}"
+                return InvalidInput(error.status, error.field, told, error.allowed)
+    return error
 
 
 @lru_cache(maxsize=2)
