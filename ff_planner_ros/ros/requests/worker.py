@@ -32,8 +32,9 @@ _Message: TypeAlias = Progress | Answer | None
 _POLL = 0.02
 # Loading takes seconds; a server that needs so much longer [s] will not get there.
 _LOADING = 60.0
-# A search that ends in time needs a moment more for its answer, on a machine that is busy [s].
-_GRACE = 0.25
+# A search that ends in time needs a moment more for its answer, on a machine that is busy [s]. What
+# is given up without an answer cannot be replayed to its step.
+_GRACE = 1.0
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
 # hangs, however busy the machine is.
 _BEGINNING = 10.0
