@@ -154,10 +154,8 @@ def _any(asked: _Asked) -> Plan:
         if isinstance(found, Plan):
             return found
         refusals.append(found)
-    window, last = asked.problem.durations, refusals[-1]
-    why = (
-        f"no duration from {window.minimum:g} s to {window.maximum:g} s has a plan; with the last,"
-    )
+    tried = ", ".join(f"{duration:g}" for duration in moments_to_begin_at(asked.problem))
+    last, why = refusals[-1], f"no plan was found that lasts {tried} s; with the last,"
     raise NoPlanFound(last.status, f"{why} {last.constraint}", last.attempt, last.failures)
 
 
