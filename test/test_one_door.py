@@ -16,6 +16,7 @@ from ff_planner_ros.bench.success import attempt
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task import task as door
@@ -61,7 +62,7 @@ def test_command_line_solver_process_and_replay_enter_with_equal_tasks(
     bag = tmp_path / "bag"
     assert main(["plan", str(scenario), "--bag", str(bag)]) == 3
     task = load_task(scenario, Defaults(load_parameters().planner))
-    refusal = solver_process._answer(io.BytesIO(), task, 10.0, time.monotonic())
+    refusal = solver_process._answer(io.BytesIO(), task, Budget(10.0), time.monotonic())
     assert isinstance(refusal, NoPlanFound)
     assert main(["replay", str(bag)]) == 0
     assert "digest" not in capsys.readouterr().out

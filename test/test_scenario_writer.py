@@ -76,7 +76,7 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
             target=Target(
                 vector(rng), quaternion(rng), vector(rng), vector(rng), vector(rng), vector(rng)
             ),
-            duration=abs(number(rng)) or 1.0,
+            duration=max(abs(number(rng)) or 1.0, 1e-3),
             points=int(rng.integers(5, 10_001)),
             obstacles=tuple(
                 Sphere(name, vector(rng), abs(number(rng)) or 1.0, rng.choice([0, 1]) * vector(rng))
@@ -84,7 +84,7 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
             ),
             objective=Objective(1.0, abs(number(rng))),
             limits=Limits(
-                bool(rng.random() < 0.5), float(rng.choice([math.inf, 5e-324, 0.2])),
+                bool(rng.random() < 0.5), float(rng.choice([math.inf, 1e-6, 0.2])),
                 joint_torques=seed % 2 == 0,
                 joint_accelerations=None if seed % 3 else tuple(np.arange(1.0, joints + 1.0)),
             ),

@@ -13,6 +13,7 @@ from ros_processes import FRAME, Scene
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.limits import Limits
 from ff_planner_ros.planning.problem.objective import DurationRange
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -96,7 +97,7 @@ def test_a_plan_of_the_shortest_duration_is_refused_for_what_it_asks_of_the_arm(
 ) -> None:
     hasty = replace(lemur_capture, duration=1e-3)
     with pytest.raises(NoPlanFound):
-        perform(PlanningTask(hasty, load_parameters().planner), TimeBudget(60.0))
+        perform(PlanningTask(hasty, load_parameters().planner), TimeBudget(Budget(60.0)))
 
 
 def test_a_scenario_with_an_infinite_limit_is_refused_and_one_with_none_is_not(

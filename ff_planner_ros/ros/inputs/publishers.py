@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-
-from rclpy.node import Node
-from rclpy.topic_endpoint_info import TopicEndpointInfo
+from typing import TYPE_CHECKING
 
 from ff_planner_ros.parameters.interfaces import QosParameters
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS
 from ff_planner_ros.ros.messages.interfaces import type_name
+
+if TYPE_CHECKING:  # what reads a bag has no middleware
+    from rclpy.node import Node
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 _UNNAMED = "a publisher without a name"  # that the middleware has not told of yet
 

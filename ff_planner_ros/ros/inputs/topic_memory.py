@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from rclpy.serialization import deserialize_message
-
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW, ClockOffset
@@ -256,6 +254,8 @@ class TopicMemory(Generic[Part]):
 
     def _read_now(self, message: Any) -> Part | InvalidInput:
         if isinstance(message, bytes):
+            from rclpy.serialization import deserialize_message  # a bag's messages are none
+
             try:
                 message = deserialize_message(message, self._topic.message_type)
             except RuntimeError:  # what rclpy raises has no narrower public name

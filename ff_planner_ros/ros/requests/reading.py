@@ -279,11 +279,8 @@ def _require_after_state(start_ns: int, stamp_ns: int) -> None:
 
 
 def _settings(request: PlanRequest, parameters: NodeParameters) -> PlannerSettings:
-    asked = request.search.depth
-    if not asked:
-        return parameters.planner
-    depth = a_search_depth().checked("search.depth", asked)
-    return replace(parameters.planner, search=depth)
+    asked = request.search.depth or parameters.planner.search
+    return replace(parameters.planner, search=a_search_depth().checked("search.depth", asked))
 
 
 def _time_budget(request: PlanRequest, parameters: NodeParameters) -> Budget:
