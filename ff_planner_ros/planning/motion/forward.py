@@ -167,6 +167,27 @@ def _accelerations(state: SystemState, seconds: float, running: JointMotion | No
     return np.asarray(accelerations, np.float64)
 
 
+def as_measured(
+    error: InvalidInput, robot: Robot, measured: SystemState, seconds: float
+) -> InvalidInput:
+    """Return the refusal of a state that was carried forward; a joint's tells what was measured.
+
+    Args:
+        error: The refusal.
+        measured: The state that was carried forward.
+        seconds: How far; zero: it was not.
+    """
+    for quantity, values, unit in (
+        ("position", measured.joint_positions, "rad"),
+        ("velocity", measured.joint_velocities, "rad/s"),
+    ):
+        for name, value in zip(robot.joint_names, values, strict=True):
+            if seconds and error.field == f"joints.{quantity}[{name}]":
+                told = f"{error.value}, measured as {value:.6f} {unit} {seconds:.3f} s before"
+                return InvalidInput(error.status, error.field, told, error.allowed)
+    return error
+
+
 def _steps(
     robot: Robot, q: Array, momentum: Array, joints: JointMotion, begin: float, end: float
 ) -> Array:

@@ -23,7 +23,7 @@ from ff_planner_ros.errors import (
     Status,
 )
 from ff_planner_ros.planning.check.check import failures, out_of_time, refusal
-from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.forward import as_measured, carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import SystemFrame, system_frame
@@ -217,27 +217,11 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
     except NoPlanFound as found_none:
         refused = found_none
     except InvalidInput as error:
-        raise _as_measured(error, task) from None
+        raise as_measured(error, problem.robot, task.problem.start, task.ahead) from None
     refused.effort = steps.ended_at
     if isinstance(refused.attempt, Plan):
         refused.attempt = frame.plan_seen_by_user(refused.attempt)
     raise refused
-
-
-def _as_measured(error: InvalidInput, task: PlanningTask) -> InvalidInput:
-    """Return the refusal of a joint at the start that tells what was measured of it, too."""
-    start, ahead = task.problem.start, task.ahead
-    measured = (
-        ("position", start.joint_positions, "rad"),
-        ("velocity", start.joint_velocities, "rad/s"),
-    )
-    for quantity, values, unit in measured:
-        for name, value in zip(task.problem.robot.joint_names, values, strict=True):
-            if ahead and error.field == f"joints.{quantity}[{name}]":
-                before = f"measured as {value:.6f} {unit} {ahead:.3f} s before"
-                told = f"{error.value}, {before}"
-                return InvalidInput(error.status, error.field, told, error.allowed)
-    return error
 
 
 @lru_cache(maxsize=2)

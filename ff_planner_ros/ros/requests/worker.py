@@ -34,7 +34,7 @@ _POLL = 0.02
 _LOADING = 60.0
 # A search that ends in time needs a moment more for its answer, on a machine that is busy [s]. What
 # is given up without an answer cannot be replayed to its step.
-_GRACE = 1.0
+_GRACE = 5.0
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
 # hangs, however busy the machine is.
 _BEGINNING = 10.0
