@@ -16,7 +16,7 @@ from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PARTS = (
     *("chaser state", "obstacles", "target body", "last request", "solver", "solve time"),
-    *("other planners", "recorder", "tracking"),
+    *("other planners", "recorder", "tracking", "clock"),
 )
 
 
@@ -164,6 +164,9 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             "leaves the plan: 0.0 mm and 1.15 deg",
         ),
         ("tracking", {"tracking": TrackingError(float("nan"), 0.0)}, WARN, "leaves the plan"),
+        ("clock", {}, OK, "the system's"),
+        ("clock", {"clock_still_for": 1.9}, OK, "simulated: /clock ticks"),
+        ("clock", {"clock_still_for": 2.1}, WARN, "/clock has not ticked for 2.1 s"),
     ],
 )
 def test_each_part_turns_to_its_level_with_words_that_say_why(

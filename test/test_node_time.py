@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from managed_node import Manager
 from rclpy.publisher import Publisher
@@ -97,6 +98,25 @@ def test_another_clock_at_run_time_makes_it_forget_and_is_not_told_as_a_jump_of_
     assert "the node's clock is the system's from now on: states and plans of" in planner.log
     assert "the node's clock is the simulated one from now on: states and plans of" in planner.log
     assert "jumped back by" not in planner.log
+
+
+@pytest.mark.ci
+@pytest.mark.usefixtures("planner")
+def test_a_simulated_clock_that_stands_still_is_told() -> None:
+    """The diagnostics have a clock of their own, and do not stand still with it."""
+    with connected_client() as client:
+        client.wait_for_planner()
+        assert Manager(client).set("use_sim_time", True).successful
+        heard = client.hear(DiagnosticArray, "/diagnostics")
+
+        def words() -> str:
+            found = [one for one in heard[-1].status if one.name.endswith("ff_planner: clock")]
+            return found[0].message if found else ""
+
+        client.wait_until(lambda: heard and "/clock has not ticked" in words(), "a still clock")
+        assert [one.level for one in heard[-1].status if one.name.endswith("clock")] == [
+            DiagnosticStatus.WARN
+        ]
 
 
 def test_time_goes_on_and_jumps_back(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock, ClockChange, JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockChange, JumpThreshold, ROSClock, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -53,6 +54,7 @@ class Session:
         """
         self._node, self._parameters, self._worker = node, parameters, worker
         self._namesakes: list[str] = []
+        self._ticked = -1, 0.0  # simulated time, and when it was seen first: (ns, s)
         now = parameters.current
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
@@ -229,9 +231,19 @@ class Session:
             tracking=self._output.tracking,
             tracking_max_position=now.tracking.max_position,
             tracking_max_angle=now.tracking.max_angle,
+            clock_still_for=self._clock_still_for(clock.nanoseconds),
         )
         name = self._node.get_fully_qualified_name()
         self._diagnostics.publish(diagnostics(health, name, clock.to_msg()))
+
+    def _clock_still_for(self, now_ns: int) -> float | None:
+        """Return how long simulated time has stood still, as far as was looked at [s]."""
+        clock = self._node.get_clock()
+        if not (isinstance(clock, ROSClock) and clock.ros_time_is_active):
+            return None
+        if now_ns != self._ticked[0]:
+            self._ticked = now_ns, time.monotonic()
+        return time.monotonic() - self._ticked[1]
 
     def _unheard(self) -> dict[str, list[str]]:
         """Return words on publishers that the node cannot hear, by topic."""

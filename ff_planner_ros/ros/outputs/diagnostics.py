@@ -19,6 +19,8 @@ from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 # Topics of the parts.
 _STATES = "chaser_state", "odometry", "joint_states"
 _SCENES, _TARGETS = ("obstacles", "obstacle_bodies"), ("target_body",)
+# Simulated clocks tick ten times a second or more [s].
+_STANDS = 2.0
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -63,6 +65,9 @@ class NodeHealth:
     unheard: Mapping[str, Sequence[str]] = field(default_factory=dict)
     # Whether whoever published the obstacles may be there still
     obstacles_are_published: bool = True
+    clock_still_for: float | None = (
+        None  # simulated time stands still [s]; None: it is the system's
+    )
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
@@ -77,6 +82,7 @@ def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
         "other planners": _other_planners(health),
         "recorder": _recorder(health),
         "tracking": _tracking(health),
+        "clock": _clock(health),
     }
     return DiagnosticArray(
         header=Header(stamp=stamp),
@@ -253,3 +259,17 @@ def _tracking(health: NodeHealth) -> _Part:
         return OK, f"the chaser is {found}", values
     allowed = f"{furthest * 1e3:g} mm and {math.degrees(widest):.2g} deg"
     return WARN, f"the chaser leaves the plan: {found}, allowed are {allowed}", values
+
+
+def _clock(health: NodeHealth) -> _Part:
+    still = health.clock_still_for
+    if still is None:
+        return OK, "the system's", {}
+    values = {"still for [s]": f"{still:.1f}"}
+    if still <= _STANDS:
+        return OK, "simulated: /clock ticks", values
+    message = (
+        f"simulated, and /clock has not ticked for {still:.1f} s: plans, previews and the age of "
+        "what was received stand still; does the simulation run?"
+    )
+    return WARN, message, values
