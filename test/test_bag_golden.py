@@ -96,6 +96,8 @@ def test_info_tells_of_its_requests(name: str) -> None:
     assert f"requests  {len(BAGS[name][0])}: " in text
     assert all(outcome in text for outcome in BAGS[name][0])
     assert "note:" not in text
+    waiting = "publish_plan  1: 1 SOLVED"
+    assert (waiting in text) == (name == "node_0_2")
 
 
 @every_bag

@@ -24,6 +24,7 @@ from ros_processes import (
     running_planner,
 )
 
+from ff_planner_ros.bag.info import bag_document
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
@@ -258,3 +259,6 @@ def test_the_bag_has_every_publication_and_who_asked_for_it(
         assert again.answer.task_digest == one.response.task_digest
     assert asked_for.count(Status.SOLVED) == len(by_id)
     assert asked_for[-1] == Status.NOT_ACTIVE
+    told = bag_document(planner.bag)["publications"]
+    assert [one["status"] for one in told] == [Status(code).name for code in asked_for]
+    assert told[-1]["plan_id"] == made.plan_id

@@ -14,6 +14,8 @@ from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.messages.service_events import (
     GOAL_EVENT,
     GOAL_EVENTS,
+    REQUEST_RECEIVED,
+    RESPONSE_SENT,
     RESULT_EVENT,
     RESULT_EVENTS,
     SERVICE_EVENT,
@@ -21,8 +23,6 @@ from ff_planner_ros.messages.service_events import (
 )
 
 SERVICE, ACTION = "service", "action"  # where a request comes in
-# Of service_msgs/ServiceEventInfo; clients send events of the other kinds.
-_REQUEST_RECEIVED, _RESPONSE_SENT = 1, 2
 
 Request = TypeVar("Request")
 Response = TypeVar("Response")
@@ -86,19 +86,19 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
     if message.type_name == SERVICE_EVENT:
         name = topic.removesuffix(SERVICE_EVENTS)
         key = (name, _bytes(event.info.client_gid), int(event.info.sequence_number))
-        if kind == _REQUEST_RECEIVED:
+        if kind == REQUEST_RECEIVED:
             yield from (
                 (SERVICE, name, key, present_request(request), None) for request in event.request
             )
-        elif kind == _RESPONSE_SENT:
+        elif kind == RESPONSE_SENT:
             yield from (
                 (SERVICE, name, key, None, present_answer(response)) for response in event.response
             )
-    elif message.type_name == GOAL_EVENT and kind == _REQUEST_RECEIVED:
+    elif message.type_name == GOAL_EVENT and kind == REQUEST_RECEIVED:
         name = topic.removesuffix(GOAL_EVENTS)
         for one in event.request:
             yield ACTION, name, (name, _bytes(one.goal_id.uuid)), present_request(one.goal), None
-    elif message.type_name == RESULT_EVENT and kind == _RESPONSE_SENT:
+    elif message.type_name == RESULT_EVENT and kind == RESPONSE_SENT:
         name = topic.removesuffix(RESULT_EVENTS)
         goals = [_bytes(one.goal_id.uuid) for one in event.request]
         for number, one in enumerate(event.response):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from ff_planner_ros.bag.exchanges import Exchange
 from ff_planner_ros.bag.mcap.mcap_records import printable
 from ff_planner_ros.bag.mcap.rosbag2_metadata import ROSBAG2, custom_data
 from ff_planner_ros.bag.plans import RecordedPlan, planning_exchanges
+from ff_planner_ros.bag.publications import Publication, publications
 from ff_planner_ros.bag.reader import Bag, open_bag
 from ff_planner_ros.common.times import NANOSECONDS
 
@@ -53,6 +54,7 @@ def bag_document(path: Path) -> dict[str, Any]:
                 for one in bag.topics.values()
             ],
             **requests,
+            "publications": [_publication(bag, one) for one in publications(bag)],
             "attached": {name: len(data) for name, data in bag.attachments.items()},
             "records": {
                 name: custom_data(record) if name == ROSBAG2 else dict(record)
@@ -106,6 +108,11 @@ def _answer(bag: Bag, exchange: Exchange[Any, RecordedPlan], plan: RecordedPlan)
     }
 
 
+def _publication(bag: Bag, one: Publication) -> dict[str, Any]:
+    after = (one.answered_ns - bag.start_ns) / NANOSECONDS
+    return vars(one) | {"answered_after_s": after}
+
+
 def _lines(told: Mapping[str, Any]) -> Iterator[str]:
     yield f"bag       {printable(told['bag'])}"
     names = told["files"]
@@ -123,6 +130,7 @@ def _lines(told: Mapping[str, Any]) -> Iterator[str]:
         name, type_name = _short(topic["name"]), _short(topic["type"])
         yield f"  {topic['message_count']:9}  {name:{width}}  {type_name}"
     yield from _request_lines(told)
+    yield from _publication_lines(told["publications"])
     documents = (f"{name} ({length} bytes)" for name, length in told["attached"].items())
     yield f"attached  {_short(', '.join(documents)) or 'nothing'}"
     for name, record in told["records"].items():
@@ -144,6 +152,19 @@ def _request_lines(told: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {one['answered_after_s']:9.3f} s  {words}"
     if len(answers) > _MOST_REQUESTS:
         yield f"  ... and {len(answers) - _MOST_REQUESTS} more: ff-planner export has them all"
+
+
+def _publication_lines(publications: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    if not publications:
+        return
+    counts = Counter(one["status"] for one in publications)
+    listed = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    yield f"publish_plan  {len(publications)}: {listed}"
+    for one in publications[:_MOST_REQUESTS]:
+        words = "  ".join(_short(one[key]) for key in ("status", "plan_id", "message"))
+        yield f"  {one['answered_after_s']:9.3f} s  {words}"
+    if len(publications) > _MOST_REQUESTS:
+        yield f"  ... and {len(publications) - _MOST_REQUESTS} more"
 
 
 def _utc(time_ns: int) -> str:

@@ -188,7 +188,7 @@ def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
         plan_id=str(answer.plan_id),
         topic=message.topic,
         answered_ns=message.log_time_ns,
-        status=Status(code).name if code in Status.__members__.values() else str(code),
+        status=status_name(code),
         message=str(answer.status.message),
         start_ns=0 if plan is None else nanoseconds(plan.joint_trajectory.header.stamp),
         joint_names=() if plan is None else tuple(map(str, plan.joint_trajectory.joint_names)),
@@ -220,3 +220,8 @@ def _metrics(metrics: Any) -> dict[str, float | str | tuple[float, ...]]:
         for name, value in vars(metrics).items()
         if not name.startswith("_")
     }
+
+
+def status_name(code: int) -> str:
+    """Return the name of a status, or the code itself where this version knows none."""
+    return Status(code).name if code in Status.__members__.values() else str(code)
