@@ -17,7 +17,7 @@ class Round(NamedTuple):
     hops: int
 
 
-_QUICK, _MORE, _MOST = Round(2, 0), Round(5, 6), Round(16, 48)
+_QUICK, _MORE, _MOST = Round(2, 0), Round(10, 6), Round(16, 48)
 ROUNDS = {
     SearchDepth.QUICK: (_QUICK,),
     SearchDepth.NORMAL: (_QUICK, _MORE),
