@@ -105,16 +105,16 @@ def test_a_quick_search_finds_most_of_it_at_a_fraction_of_the_price(lemur_captur
     assert quick.solver.rollouts < 0.5 * searched.solver.rollouts
 
 
-def test_the_least_attitude_is_looked_for_in_joint_splines_unless_others_are_asked_for(
-    lemur_capture,
-):
-    """Their best turns the chaser less than the paper's."""
-    problem = replace(lemur_capture, objective=ATTITUDE)
+def test_the_least_attitude_is_looked_for_in_joint_splines_unless_others_are_asked_for():
+    """Here their best turns the chaser by a third of the paper's."""
+    drawn = scenario("cluttered", "off7", 3, turned=False).problem
+    problem = replace(drawn, objective=ATTITUDE)
     papers = replace(problem, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
-    found, of_paper = plan(problem, SETTINGS), plan(papers, SETTINGS)
+    quick = replace(SETTINGS, search=QUICK)
+    found, of_paper = plan(problem, quick), plan(papers, quick)
     assert found.family == Parametrisation.JOINT_SPLINE
     assert of_paper.family == Parametrisation.END_EFFECTOR_POLYNOMIAL
-    assert found.metrics.max_chaser_euler < 0.9 * of_paper.metrics.max_chaser_euler
+    assert found.metrics.max_chaser_euler < 0.5 * of_paper.metrics.max_chaser_euler
 
 
 def test_no_round_is_spent_where_the_attitude_is_a_minor_part(lemur_capture):
