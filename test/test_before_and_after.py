@@ -18,7 +18,7 @@ def test_plans_made_with_the_core_are_those_of_its_references(
     times: Callable[[int, int], int],
 ) -> None:
     """One of each class, of lines and bodies, both path families, at rest and tumbling."""
-    nearest = "lemur_capture, L + Theta, no rounds"
+    nearest = "lemur_capture, L + Theta, quick"
     kept = ("lemur_capture, min(L)", nearest, "planar_capture", "bodies", "tumbling")
     # Many joint paths turn the chaser equally little: rounding decides for one of them.
     asked = [

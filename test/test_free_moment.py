@@ -316,7 +316,9 @@ def test_the_weight_of_a_duration_that_is_given_changes_no_plan(resting: Plannin
 
 def test_where_no_moment_has_a_plan_the_answer_says_why(resting: PlanningProblem) -> None:
     papers = replace(resting, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
-    with pytest.raises(NoPlanFound, match=r"from 0\.1 s to 0\.4 s") as refused:
+    with pytest.raises(
+        NoPlanFound, match=r"that lasts 0\.1, 0\.175, 0\.25, 0\.325, 0\.4 s"
+    ) as refused:
         perform(PlanningTask(free(papers, 0.1, 0.4), replace(SETTINGS, starts=1)))
     assert refused.value.status is Status.TORQUE_TOO_HIGH
 

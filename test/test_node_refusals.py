@@ -48,6 +48,7 @@ pytestmark = pytest.mark.ci
 NAN = float("nan")
 # What an answer was made from is told, refusals included.
 SOURCES = (
+    "state_clock_offset",
     *("received_stamp", "state_stamp", "state_source", "joint_states_stamp"),
     *("obstacles_stamp", "obstacles_source", "previous_plan_id"),
     *("target_body_stamp", "target_body_source"),
@@ -143,7 +144,6 @@ NOT_YET: dict[str, Any] = {
     "goal.kind": Goal.JOINTS,
     "payload": [Payload()],
     "then": [Phase()],
-    "search.depth": "quick",
     "scene.0.bodies": [Obstacle()],
     "limits.grasp_force": [1.0],
     "limits.grasp_torque": [1.0],
@@ -359,6 +359,11 @@ CASES = {
     ),
     "a target body with bodies": Case(
         Status.UNSUPPORTED, ("target_body.bodies is",), _of_a_body_with(bodies=[Obstacle()])
+    ),
+    "a depth of the search that is none": Case(
+        Status.OUT_OF_RANGE,
+        ("search.depth is 'deep'", "it must be quick, normal or thorough"),
+        _set("search.depth", "deep"),
     ),
     "a goal at rest": Case(
         Status.UNSUPPORTED, ("goal.kind is 3", "POSE (0)"), _set("goal.kind", Goal.AT_REST)
