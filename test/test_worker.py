@@ -262,6 +262,7 @@ def test_a_server_that_hangs_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(module, "_BEGINNING", 3.0)
+    monkeypatch.setattr(module, "_GRACE", 0.5)
     solve(worker, lemur_capture, settings)
     before = server(worker)
     os.kill(before, signal.SIGSTOP)
