@@ -20,6 +20,7 @@ from ff_planner_ros.parameters.node import STATE_SOURCES
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW
+from ff_planner_ros.ros.inputs.contradictions import of_joints
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, heard_with
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
@@ -521,6 +522,19 @@ def test_a_stamp_ahead_of_now_never_becomes_a_measurement_of_now(
 
 
 @pytest.mark.parametrize("source", STATE_SOURCES)
+def test_what_came_with_a_stamp_ahead_hides_no_measurement_when_its_time_has_come(
+    lemur_capture: PlanningProblem, source: str
+) -> None:
+    """It has the newest stamp by then, and was heard long before the last measurement."""
+    navigation = Navigation(lemur_capture, source, 0.0)
+    navigation.say(2.0 * WINDOW)
+    navigation.go_on(2.0 * WINDOW - 0.1)
+    measured_ns = navigation.now_ns
+    navigation.now_ns += SECOND // 5
+    assert navigation.fed.ask(navigation.now_ns).stamp_ns == measured_ns
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
 def test_a_clock_that_is_ahead_is_refused_whichever_message_comes_until_it_was_right_for_seconds(
     lemur_capture: PlanningProblem, source: str
 ) -> None:
@@ -655,3 +669,12 @@ def test_two_publishers_that_agree_and_one_that_jumps_contradict_nobody(
         alone.now_ns += SECOND // 100
         alone.say("a", joint=0.1 * step)
         assert alone.ask().stamp_ns == alone.now_ns
+
+
+def test_what_becomes_faster_on_the_way_contradicts_nobody() -> None:
+    """Half a second from rest to 0.2 rad/s, late or early: 0.01 to 0.09 rad, by the rates alone."""
+    names, rest = ["joint_1"], (np.zeros(1), np.zeros(1))
+    for moved in (0.01, 0.09):
+        assert of_joints(rest, (np.array([moved]), np.array([0.2])), 0.5, names) == ""
+    further = of_joints(rest, (np.array([0.13]), np.array([0.2])), 0.5, names)
+    assert further == "joint_1 is 0 and 0.13 rad"
