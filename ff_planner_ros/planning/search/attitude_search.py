@@ -264,12 +264,10 @@ class AttitudeSearch:
 
     def _with_effort(self) -> Plan:
         """Return the best plan with the effort of the whole search."""
-        best = self.best
-        optimality, reason = best.solver.optimality, best.solver.stop_reason
-        if best is self.shortest:
-            reason = NO_BETTER
-        report = replace(best.solver, optimality=optimality, stop_reason=reason)
-        return replace(best, solver=self.solver.effort.report(report))
+        report = self.solver.effort.report(self.best.solver)
+        if self.best is self.shortest:
+            report = replace(report, stop_reason=NO_BETTER)
+        return replace(self.best, solver=report)
 
     def _coarsest(self, norm: float = np.inf) -> Grid:
         """Return the coarsest grid, whose paths minimise a norm of the angles."""

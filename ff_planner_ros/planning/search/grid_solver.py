@@ -231,7 +231,7 @@ class GridSolver:
         ]
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
-        problem, settings = self.program.problem, self.settings
+        problem, settings = self.problem, self.settings
         position, turn = np.linalg.norm(miss(problem.robot, motion.q[-1], problem.target), axis=1)
         return bool(
             position <= _MISS * settings.position_tolerance
