@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from ff_planner_msgs.msg import (
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMsg
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -48,6 +50,7 @@ from ff_planner_ros.ros.messages.to_messages import (
 
 FRAME = "inertial"
 DEADLINE = 300.0  # [s] a condition that is not met by then on a busy machine never will be
+PROBE_INTERVAL = 5.0  # [s] after which an answer is taken to be lost
 EVENT_TOPIC = "/plan_trajectory/_service_event"
 REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
 
@@ -108,7 +111,7 @@ class PlannerProcess:
 class Client:
     """The world around the planner: publishes, asks, and keeps what it hears."""
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, planner: str) -> None:
         rclpy.init(args=[])
         self._changed = threading.Condition()
         self.received: dict[str, list[Any]] = {}
@@ -128,8 +131,10 @@ class Client:
         ):
             self.hear(message_type, topic, qos)
         self._service = self.node.create_client(PlanTrajectory, "plan_trajectory")
-        self._publish_plan = self.node.create_client(PublishPlan, "ff_planner/publish_plan")
+        self._publish_plan = self.node.create_client(PublishPlan, f"{planner}/publish_plan")
         self._action = ActionClient(self.node, PlanTrajectoryAction, "plan_trajectory_action")
+        # After the other services: see `wait_for_planner`.
+        self._probe = self.node.create_client(GetParameters, f"{planner}/get_parameters")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._stop = spin_in_background(self._executor, self.node.get_logger())
@@ -155,7 +160,21 @@ class Client:
                 raise TimeoutError(f"{what} did not happen within {DEADLINE} s")
 
     def wait_for_planner(self) -> None:
+        """Wait until the planner is there, and knows where its answers go.
+
+        A service is available as soon as it hears the client. On a busy machine it may discover
+        seconds later where the client listens, and an answer until then is lost
+        (https://github.com/ros2/ros2/issues/1253). What a process offers and wants is told in
+        order: once the last client has got an answer, the others will get theirs.
+        """
         assert self._service.wait_for_service(DEADLINE), "no planner appeared"
+        give_up = time.monotonic() + DEADLINE
+        while time.monotonic() < give_up:
+            with suppress(TimeoutError):
+                probe = partial(self._probe.call_async, GetParameters.Request())
+                ask(self._executor, probe).result(PROBE_INTERVAL)
+                return
+        raise TimeoutError("the planner did not answer")
 
     def wait_for_an_answer(self) -> None:
         """Wait until the planner answers: on a busy machine seconds after it appeared."""
@@ -334,8 +353,8 @@ def running_planner(directory: Path, *ros_arguments: str) -> Iterator[PlannerPro
 
 
 @contextmanager
-def connected_client(namespace: str = "") -> Iterator[Client]:
-    client = Client(namespace)
+def connected_client(namespace: str = "", planner: str = "ff_planner") -> Iterator[Client]:
+    client = Client(namespace, planner)
     try:
         yield client
     finally:

@@ -100,12 +100,13 @@ SCENARIOS = {
 def test_a_pattern_that_stands_for_no_scenarios_is_refused_in_words(
     named: str, tmp_path: Path, run: Run
 ) -> None:
-    (tmp_path / "directory").mkdir()
+    studies = tmp_path / "few" / "studies"  # beside nothing else: patterns may go up
+    (studies / "directory").mkdir(parents=True)
     if named.startswith("many"):
-        (tmp_path / "many").mkdir()
+        (studies / "many").mkdir()
         for number in range(10_001):
-            (tmp_path / "many" / f"{number}.yaml").touch()
-    path = study_file(tmp_path, scenarios=[named])
+            (studies / "many" / f"{number}.yaml").touch()
+    path = study_file(studies, scenarios=[named])
     done = run(["campaign", path, "--out", tmp_path / "out"])
     assert done.code == 2, done
     assert "scenarios[0] is " in done.err

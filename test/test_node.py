@@ -66,7 +66,7 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
         *("-r", "obstacles:=/vision/spheres"),
     )
     with private_domain(), running_planner(tmp_path, *arguments) as planner:
-        with connected_client("/servicer") as client:
+        with connected_client("/servicer", "planner") as client:
             client.wait_for_planner()
             request = scene.complete_request()
             request.search.points = 0
