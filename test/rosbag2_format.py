@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 INT64_MAX = 2**63 - 1
 # rmw/qos_string_conversions.h
@@ -107,20 +107,16 @@ def _check_file(path: Path, file: dict[str, Any]) -> dict[str, int]:
 def _check_channel(channel: Channel, schema: Schema) -> None:
     assert channel.message_encoding == "cdr"
     _check_profiles(_load(channel.metadata["offered_qos_profiles"]))
-    assert schema.encoding in ("ros2msg", "ros2idl")
+    assert schema.encoding == "ros2msg"
     # The definition is complete if it has the hash of the type.
-    computed = _hash(schema.encoding, schema.name, schema.data.decode())
+    computed = _hash(schema.name, schema.data.decode())
     assert channel.metadata["topic_type_hash"] == computed
 
 
 @cache
-def _hash(encoding: str, name: str, definition: str) -> str:
+def _hash(name: str, definition: str) -> str:
     store = get_typestore(Stores.EMPTY)
-    if encoding == "ros2msg":
-        store.register(get_types_from_msg(definition, name))
-    else:
-        for section in definition.split("=" * 80 + "\n")[1:]:
-            store.register(get_types_from_idl(section.partition("\n")[2]))
+    store.register(get_types_from_msg(definition, name))
     return store.hash_rihs01(name)
 
 

@@ -85,7 +85,7 @@ MESSAGES = [
 def test_a_message_comes_back_as_it_was(message: Any) -> None:
     name = type_name(type(message))
     definition = message_definition(name)
-    decode = decoder(name, definition.encoding, definition.text.encode())
+    decode = decoder(definition.name, "ros2msg", definition.text.encode())
     assert as_installed(decode(encode(message)), type(message)) == message
 
 

@@ -12,6 +12,7 @@ import pytest
 from answers import received, sent
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import Plan, PlanAnswer, PlanMetrics, PlanRequest
+from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped, Twist
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -25,10 +26,11 @@ from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, Status
-from ff_planner_ros.messages.service_events import GOAL_EVENT, RESULT_EVENT, SERVICE_EVENT
-from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
+from ff_planner_ros.messages.service_events import RESULT_EVENT, SERVICE_EVENT, recorded_name
+from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name
 
 NODE = Path(__file__).parent / "golden_bags" / "node"
+EVENT = type_name(PlanTrajectory.Event)
 _, REQUEST_RECEIVED, RESPONSE_SENT, RESPONSE_RECEIVED = range(4)
 
 
@@ -72,7 +74,7 @@ def response(plan_id: str, code: int = Status.SOLVED, joints: int = 2) -> PlanAn
 
 
 def answered(*answers: PlanAnswer) -> list[tuple[str, str, Any]]:
-    return [("/plan_trajectory/_service_event", SERVICE_EVENT, sent(one)) for one in answers]
+    return [("/plan_trajectory/_service_event", EVENT, sent(one)) for one in answers]
 
 
 def write(directory: Path, events: Sequence[tuple[str, str, Any]]) -> Path:
@@ -105,9 +107,9 @@ def test_plans_are_those_that_an_independent_decoder_finds_published() -> None:
 def test_arrays_are_what_the_messages_say() -> None:
     with AnyReader([NODE]) as reader:
         decoded = [
-            (connection.msgtype, reader.deserialize(data, connection.msgtype))
+            (recorded_name(connection.msgtype), reader.deserialize(data, connection.msgtype))
             for connection, _, data in reader.messages()
-            if connection.msgtype in (SERVICE_EVENT, RESULT_EVENT)
+            if recorded_name(connection.msgtype) in (SERVICE_EVENT, RESULT_EVENT)
         ]
     answers = [
         one.result if name == RESULT_EVENT else one
@@ -211,7 +213,11 @@ def test_a_status_of_a_later_version_is_given_as_its_number(tmp_path: Path) -> N
 
 def test_answers_of_service_and_action_come_in_the_order_of_time(tmp_path: Path) -> None:
     events = [
-        ("/act/_service_event", RESULT_EVENT, result_sent(response("first", Status.BUSY))),
+        (
+            "/act/_service_event",
+            type_name(GET_RESULT.Event),
+            result_sent(response("first", Status.BUSY)),
+        ),
         *answered(response("second")),
     ]
     assert [p.plan_id for p in read_plans(write(tmp_path / "run", events))] == ["first", "second"]
@@ -232,11 +238,19 @@ def of_two_robots(directory: Path) -> Path:
     return write(
         directory,
         [
-            ("/a/plan_trajectory/_service_event", SERVICE_EVENT, asked),
+            ("/a/plan_trajectory/_service_event", EVENT, asked),
             *((f"/a{topic}", *rest) for topic, *rest in answered(response("/a/1"))),
-            ("/a/plan_trajectory/_service_event", SERVICE_EVENT, asked),
-            ("/b/plan_trajectory_action/_action/send_goal/_service_event", GOAL_EVENT, goal),
-            ("/b/plan_trajectory_action/_action/get_result/_service_event", RESULT_EVENT, result),
+            ("/a/plan_trajectory/_service_event", EVENT, asked),
+            (
+                "/b/plan_trajectory_action/_action/send_goal/_service_event",
+                type_name(SEND_GOAL.Event),
+                goal,
+            ),
+            (
+                "/b/plan_trajectory_action/_action/get_result/_service_event",
+                type_name(GET_RESULT.Event),
+                result,
+            ),
         ],
     )
 
@@ -302,7 +316,7 @@ def test_a_row_says_what_was_asked_and_what_the_solver_did() -> None:
         told = [
             reader.deserialize(data, connection.msgtype)
             for connection, _, data in reader.messages()
-            if connection.msgtype == SERVICE_EVENT
+            if recorded_name(connection.msgtype) == SERVICE_EVENT
         ]
     requests = [one.request[0] for one in told if one.info.event_type == REQUEST_RECEIVED]
     responses = [one.response[0] for one in told if one.info.event_type == RESPONSE_SENT]

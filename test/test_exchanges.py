@@ -19,7 +19,8 @@ from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.plans import planning_exchanges
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.messages.service_events import SERVICE_EVENT, SERVICE_EVENTS
+from ff_planner_ros.messages.service_events import SERVICE_EVENTS
+from ff_planner_ros.ros.messages.interfaces import type_name
 
 TOPIC = f"/plan_trajectory{SERVICE_EVENTS}"
 RECEIVED, SENT = ServiceEventInfo.REQUEST_RECEIVED, ServiceEventInfo.RESPONSE_SENT
@@ -40,7 +41,7 @@ def read(
     """The events go to the topics in turn."""
     with BagWriter(directory, flush_interval=0.0) as bag:
         for topic in topics:
-            bag.add_topic(topic, SERVICE_EVENT, [])
+            bag.add_topic(topic, type_name(PlanTrajectory.Event), [])
         for time, told in enumerate(events):
             bag.write(topics[time % len(topics)], encode(told), time, time)
     with open_bag(directory) as opened:

@@ -28,6 +28,7 @@ from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.report.run_page import save_page
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs import measured
 from ff_planner_ros.runs.installed import as_installed
@@ -60,7 +61,9 @@ def long_run(short: Path, long: Path, messages: int) -> None:
             if name != ROSBAG2:
                 writer.add_record(name, record)
         for topic in bag.topics.values():
-            writer.add_topic(topic.name, topic.type_name, [])
+            is_event = topic.type_name == SERVICE_EVENT
+            kind = type_name(PlanTrajectory.Event) if is_event else topic.type_name
+            writer.add_topic(topic.name, kind, [])
         (state,) = bag.messages("/chaser_state")
         events = [
             (message.topic, as_installed(event, PlanTrajectory.Event))

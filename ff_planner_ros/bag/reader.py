@@ -17,6 +17,7 @@ from ff_planner_ros.bag.mcap.decoding import ENCODINGS, Decoder
 from ff_planner_ros.bag.mcap.mcap_file import Block, McapFile, RawMessage
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.messages.service_events import recorded_name
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Message:
     """A message as it was written."""
 
     topic: str
-    type_name: str  # `package/msg/Name` or `package/srv/Name_Event`
+    type_name: str  # as of `recorded_name`: `package/msg/Name`
     log_time_ns: int  # when it was received, since the epoch
     publish_time_ns: int  # when it was published, since the epoch
     cdr: bytes
@@ -221,4 +222,4 @@ def _may_hold(block: Block, channels: set[int] | None) -> bool:
 
 def _type_name(file: McapFile, channel: Channel) -> str:
     schema = file.schemas.get(channel.schema_id)
-    return schema.name if schema else ""
+    return recorded_name(schema.name) if schema else ""

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
-from ff_planner_ros.bag.mcap.definition import Definition, message_definition, type_hash
+from ff_planner_ros.bag.mcap.definition import ENCODING, Definition, message_definition
 from ff_planner_ros.bag.mcap.rosbag2_metadata import (
     INT64_MAX,
     ROSBAG2,
@@ -107,7 +107,8 @@ class BagWriter:
         """Announce a topic.
 
         Args:
-            type_name: `package/msg/Name` or `package/srv/Name_Event`.
+            type_name: `package/msg/Name` or `package/srv/Name_Event`; a part of a service or an
+                action is held as the message with the same bytes (see `recorded_name`).
             qos: What each publisher of the topic offers; may be empty.
 
         Raises:
@@ -115,11 +116,11 @@ class BagWriter:
                 or the disk failed.
         """
         definition = message_definition(type_name)
-        info = TopicInfo(type_name, type_hash(type_name), profiles(qos))
+        info = TopicInfo(definition.name, definition.hash, profiles(qos))
         with self._writing():
             if topic in self._topics:
                 raise BagError(f"topic {topic} is in bag {self._directory} already")
-            self._definitions[type_name] = definition
+            self._definitions[definition.name] = definition
             self._topics[topic] = info
             self._register(topic)
 
@@ -292,7 +293,7 @@ class BagWriter:
         if info.type_name not in self._schemas:
             definition = self._definitions[info.type_name]
             self._schemas[info.type_name] = self._mcap.register_schema(
-                info.type_name, definition.encoding, definition.text.encode()
+                info.type_name, ENCODING, definition.text.encode()
             )
         self._channels[topic] = self._mcap.register_channel(
             topic,

@@ -1,11 +1,23 @@
 """Types and topics of the events that hold the requests and answers of service and action."""
 
-SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
-GOAL_EVENT = "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event"
-RESULT_EVENT = "ff_planner_msgs/action/PlanTrajectory_GetResult_Event"
-PUBLISH_EVENT = "ff_planner_msgs/srv/PublishPlan_Event"
+# As a bag writes them, see `recorded_name`
+SERVICE_EVENT = "ff_planner_msgs/msg/PlanTrajectoryEvent"
+GOAL_EVENT = "ff_planner_msgs/msg/PlanTrajectorySendGoalEvent"
+RESULT_EVENT = "ff_planner_msgs/msg/PlanTrajectoryGetResultEvent"
+PUBLISH_EVENT = "ff_planner_msgs/msg/PublishPlanEvent"
 SERVICE_EVENTS = "/_service_event"  # topics, behind the name of the service or action
 GOAL_EVENTS = "/_action/send_goal/_service_event"
 RESULT_EVENTS = "/_action/get_result/_service_event"
 # Of service_msgs/ServiceEventInfo; clients send events of the other kinds.
 REQUEST_RECEIVED, RESPONSE_SENT = 1, 2
+
+
+def recorded_name(type_name: str) -> str:
+    """Return the name under which a bag holds a type, `package/msg/Name`.
+
+    A part of a service or an action is held as the message that has the same bytes; until version
+    0.3 under its own name, `package/srv/Name_Event`.
+    """
+    package, _, rest = type_name.partition("/")
+    kind, _, name = rest.partition("/")
+    return f"{package}/msg/{name.replace('_', '')}" if kind in ("srv", "action") else type_name

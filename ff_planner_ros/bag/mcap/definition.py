@@ -4,29 +4,35 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ff_planner_ros.common.share import installation_prefixes
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.messages.service_events import recorded_name
+
+ENCODING = "ros2msg"  # of every definition here, in the words of MCAP
 
 _TYPE_NAME = re.compile(
     r"\w+/(msg/\w+|srv/\w+_(Event|Request|Response)"
     r"|action/[A-Za-z0-9]+_(FeedbackMessage|(SendGoal|GetResult)_Event))"
 )
 _PRIMITIVE = re.compile(r"bool|byte|char|float(32|64)|u?int(8|16|32|64)|w?string")
-_INCLUDE = re.compile(r'^#include\s+["<](\S+)\.idl[">]\n', re.MULTILINE)
-_STRING = re.compile(r'"((?:[^"\\]|\\.)*)"')
-_COMMENT = re.compile(rf'@verbatim \(language="comment", text=((?:\s*{_STRING.pattern})+)\s*\)')
+_CONSTANT = re.compile(r"\S+\s+[A-Z][A-Z0-9_]*\s*=")
 _SEPARATOR = "=" * 80
+_GOAL_ID, _TIME = "unique_identifier_msgs/UUID goal_id", "builtin_interfaces/Time stamp"
+# As rosidl fills a structure without fields
+_NO_FIELDS = "uint8 structure_needs_at_least_one_member"
 
 
 @dataclass(frozen=True)
 class Definition:
     """The complete definition of a message type: its own text and that of all types it holds."""
 
-    encoding: str  # `ros2msg` or `ros2idl`, as in an MCAP schema
-    text: str  # the definitions, concatenated as in rosbag2's `message_definition_encoding.md`
+    name: str  # of the type, as a bag writes it: `package/msg/Name`
+    text: str  # `ros2msg`, concatenated as in rosbag2's `message_definition_encoding.md`
+    hash: str  # of the type: RIHS01 of REP 2011
 
 
 def message_definition(type_name: str) -> Definition:
@@ -35,37 +41,35 @@ def message_definition(type_name: str) -> Definition:
     Types are named `package/msg/Name`, `package/srv/Name_Event`, `_Request`, `_Response`, or
     `package/action/Name_FeedbackMessage`, `_SendGoal_Event`, `_GetResult_Event`.
 
-    A message is given as `ros2msg`, a part of a service or an action as `ros2idl`: readers of
-    `ros2msg` refuse the underscore in `SetBool_Event` or expect it under `msg`, and the `.srv` file
-    that rosbag2 itself stores does not define the event. The type itself is the first structure in
-    the text: Foxglove's libraries take the first one, whatever its name.
+    A part of a service or an action is given as the message that has the same bytes:
+    `package/srv/Name_Event` is `package/msg/NameEvent`. mcap-ros2-support reads nothing but
+    `ros2msg`, and like other readers of it refuses a name of a message with an underscore; the
+    `.srv` file that rosbag2 itself stores does not define the event.
 
     Raises:
         BagError: The name is of another form, or the type is not installed.
     """
     package, kind, name = _split(type_name)
     if kind == "msg":
-        root, *held = _gather(f"{package}/{name}", _msg_text, _types_in_msg).items()
-        sections = [f"{_SEPARATOR}\nMSG: {held_name}\n{text}" for held_name, text in held]
-        return Definition("ros2msg", "\n".join([root[1], *sections]))
-    installed = kind == "srv" and not name.endswith("_Event")
-    root_name = f"{package}/srv/{_service(name)}" if installed else type_name
-    root, *held = _gather(root_name, _idl_text, _types_in_idl).items()
-    texts = [(root[0], _with_first(name, _idl(root[1]))), *((h, _idl(text)) for h, text in held)]
-    parts = (f"{_SEPARATOR}\nIDL: {idl_name}\n{text}" for idl_name, text in texts)
-    return Definition("ros2idl", "\n".join(parts))
+        held = _gather({}, f"{package}/{name}")
+        return Definition(type_name, _concatenated(held), _installed_hash(package, name))
+    own = {f"{package}/{part}": text for part, text in _parts(package, kind, name).items()}
+    recorded = recorded_name(type_name)
+    # `char` is a `uint8` in ROS 2, and not for every reader.
+    held = {
+        one: re.sub(r"^char\b", "uint8", text, flags=re.MULTILINE)
+        for one, text in _gather(own, recorded.replace("/msg/", "/")).items()
+    }
+    text = _concatenated(held)
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, recorded))
+    return Definition(recorded, text, store.hash_rihs01(recorded))
 
 
-def type_hash(type_name: str) -> str:
-    """Return the hash of a message type (RIHS01 of REP 2011), from the ament share directories.
-
-    Raises:
-        BagError: The name is of another form, or the type is not installed.
-    """
-    package, kind, name = _split(type_name)
-    stem = {"msg": name, "srv": _service(name), "action": name.partition("_")[0]}[kind]
-    hashes = json.loads(_installed(f"{package}/{kind}/{stem}.json"))["type_hashes"]
-    return str(next(one["hash_string"] for one in hashes if one["type_name"] == type_name))
+def _installed_hash(package: str, name: str) -> str:
+    hashes = json.loads(_installed(f"{package}/msg/{name}.json"))["type_hashes"]
+    wanted = f"{package}/msg/{name}"
+    return str(next(one["hash_string"] for one in hashes if one["type_name"] == wanted))
 
 
 def _split(type_name: str) -> list[str]:
@@ -78,46 +82,61 @@ def _split(type_name: str) -> list[str]:
     return type_name.split("/")
 
 
-def _with_first(struct: str, idl: str) -> str:
-    """Return the IDL of a module in a module, with one of its structures before the others."""
-    modules = re.search(r"^module \w+ \{\n([^m\n].*\n)*module \w+ \{\n", idl, re.MULTILINE)
-    own = re.search(rf"^([/@].*\n)*struct {struct} \{{(?s:.*?)\}};\n", idl, re.MULTILINE)
-    if modules is None or own is None:
-        raise BagError(f"the installed IDL of {struct} does not define it in its package and kind")
-    begin, end = modules.end(), own.end()
-    return idl[:begin] + own[0] + idl[begin : own.start()] + idl[end:]
+def _concatenated(texts: dict[str, str]) -> str:
+    """Return definitions as one; the first is that of the type itself."""
+    root, *held = texts.items()
+    sections = [f"{_SEPARATOR}\nMSG: {name}\n{text}" for name, text in held]
+    return "\n".join([root[1], *sections])
 
 
-def _idl(text: str) -> str:
-    """Return IDL without includes, with comments for annotations and no blanks.
+def _gather(own: dict[str, str], root: str) -> dict[str, str]:
+    """Return the text of `root` and of every type that it holds, directly or not.
 
-    It is complete as it is, and the reader of rosbags stops at an include; without the rest it
-    reads ten times faster.
+    Args:
+        own: Texts of types that are not installed as messages.
     """
-
-    def comment(match: re.Match[str]) -> str:
-        lines = (line.replace(r"\n", "").replace(r"\"", '"') for line in _STRING.findall(match[1]))
-        return "\n".join(f"// {line}" for line in lines)
-
-    return re.sub(r"\n\s+", "\n", _COMMENT.sub(comment, _INCLUDE.sub("", text))).lstrip()
-
-
-def _service(part: str) -> str:
-    return part.rpartition("_")[0]
-
-
-def _gather(
-    root: str, text_of: Callable[[str], str], types_in: Callable[[str, str], list[str]]
-) -> dict[str, str]:
-    """Return the text of `root` and of every type that it holds, directly or not."""
     texts: dict[str, str] = {}
     waiting = [root]
     while waiting:
         name = waiting.pop(0)
         if name not in texts:
-            texts[name] = text_of(name)
-            waiting += types_in(name, texts[name])
+            texts[name] = own[name] if name in own else _msg_text(name)
+            waiting += _types_in_msg(name, texts[name])
     return texts
+
+
+def _parts(package: str, kind: str, name: str) -> dict[str, str]:
+    """Return the definitions of a service's or action's parts, by their names as messages."""
+    stem = name.partition("_")[0] if kind == "action" else name.rpartition("_")[0]
+    written = _installed(f"{package}/{kind}/{stem}.{kind}")
+    sections = [
+        text if _has_fields(text) else f"{text}\n{_NO_FIELDS}"
+        for text in re.split(r"^---[ \t]*$", written, flags=re.MULTILINE)
+    ]
+    if kind == "srv":
+        return _service_parts(stem, *sections)
+    goal, result, feedback = (f"{stem}{part}" for part in ("Goal", "Result", "Feedback"))
+    return {
+        **dict(zip((goal, result, feedback), sections, strict=True)),
+        # What ROS itself makes of an action: https://design.ros2.org/articles/actions.html
+        f"{stem}FeedbackMessage": f"{_GOAL_ID}\n{feedback} feedback\n",
+        **_service_parts(
+            f"{stem}SendGoal", f"{_GOAL_ID}\n{goal} goal\n", f"bool accepted\n{_TIME}\n"
+        ),
+        **_service_parts(f"{stem}GetResult", f"{_GOAL_ID}\n", f"int8 status\n{result} result\n"),
+    }
+
+
+def _service_parts(stem: str, request: str, response: str) -> dict[str, str]:
+    event = (
+        "service_msgs/ServiceEventInfo info\n"
+        f"{stem}Request[<=1] request\n{stem}Response[<=1] response\n"
+    )
+    return {f"{stem}Event": event, f"{stem}Request": request, f"{stem}Response": response}
+
+
+def _has_fields(text: str) -> bool:
+    return not all(_CONSTANT.match(line) for line in _statements(text))
 
 
 def _msg_text(name: str) -> str:
@@ -125,85 +144,20 @@ def _msg_text(name: str) -> str:
     return _installed(f"{package}/msg/{stem}.msg")
 
 
+def _statements(text: str) -> list[str]:
+    """Return the lines of a definition without comments, fields and constants."""
+    lines = (line.partition("#")[0].strip() for line in text.splitlines())
+    return [line for line in lines if line]
+
+
 def _types_in_msg(name: str, text: str) -> list[str]:
     types = []
-    for line in text.splitlines():
-        words = line.partition("#")[0].split()
-        if words:
-            field_type = re.split(r"[\[<]", words[0])[0]
-            if not _PRIMITIVE.fullmatch(field_type):
-                package = (field_type if "/" in field_type else name).split("/")[0]
-                types.append(f"{package}/{field_type.split('/')[-1]}")
+    for line in _statements(text):
+        field_type = re.split(r"[\[<]", line.split()[0])[0]
+        if not _PRIMITIVE.fullmatch(field_type):
+            package = (field_type if "/" in field_type else name).split("/")[0]
+            types.append(f"{package}/{field_type.split('/')[-1]}")
     return types
-
-
-def _idl_text(name: str) -> str:
-    # rosidl installs no file of a service's event, nor of what ROS itself makes of an action; a
-    # message's name has no underscore.
-    package, kind, stem = name.split("/")
-    if kind == "action" and "_" in stem:
-        return _action_idl(package, *stem.split("_")[:2])
-    return _event_idl(name) if name.endswith("_Event") else _installed(f"{name}.idl")
-
-
-def _action_idl(package: str, action: str, part: str) -> str:
-    """Return what ROS makes of an action: https://design.ros2.org/articles/actions.html."""
-    own = f"{package}::action::{action}"
-    goal_id, time = "unique_identifier_msgs::msg::UUID goal_id;", "builtin_interfaces::msg::Time"
-    structs = {
-        "FeedbackMessage": {"FeedbackMessage": f"{goal_id} {own}_Feedback feedback;"},
-        "SendGoal": {
-            "SendGoal_Request": f"{goal_id} {own}_Goal goal;",
-            "SendGoal_Response": f"boolean accepted; {time} stamp;",
-            "SendGoal_Event": _event_fields(f"{own}_SendGoal"),
-        },
-        "GetResult": {
-            "GetResult_Request": goal_id,
-            "GetResult_Response": f"int8 status; {own}_Result result;",
-            "GetResult_Event": _event_fields(f"{own}_GetResult"),
-        },
-    }[part]
-    written = "\n".join(f"    struct {action}_{n} {{ {text} }};" for n, text in structs.items())
-    return f"""\
-#include "builtin_interfaces/msg/Time.idl"
-#include "service_msgs/msg/ServiceEventInfo.idl"
-#include "unique_identifier_msgs/msg/UUID.idl"
-#include "{package}/action/{action}.idl"
-
-module {package} {{
-  module action {{
-{written}
-  }};
-}};
-"""
-
-
-def _event_fields(service: str) -> str:
-    return (
-        "service_msgs::msg::ServiceEventInfo info; "
-        f"sequence<{service}_Request, 1> request; sequence<{service}_Response, 1> response;"
-    )
-
-
-def _event_idl(name: str) -> str:
-    package, _, event = name.split("/")
-    service = _service(event)
-    return f"""\
-#include "service_msgs/msg/ServiceEventInfo.idl"
-#include "{package}/srv/{service}.idl"
-
-module {package} {{
-  module srv {{
-    struct {event} {{
-      {_event_fields(f"{package}::srv::{service}")}
-    }};
-  }};
-}};
-"""
-
-
-def _types_in_idl(_name: str, text: str) -> list[str]:
-    return _INCLUDE.findall(text)
 
 
 def _installed(path: str) -> str:
