@@ -41,6 +41,7 @@ from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.background import ask, spin_in_background
+from ff_planner_ros.ros.client import RefusedGoals
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,
@@ -133,6 +134,7 @@ class Client:
         self._service = self.node.create_client(PlanTrajectory, "plan_trajectory")
         self._publish_plan = self.node.create_client(PublishPlan, f"{planner}/publish_plan")
         self._action = ActionClient(self.node, PlanTrajectoryAction, "plan_trajectory_action")
+        self._refused = RefusedGoals(self.node)
         # After the other services: see `wait_for_planner`.
         self._probe = self.node.create_client(GetParameters, f"{planner}/get_parameters")
         self._executor = SingleThreadedExecutor()
@@ -215,8 +217,23 @@ class Client:
         return answer
 
     def send_goal(self, request: PlanRequest) -> Goal:
+        """Send a goal.
+
+        Raises:
+            FfPlannerError: The planner's answer to a goal that it refuses.
+        """
+        goal = self.send_goal_at_once(request)
+        goal.require_accepted()
+        return goal
+
+    def send_goal_at_once(self, request: PlanRequest) -> Goal:
+        """Send a goal without waiting for whether it is accepted."""
         assert self._action.wait_for_server(DEADLINE)
-        return Goal(self._executor, self._action, request)
+        give_up = time.monotonic() + DEADLINE
+        while not self._refused.can_hear:
+            assert time.monotonic() < give_up
+            time.sleep(0.01)
+        return Goal(self._executor, self._action, self._refused, request)
 
     def plan(self, request: PlanRequest) -> PlanAnswer:
         return self.send(request)()
@@ -262,20 +279,25 @@ class Client:
 
 
 class Goal:
-    """A goal of the planner's action that was accepted."""
+    """A goal of the planner's action."""
 
     def __init__(
         self,
         executor: SingleThreadedExecutor,
         client: ActionClient,
+        refused: RefusedGoals,
         request: PlanRequest,
     ) -> None:
         self._executor = executor
         self.feedback: list[PlanProgress] = []
         self.progress = threading.Event()
         goal = PlanTrajectoryAction.Goal(request=request)
-        self._handle = self._asked(lambda: client.send_goal_async(goal, self._keep))
-        assert self._handle.accepted
+        self._refused = refused
+        self._sent = ask(executor, lambda: client.send_goal_async(goal, self._keep))
+
+    def require_accepted(self) -> None:
+        """Raise the planner's answer to a goal that it refuses."""
+        self._refused.require_accepted(self._handle)
 
     def cancel(self) -> bool:
         """Ask to cancel; whether the planner accepts."""
@@ -285,6 +307,10 @@ class Goal:
         """Wait for the goal's final state (`action_msgs/GoalStatus`) and its answer."""
         response = self._asked(self._handle.get_result_async)
         return response.status, response.result.answer
+
+    @property
+    def _handle(self) -> Any:
+        return self._sent.result(DEADLINE)
 
     def _asked(self, question: Callable[[], Any]) -> Any:
         return ask(self._executor, question).result(DEADLINE)

@@ -44,6 +44,38 @@ def test_a_second_job_is_refused_while_the_first_is_planned_and_welcome_after() 
     interrupt.assert_not_called()
 
 
+def test_a_job_that_is_admitted_is_the_only_one_until_it_is_taken_up_or_withdrawn() -> None:
+    jobs, interrupt = opened()
+    first = Job("first", 1)
+    jobs.admit(first, preempt=False)
+    with pytest.raises(FfPlannerError, match="another request") as refused:
+        jobs.admit(Job("second", 2), preempt=False)
+    assert refused.value.status is Status.BUSY
+    assert status_of(jobs, Job("third", 3)) is Status.BUSY
+    with jobs.taken_up(first, preempt=False):
+        assert status_of(jobs, Job("fourth", 4)) is Status.BUSY
+    jobs.admit(lost := Job("lost", 5), preempt=False)
+    jobs.withdraw(lost)
+    with jobs.taken_up(Job("sixth", 6), preempt=False):
+        pass
+    interrupt.assert_not_called()
+
+
+def test_an_admitted_job_that_is_given_up_before_it_is_taken_up_leaves_room() -> None:
+    jobs, _ = opened()
+    jobs.admit(first := Job("first", 1), preempt=False)
+    with jobs.taken_up(Job("second", 2), preempt=True):
+        assert status_of(jobs, first) is Status.PREEMPTED
+    jobs.admit(third := Job("third", 3), preempt=False)
+    jobs.close(Status.NOT_ACTIVE, "closed")
+    assert status_of(jobs, third) is Status.NOT_ACTIVE
+    with pytest.raises(FfPlannerError, match="closed"):
+        jobs.admit(Job("fourth", 4), preempt=True)
+    jobs.open()
+    with jobs.taken_up(Job("fifth", 5), preempt=False):
+        pass
+
+
 def test_a_preempting_job_waits_until_the_other_has_made_way() -> None:
     jobs, interrupt = opened()
     first, order = Job("first", 1), []

@@ -30,7 +30,7 @@ from ros_processes import (
     running_planner,
 )
 
-from ff_planner_ros.errors import Status
+from ff_planner_ros.errors import FfPlannerError, Status
 
 GOALS = "/plan_trajectory_action/_action/send_goal/_service_event"
 RESULTS = "/plan_trajectory_action/_action/get_result/_service_event"
@@ -64,6 +64,12 @@ def long(scene: Scene) -> PlanRequest:
     request = scene.complete_request()
     request.search.points = 5000
     return request
+
+
+def refusal_of_goal(client: Client, request: PlanRequest) -> FfPlannerError:
+    with pytest.raises(FfPlannerError) as caught:
+        client.send_goal(request)
+    return caught.value
 
 
 def set_parameter(client: Client, name: str, value: object) -> None:
@@ -163,8 +169,9 @@ def test_a_second_client_is_told_that_the_planner_is_busy(client: Client, scene:
     refusal = client.plan(scene.complete_request())
     assert refusal.status.code == Status.BUSY
     assert "when_busy" in refusal.status.message
-    second_status, second = client.send_goal(scene.complete_request()).result()
-    assert (second_status, second.status.code) == (GoalStatus.STATUS_ABORTED, Status.BUSY)
+    refused = refusal_of_goal(client, scene.complete_request())
+    assert refused.status is Status.BUSY
+    assert str(refused) == refusal.status.message
     assert goal.cancel()
     assert goal.result()[1].status.code == Status.CANCELLED
 
@@ -223,6 +230,25 @@ def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(
     os.kill(planner.plan, signal.SIGKILL)
     status, result = goal.result()
     assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.SOLVER_DIED)
+    assert client.plan(scene.complete_request()).status.code == Status.SOLVED
+
+
+def test_of_goals_at_once_each_is_planned_or_refused_and_none_is_busy_once_accepted(
+    planner: PlannerProcess, client: Client, scene: Scene
+) -> None:
+    goals = [client.send_goal_at_once(long(scene)) for _ in range(20)]
+    refusals = []
+    for goal in list(goals):
+        try:
+            goal.require_accepted()
+        except FfPlannerError as refusal:
+            refusals.append(refusal.status)
+            goals.remove(goal)
+    assert len(goals) == 1
+    assert set(refusals) == {Status.BUSY}
+    assert goals[0].cancel()
+    assert goals[0].result()[1].status.code == Status.CANCELLED
+    assert planner.log.count("BUSY") >= len(refusals)
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
 
 

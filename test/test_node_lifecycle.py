@@ -22,7 +22,7 @@ from ros_processes import (
     running_planner,
 )
 
-from ff_planner_ros.errors import Status
+from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.requests.worker import Worker
 
@@ -85,6 +85,9 @@ def test_a_goal_that_is_being_planned_is_given_up_when_the_node_is_deactivated(
         _, result = goal.result()
         assert result.status.code == Status.NOT_ACTIVE
         assert "not active any more" in result.status.message
+        with pytest.raises(FfPlannerError, match="not active") as refused:
+            client.send_goal(request)
+        assert refused.value.status is Status.NOT_ACTIVE
     assert planner.stop() == 0
 
 

@@ -12,10 +12,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import rclpy
+from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
-from rclpy.action import CancelResponse
+from rclpy.action import CancelResponse, GoalResponse
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
@@ -27,6 +28,7 @@ from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.messages.interfaces import SEND_GOAL
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.requests.planning_service import PlanningService
@@ -133,11 +135,55 @@ def a_goal(problem: PlanningProblem) -> Mock:
     return Mock(goal_id=UUID(uuid=[7] * 16), request=goal, is_cancel_requested=True, status=5)
 
 
+def asked(goal: Mock) -> SEND_GOAL.Request:
+    """Return what the goal's client has sent, with the very request that rclpy hands on."""
+    request = SEND_GOAL.Request(goal_id=goal.goal_id, goal=goal.request)
+    assert request.goal is goal.request
+    return request
+
+
+def test_a_goal_that_rclpy_does_not_hand_over_leaves_the_planner_free(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with service(lemur_capture, monkeypatch) as (answering, worker, _):
+        worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
+        goal = a_goal(lemur_capture)
+        answering._action._arrive(arrived := asked(goal))
+        assert answering._action._decide(goal.request) is GoalResponse.ACCEPT
+        request = Scene(lemur_capture).complete_request()
+        assert answer(answering, request).status.code == Status.BUSY
+        answering._action._depart(arrived)
+        assert answer(answering, request).status.code == Status.COLLISION
+        assert answering._action._goals == {}
+
+
+def test_a_goal_that_cannot_be_taken_is_refused_and_its_answer_told(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with service(lemur_capture, monkeypatch) as (answering, worker, logger):
+        answering._action._events = events = Mock()
+        answering.deactivate(Status.NOT_ACTIVE, "the planner is not active any more", 0.0)
+        goal = a_goal(lemur_capture)
+        answering._action._arrive(arrived := asked(goal))
+        assert answering._action._decide(goal.request) is GoalResponse.REJECT
+        answering._action._depart(arrived)
+        assert answering._action._goals == {}
+        result, status, told = events.result_sent.call_args.args
+        assert (answering.last.plan_id, answering.last.status) == ("run.1", Status.NOT_ACTIVE)
+    events.goal_received.assert_called_once_with(arrived)
+    assert (result.goal_id, status) == (goal.goal_id, GoalStatus.STATUS_UNKNOWN)
+    assert told.status.message == "the planner is not active any more"
+    (logged,) = logger.warning.call_args.args
+    assert logged == "run.1: NOT_ACTIVE: the planner is not active any more"
+    worker.solve.assert_not_called()
+
+
 def test_a_goal_that_is_cancelled_before_rclpy_hands_it_over_is_not_planned(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with service(lemur_capture, monkeypatch) as (answering, worker, _):
         goal = a_goal(lemur_capture)
+        answering._action._arrive(asked(goal))
         assert answering._action._cancel(goal) is CancelResponse.ACCEPT
         answering._action._accept(goal)
         result = answering._action._execute(goal).answer
@@ -154,6 +200,7 @@ def test_a_goal_that_is_cancelled_while_rclpy_begins_it_is_begun_all_the_same(
         goal = a_goal(lemur_capture)
         illegal = rclpy_implementation.RCLError("goal_handle attempted invalid transition")
         goal.execute.side_effect = [illegal, None]
+        answering._action._arrive(asked(goal))
         answering._action._accept(goal)
     assert goal.execute.call_count == 2
 

@@ -38,6 +38,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
+from ff_planner_ros.ros.client import RefusedGoals
 from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.from_messages import (
     plan_from_answer,
@@ -111,6 +112,7 @@ class MissionExecutive:
             PublishedPlan, "published_plan", self._keep_plan, LATCHED_QOS
         )
         self._planner = ActionClient(self._node, PlanTrajectory, "plan_trajectory_action")
+        self._refused = RefusedGoals(self._node)
         self._publication = self._node.create_client(PublishPlan, "ff_planner/publish_plan")
         self._controller = self._node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
         # A thread of its own and an event: spinning until a future is complete leaks in Jazzy.
@@ -242,8 +244,7 @@ class MissionExecutive:
             ),
             deadline,
         )
-        if not handle.accepted:
-            raise FfPlannerError(Status.BUSY, "the planner did not take the goal up")
+        self._refused.require_accepted(handle)
         try:
             answer: PlanAnswer = self._asked(handle.get_result_async, deadline).result.answer
             return answer

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import Future
@@ -12,16 +13,21 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.messages.service_events import RESULT_EVENTS
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
+from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT
 from ff_planner_ros.ros.messages.request_values import (
     REQUEST_KEYS,
     request_value,
@@ -35,9 +41,52 @@ from ff_planner_ros.ros.messages.to_messages import (
     state_message,
     target_body_message,
 )
+from ff_planner_ros.ros.qos import EVENT_QOS
 
-_ACTION = "plan_trajectory_action"
 _INTERVAL = 0.2  # [s] between looks at the clock while waiting
+# The answer to a refused goal is on its way while the client hears the no [s].
+_REFUSAL_PATIENCE = 2.0
+
+
+class RefusedGoals:
+    """The planner's answers to goals that its action refuses: a client is told a mere no."""
+
+    def __init__(self, node: Node) -> None:
+        """Listen; an executor has to spin the node."""
+        self._answers: dict[bytes, PlanAnswer] = {}
+        self._came = threading.Condition()
+        self._events = node.create_subscription(
+            GET_RESULT.Event, ACTION + RESULT_EVENTS, self._keep, EVENT_QOS
+        )
+
+    @property
+    def can_hear(self) -> bool:
+        """Whether somebody is there who would tell."""
+        return bool(self._events.get_publisher_count())
+
+    def require_accepted(self, goal: ClientGoalHandle) -> None:
+        """Let a goal pass that was accepted.
+
+        Raises:
+            FfPlannerError: The planner's answer to one that was refused.
+        """
+        if goal.accepted:
+            return
+        key = bytes(goal.goal_id.uuid)
+        with self._came:
+            self._came.wait_for(lambda: key in self._answers, _REFUSAL_PATIENCE)
+            answer = self._answers.get(key)
+        if answer is None:
+            words = "the planner refused the goal; its log and /diagnostics say why"
+            raise FfPlannerError(Status.BUSY, words)
+        raise FfPlannerError(Status(answer.status.code), answer.status.message)
+
+    def _keep(self, event: GET_RESULT.Event) -> None:
+        with self._came:
+            for asked, told in zip(event.request, event.response, strict=True):
+                if told.status == GoalStatus.STATUS_UNKNOWN:
+                    self._answers[bytes(asked.goal_id.uuid)] = told.result.answer
+            self._came.notify_all()
 
 
 def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> PlanRequest:
@@ -94,16 +143,16 @@ def answer_of_node(request: PlanRequest, patience: float, ros_arguments: list[st
         InvalidInput: No node offers the action.
     """
     goal = PlanTrajectory.Goal(request=request)
-    with _client(ros_arguments) as (client, executor):
+    with _client(ros_arguments) as (client, refused, executor):
         deadline = time.monotonic() + patience
-        while not client.wait_for_server(timeout_sec=_INTERVAL):
+        while not (client.wait_for_server(timeout_sec=_INTERVAL) and refused.can_hear):
             if time.monotonic() > deadline:
                 domain = os.environ.get("ROS_DOMAIN_ID", "0")
                 allowed = (
                     f"no node offers it within {patience:g} s: does one run, active, in ROS domain "
                     f"{domain} and this namespace?"
                 )
-                raise InvalidInput(Status.NOT_ACTIVE, "action", _ACTION, allowed)
+                raise InvalidInput(Status.NOT_ACTIVE, "action", ACTION, allowed)
 
         def waited(answer: Future[Any]) -> Any:
             while True:
@@ -117,8 +166,7 @@ def answer_of_node(request: PlanRequest, patience: float, ros_arguments: list[st
         sent = ask(executor, lambda: client.send_goal_async(goal))
         try:
             handle = waited(sent)
-            if not handle.accepted:
-                raise FfPlannerError(Status.BUSY, "the node did not take the request up")
+            refused.require_accepted(handle)
             result: PlanTrajectory.Result = waited(ask(executor, handle.get_result_async)).result
         except KeyboardInterrupt:
             handle = waited(sent)
@@ -130,8 +178,10 @@ def answer_of_node(request: PlanRequest, patience: float, ros_arguments: list[st
 
 
 @contextmanager
-def _client(ros_arguments: list[str]) -> Iterator[tuple[ActionClient, SingleThreadedExecutor]]:
-    """Yield a client of the action, and what receives its answers."""
+def _client(
+    ros_arguments: list[str],
+) -> Iterator[tuple[ActionClient, RefusedGoals, SingleThreadedExecutor]]:
+    """Yield a client of the action, what it refuses, and what receives its answers."""
     with joining_ros():
         rclpy.init(
             args=[sys.argv[0], *ros_arguments], signal_handler_options=SignalHandlerOptions.NO
@@ -140,9 +190,9 @@ def _client(ros_arguments: list[str]) -> Iterator[tuple[ActionClient, SingleThre
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     stop = spin_in_background(executor, node.get_logger())
-    client = ActionClient(node, PlanTrajectory, _ACTION)
+    client = ActionClient(node, PlanTrajectory, ACTION)
     try:
-        yield client, executor
+        yield client, RefusedGoals(node), executor
     finally:
         stop()
         client.destroy()

@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import count
 
 from ff_planner_msgs.action import PlanTrajectory
-from rclpy.action.server import ServerGoalHandle
+from ff_planner_msgs.msg import PlanAnswer
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
@@ -26,16 +26,15 @@ class ActionEvents:
         self._goals = node.create_publisher(SEND_GOAL.Event, f"{action}{GOAL_EVENTS}", qos)
         self._results = node.create_publisher(GET_RESULT.Event, f"{action}{RESULT_EVENTS}", qos)
 
-    def goal_received(self, goal: ServerGoalHandle) -> None:
+    def goal_received(self, asked: SEND_GOAL.Request) -> None:
         """Tell of a goal."""
-        request = SEND_GOAL.Request(goal_id=goal.goal_id, goal=goal.request)
         info = self._info(ServiceEventInfo.REQUEST_RECEIVED)
-        self._goals.publish(SEND_GOAL.Event(info=info, request=[request]))
+        self._goals.publish(SEND_GOAL.Event(info=info, request=[asked]))
 
-    def result_sent(self, goal: ServerGoalHandle, result: PlanTrajectory.Result) -> None:
-        """Tell of a result."""
-        asked = GET_RESULT.Request(goal_id=goal.goal_id)
-        response = GET_RESULT.Response(status=goal.status, result=result)
+    def result_sent(self, asked: GET_RESULT.Request, status: int, answer: PlanAnswer) -> None:
+        """Tell of a result, that of a refused goal included, which nobody can ask for."""
+        result = PlanTrajectory.Result(answer=answer)
+        response = GET_RESULT.Response(status=status, result=result)
         info = self._info(ServiceEventInfo.RESPONSE_SENT)
         self._results.publish(GET_RESULT.Event(info=info, request=[asked], response=[response]))
 

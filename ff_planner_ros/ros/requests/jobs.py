@@ -71,6 +71,7 @@ class Jobs:
         self._change = threading.Condition()
         self._current: Job | None = None
         self._waiting: Job | None = None
+        self._admitted: Job | None = None  # taken up next, and nobody else before
         self._refusal: FfPlannerError | None = None
         self.close(Status.NOT_ACTIVE, "the planner is not active yet")
 
@@ -88,9 +89,8 @@ class Jobs:
     def give_up_all(self, status: Status, message: str) -> None:
         """Give up whatever is being planned."""
         with self._change:
-            for job in (self._current, self._waiting):
-                if job is not None:
-                    self.give_up(job, FfPlannerError(status, message))
+            for job in self._all():
+                self.give_up(job, FfPlannerError(status, message))
 
     def give_up(self, job: Job, cause: FfPlannerError) -> bool:
         """Give up one job; False if its answer stands already."""
@@ -104,7 +104,25 @@ class Jobs:
     def wait_until_idle(self, patience: float) -> None:
         """Wait until nobody is planned for, at most for a time [s]."""
         with self._change:
-            self._change.wait_for(lambda: self._current is self._waiting is None, patience)
+            self._change.wait_for(lambda: not self._all(), patience)
+
+    def admit(self, job: Job, *, preempt: bool) -> None:
+        """Promise a job that it is taken up; `withdraw` it if it never comes to that.
+
+        Raises:
+            FfPlannerError: Why it would not be taken up (NOT_ACTIVE, SHUT_DOWN, BUSY).
+        """
+        with self._change:
+            self._require_room(preempt)
+            if not preempt:
+                self._admitted = job
+
+    def withdraw(self, job: Job) -> None:
+        """Make room again for others than a job that was admitted."""
+        with self._change:
+            if job is self._admitted:
+                self._admitted = None
+                self._change.notify_all()
 
     @contextmanager
     def taken_up(self, job: Job, *, preempt: bool) -> Iterator[None]:
@@ -115,8 +133,11 @@ class Jobs:
                 while it waited for the other one to make room.
         """
         with self._change:
-            self._make_way(job, preempt)
-            self._current = job
+            try:
+                self._make_way(job, preempt)
+                self._current = job
+            finally:
+                self.withdraw(job)
         try:
             yield
         finally:
@@ -124,19 +145,27 @@ class Jobs:
                 self._current = None
                 self._change.notify_all()
 
-    def _make_way(self, job: Job, preempt: bool) -> None:
-        job.check()
+    def _all(self) -> list[Job]:
+        """Return all who are planned for, or will be."""
+        held = (self._current, self._waiting, self._admitted)
+        return [job for job in held if job is not None]
+
+    def _require_room(self, preempt: bool) -> None:
         if self._refusal is not None:
             raise FfPlannerError(self._refusal.status, str(self._refusal))
-        if self._current is None and self._waiting is None:
-            return
-        if not preempt:
+        if self._all() and not preempt:
             raise FfPlannerError(
                 Status.BUSY,
                 "another request is being planned: ask again when it is answered, or cancel it "
                 "(or set the parameter when_busy to preempt)",
             )
-        others = [other for other in (self._current, self._waiting) if other is not None]
+
+    def _make_way(self, job: Job, preempt: bool) -> None:
+        job.check()
+        others = [other for other in self._all() if other is not job]
+        self._require_room(preempt or job is self._admitted)
+        if not others:
+            return
         # Requests are taken up in threads, and not always in the order in which they came.
         newest = max((job, *others), key=lambda one: one.number)
         preempted = FfPlannerError(

@@ -7,11 +7,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import PlanAnswer, PlanMetrics, PlanProgress, PlanRequest
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -20,10 +21,10 @@ from rclpy.node import Node
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.ros.messages.from_messages import OnCancel
-from ff_planner_ros.ros.messages.interfaces import ACTION
+from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
-from ff_planner_ros.ros.requests.jobs import Job
+from ff_planner_ros.ros.requests.jobs import Job, Jobs
 
 # Request, name of the interface that it came by, its job, and what is told of the progress.
 Answering: TypeAlias = Callable[[PlanRequest, str, Job, Callable[[Progress], None]], PlanAnswer]
@@ -43,24 +44,32 @@ class PlanAction:
         self,
         node: Node,
         group: CallbackGroup,
+        jobs: Jobs,
         new_job: Callable[[], Job],
-        give_up: Callable[[Job, FfPlannerError], bool],
+        preempts: Callable[[], bool],
         answer: Answering,
+        refuse: Callable[[Job, FfPlannerError], PlanAnswer],
     ) -> None:
         """Open the action.
 
         Args:
-            give_up: Answers a job with a cause instead of a plan; False if its answer stands.
+            preempts: Tells whether a goal takes the place of what is planned.
+            refuse: Returns the answer to a job that is not taken up, and tells of it.
         """
-        self._new_job, self._give_up, self._answer = new_job, give_up, answer
+        self._jobs, self._new_job, self._preempts = jobs, new_job, preempts
+        self._answer, self._refuse = answer, refuse
         self._goals: dict[bytes, Job] = {}
+        self._admitted = set[int]()  # what is asked, by its address, until it is handed over
         self._lock = threading.Lock()
-        self._server = ActionServer(
+        self._server = _Server(
+            self._arrive,
+            self._depart,
             node,
             PlanTrajectory,
             ACTION,
             self._execute,
             callback_group=group,
+            goal_callback=self._decide,
             handle_accepted_callback=self._accept,
             cancel_callback=self._cancel,
             goal_service_qos_profile=REQUEST_QOS,
@@ -75,10 +84,37 @@ class PlanAction:
         self._server.destroy()
         self._events.destroy()
 
+    def _arrive(self, asked: SEND_GOAL.Request) -> None:
+        """Admit a goal, or tell why not; what is wrong with its request is its result, later."""
+        key = bytes(asked.goal_id.uuid)
+        with self._lock:
+            if key in self._goals:
+                return  # the id of another goal: rclpy refuses it
+            job = self._goals[key] = self._new_job()
+        self._events.goal_received(asked)
+        try:
+            self._jobs.admit(job, preempt=self._preempts())
+        except FfPlannerError as cause:
+            self._forget(key)
+            result = GET_RESULT.Request(goal_id=asked.goal_id)
+            answer = self._refuse(job, cause)
+            self._events.result_sent(result, GoalStatus.STATUS_UNKNOWN, answer)
+        else:
+            self._admitted.add(id(asked.goal))
+
+    def _decide(self, goal: PlanTrajectory.Goal) -> GoalResponse:
+        return GoalResponse.ACCEPT if id(goal) in self._admitted else GoalResponse.REJECT
+
+    def _depart(self, asked: SEND_GOAL.Request) -> None:
+        """Make room again where rclpy did not hand an admitted goal over: its client is gone."""
+        if id(asked.goal) in self._admitted:
+            self._admitted.discard(id(asked.goal))
+            key = bytes(asked.goal_id.uuid)
+            self._jobs.withdraw(self._goals[key])
+            self._forget(key)
+
     def _accept(self, goal: ServerGoalHandle) -> None:
-        """Take every goal: what is wrong with it is its result, with code and words."""
-        self._job_of(goal)
-        self._events.goal_received(goal)
+        self._admitted.discard(id(goal.request))
         try:
             goal.execute()
         except rclpy_implementation.RCLError:
@@ -92,7 +128,7 @@ class PlanAction:
             accepted = job.end_early()
         else:
             cause = FfPlannerError(Status.CANCELLED, "the client of the action cancelled it")
-            accepted = self._give_up(job, cause)
+            accepted = self._jobs.give_up(job, cause)
         return CancelResponse.ACCEPT if accepted else CancelResponse.REJECT
 
     def _execute(self, goal: ServerGoalHandle) -> PlanTrajectory.Result:
@@ -120,18 +156,44 @@ class PlanAction:
             goal.canceled()
         else:
             goal.abort()
-        del self._goals[bytes(goal.goal_id.uuid)]  # it cannot be cancelled any more
-        result = PlanTrajectory.Result(answer=answer)
-        self._events.result_sent(goal, result)
-        return result
+        self._forget(bytes(goal.goal_id.uuid))  # it cannot be cancelled any more
+        asked = GET_RESULT.Request(goal_id=goal.goal_id)
+        self._events.result_sent(asked, goal.status, answer)
+        return PlanTrajectory.Result(answer=answer)
 
     def _job_of(self, goal: ServerGoalHandle) -> Job:
-        """Return the goal's job: a client may cancel before rclpy has handed the goal over."""
-        key = bytes(goal.goal_id.uuid)
         with self._lock:
-            if key not in self._goals:
-                self._goals[key] = self._new_job()
-            return self._goals[key]
+            return self._goals[bytes(goal.goal_id.uuid)]
+
+    def _forget(self, key: bytes) -> None:
+        with self._lock:
+            del self._goals[key]
+
+
+class _Server(ActionServer):
+    """Tells of each goal with its id, which rclpy does not tell the callback that decides on it."""
+
+    def __init__(
+        self,
+        arrive: Callable[[SEND_GOAL.Request], None],
+        depart: Callable[[SEND_GOAL.Request], None],
+        *server: Any,
+        **options: Any,
+    ) -> None:
+        """Open the server; `arrive` comes before the decision, `depart` after all of it."""
+        self._arrive, self._depart = arrive, depart
+        ActionServer.__init__(self, *server, **options)
+
+    async def execute(self, taken_data: dict[str, Any]) -> None:
+        if "goal" not in taken_data:
+            await ActionServer.execute(self, taken_data)
+            return
+        _, asked = taken_data["goal"]
+        self._arrive(asked)
+        try:
+            await ActionServer.execute(self, taken_data)
+        finally:
+            self._depart(asked)
 
 
 def _is_cancelling(goal: ServerGoalHandle) -> bool:

@@ -111,7 +111,9 @@ class PlanningService:
         self._service.configure_introspection(
             self._clock, EVENT_QOS, ServiceIntrospectionState.CONTENTS
         )
-        self._action = PlanAction(node, group, self._job, self._jobs.give_up, self._answer)
+        self._action = PlanAction(
+            node, group, self._jobs, self._job, self._preempts, self._answer, self._refuse
+        )
         self._publication = Publication(node, output, self._knowledge)
 
     def activate(self) -> None:
@@ -159,7 +161,7 @@ class PlanningService:
         begun, provenance = time.perf_counter(), Provenance()
         task: PlanningTask | None = None
         try:
-            with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
+            with self._jobs.taken_up(job, preempt=self._preempts()):
                 taken_up = time.monotonic()
                 knowledge = self._knowledge()
                 provenance = Provenance(received_stamp_ns=knowledge.now_ns)
@@ -178,11 +180,23 @@ class PlanningService:
         provenance.tell(answer)
         if task is not None and answer.effort:
             answer.task_digest = task.ended_at(answer.effort).digest
+        self._tell_last(answer)
+        return answer
+
+    def _refuse(self, job: Job, cause: FfPlannerError) -> PlanAnswer:
+        """Return the answer to a goal that is not taken up; its client gets no more than a no."""
+        answer = self._refused(job, cause, time.perf_counter())
+        self._tell_last(answer)
+        return answer
+
+    def _tell_last(self, answer: PlanAnswer) -> None:
         status = Status(answer.status.code)
         clearances = _clearances(answer) if status is Status.SOLVED else {}
-        self.last = LastRequest(job.plan_id, status, answer.status.message, clearances)
+        self.last = LastRequest(answer.plan_id, status, answer.status.message, clearances)
         self._answered = time.monotonic()
-        return answer
+
+    def _preempts(self) -> bool:
+        return self._parameters.current.when_busy == PREEMPT
 
     def _read(
         self, request: PlanRequest, knowledge: Knowledge, job: Job
