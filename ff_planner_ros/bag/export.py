@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.bag.plans import RecordedPlan, recorded_plans
+from ff_planner_ros.bag.publications import Publication, publications
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError
 
-ANSWERS = "answers"  # the table of all answers, beside the plans
+# The tables of all answers, and of the requests to publish one, beside the plans
+ANSWERS, PUBLICATIONS = "answers", "publications"
 # What a spreadsheet takes for a formula, or for the end of the cell before it.
 _FORMULA, _BREAKS = "=+-@\uff1d\uff0b\uff0d\uff20", "\t\r\n"
 _A_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.ASCII)
@@ -26,15 +28,20 @@ _LONGEST_NAME = 100  # [characters] of a file; a plan id from a damaged bag may 
 def export_csv(bag: Path, directory: Path) -> Sequence[str]:
     """Write tables of all answers and of every plan into a new directory; return the notes.
 
+    Where plans waited to be published, a table of the requests for that, too.
+
     Raises:
         BagError: Nothing of the bag can be read, it holds no answer, or the directory exists or
             cannot be written.
     """
-    plans, notes = _plans(bag)
+    plans, published, notes = _plans(bag)
     with _written(directory):
         directory.mkdir(parents=True)
-        rows = [plan.row() for plan in plans]
-        _write(directory / f"{ANSWERS}.csv", list(rows[0]), [list(row.values()) for row in rows])
+        answers, asked = [plan.row() for plan in plans], [one.row() for one in published]
+        for table, rows in ((ANSWERS, answers), (PUBLICATIONS, asked)):
+            if rows:
+                cells = [list(row.values()) for row in rows]
+                _write(directory / f"{table}.csv", list(rows[0]), cells)
         for name, plan in _named(plans):
             columns = plan.columns()
             values = np.column_stack(list(columns.values())).tolist()
@@ -49,7 +56,7 @@ def export_npz(bag: Path, file: Path) -> Sequence[str]:
         BagError: Nothing of the bag can be read, it holds no answer, or the file exists or cannot
             be written.
     """
-    plans, notes = _plans(bag)
+    plans, _, notes = _plans(bag)
     arrays: dict[str, Any] = {}
     for name, plan in _named(plans):
         for item in fields(plan.trajectory):  # type: ignore[arg-type]
@@ -73,18 +80,19 @@ def _written(path: Path) -> Iterator[None]:
         raise BagError(f"{path} cannot be written: {error}") from None
 
 
-def _plans(bag: Path) -> tuple[list[RecordedPlan], Sequence[str]]:
+def _plans(bag: Path) -> tuple[list[RecordedPlan], list[Publication], Sequence[str]]:
     with open_bag(bag) as opened:
-        plans, notes = recorded_plans(opened), opened.notes
+        plans, published = recorded_plans(opened), publications(opened)
+        notes = opened.notes
     if not plans:
         words = f" ({'; '.join(notes)})" if notes else ""
         raise BagError(f"bag {bag} holds no answer of the planner{words}")
-    return plans, notes
+    return plans, published, notes
 
 
 def _named(plans: Sequence[RecordedPlan]) -> Iterator[tuple[str, RecordedPlan]]:
     """Yield those with a trajectory, with names that any file system takes, no two the same."""
-    taken = {ANSWERS}
+    taken = {ANSWERS, PUBLICATIONS}
     for plan in plans:
         if plan.trajectory is not None:
             stem = (

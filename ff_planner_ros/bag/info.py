@@ -162,9 +162,13 @@ def _publication_lines(publications: Sequence[Mapping[str, Any]]) -> Iterator[st
     yield f"publish_plan  {len(publications)}: {listed}"
     for one in publications[:_MOST_REQUESTS]:
         words = "  ".join(_short(one[key]) for key in ("status", "plan_id", "message"))
+        age, before = one["state_age_s"], one["previous_plan_id"]
+        words += "" if age is None else f"  state {age:.3f} s old"
+        words += f"  after {_short(before)}" if before else ""
         yield f"  {one['answered_after_s']:9.3f} s  {words}"
     if len(publications) > _MOST_REQUESTS:
-        yield f"  ... and {len(publications) - _MOST_REQUESTS} more"
+        more = len(publications) - _MOST_REQUESTS
+        yield f"  ... and {more} more: ff-planner export has them all"
 
 
 def _utc(time_ns: int) -> str:

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+import struct
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Any
 
+from ff_planner_ros.bag.answers import Cell
 from ff_planner_ros.bag.plans import status_name
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.common.declared_messages import value_at
-from ff_planner_ros.common.times import nanoseconds
-from ff_planner_ros.messages.service_events import PUBLISH_EVENT, REQUEST_RECEIVED, RESPONSE_SENT
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.service_events import (
+    PUBLISH_EVENT,
+    REQUEST_RECEIVED,
+    RESPONSE_SENT,
+    SERVICE_EVENTS,
+)
+
+_PUBLISHED = "ff_planner_msgs/msg/PublishedPlan"
+# Topics that states come by, the first that a bag has, and their types.
+_STATES = (
+    ("chaser_state", "ff_planner_msgs/msg/ChaserState"),
+    ("odometry", "nav_msgs/msg/Odometry"),
+)
+_STAMP = struct.Struct("<iI")  # behind the four bytes that each message begins with
 
 
 @dataclass(frozen=True)
@@ -18,9 +35,18 @@ class Publication:
 
     plan_id: str
     requester: str  # empty: it does not say
+    asked_ns: int  # when the request was received, by the node's clock
     answered_ns: int  # when the answer went out, by the node's clock
     status: str  # its name
     message: str
+    published: bool
+    # Of the state that the plan had to fit, when it was asked for [s]; None: the bag has none
+    state_age_s: float | None
+    previous_plan_id: str  # of the plan published before; empty: the bag has none
+
+    def row(self) -> dict[str, Cell]:
+        """Return it as a row of a table, with units in the names of its columns."""
+        return {name: None if value == "" else value for name, value in vars(self).items()}
 
 
 def publications(bag: Bag) -> list[Publication]:
@@ -32,26 +58,84 @@ def publications(bag: Bag) -> list[Publication]:
     Raises:
         BagError: The disk fails.
     """
-    asked: dict[object, Any] = {}
+    asked: dict[object, tuple[Any, int, int]] = {}
     found = list[Publication]()
-    for message, event in bag.decoded(PUBLISH_EVENT):
+    heard = dict[str, _Heard]()
+    for message, event in list(bag.decoded(PUBLISH_EVENT)):
         try:
             info = event.info
             key = message.topic, bytes(info.client_gid), int(info.sequence_number)
+            stamp_ns = nanoseconds(info.stamp)
             if info.event_type == REQUEST_RECEIVED:
-                asked[key] = event.request[0]
-            elif info.event_type == RESPONSE_SENT and (request := asked.pop(key, None)) is not None:
+                asked[key] = event.request[0], stamp_ns, message.log_time_ns
+            elif info.event_type == RESPONSE_SENT and (of := asked.pop(key, None)) is not None:
+                request, asked_ns, logged_ns = of
                 status = event.response[0].status
+                namespace = message.topic.removesuffix(SERVICE_EVENTS).rsplit("/", 2)[0]
+                if namespace not in heard:
+                    heard[namespace] = _Heard(bag, namespace)
+                state_ns = heard[namespace].state_ns(request, asked_ns, logged_ns)
                 found.append(
                     Publication(
                         str(request.plan_id),
                         # Until version 0.3 it was called otherwise.
                         str(value_at(request, "requester", value_at(request, "asked_by", ""))),
-                        nanoseconds(info.stamp),
+                        asked_ns,
+                        stamp_ns,
                         status_name(int(status.code)),
                         str(status.message),
+                        status.code == Status.SOLVED,
+                        None if state_ns is None else (asked_ns - state_ns) / NANOSECONDS,
+                        heard[namespace].plan_before(logged_ns),
                     )
                 )
         except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
             bag.note(f"an event on {message.topic} cannot be understood: {error}")
     return sorted(found, key=lambda one: one.answered_ns)
+
+
+class _Heard:
+    """What a planner had received and published, by the time of its record."""
+
+    def __init__(self, bag: Bag, namespace: str) -> None:
+        """Look through the bag once."""
+        self._states: list[tuple[int, int]] = []  # record and stamp [ns]
+        self._plans: list[tuple[int, str]] = []  # record [ns] and id
+        for name, type_name in _STATES:
+            topic = _topic(bag, f"{namespace}/{name}", type_name)
+            if topic is not None and not self._states:
+                for message in bag.messages(topic):
+                    seconds, rest_ns = _STAMP.unpack_from(message.cdr, 4)
+                    self._states.append((message.log_time_ns, seconds * NANOSECONDS + rest_ns))
+        topic = _topic(bag, f"{namespace}/published_plan", _PUBLISHED)
+        if topic is not None:
+            for message, plan in bag.decoded(_PUBLISHED):
+                if message.topic == topic:
+                    self._plans.append((message.log_time_ns, str(plan.plan_id)))
+
+    def state_ns(self, request: Any, asked_ns: int, logged_ns: int) -> int | None:
+        """Return the stamp of the state that counted for a request: its own, or the latest."""
+        # Until version 0.3 it was one state, and another field said whether it counts.
+        brings = value_at(request, "use_start_state", None)
+        own = (
+            value_at(request, "start_state[0].header.stamp", None)
+            if brings is None
+            else request.start_state.header.stamp
+            if brings
+            else None
+        )
+        if own is not None:
+            return nanoseconds(own) or asked_ns  # zero: as if measured now
+        before = bisect_right(self._states, logged_ns, key=lambda one: one[0])
+        return self._states[before - 1][1] if before else None
+
+    def plan_before(self, logged_ns: int) -> str:
+        """Return the id of the plan that was published before; empty: none was."""
+        before = bisect_right(self._plans, logged_ns, key=lambda one: one[0])
+        return self._plans[before - 1][1] if before else ""
+
+
+def _topic(bag: Bag, name: str, type_name: str) -> str | None:
+    """Return the topic of a name, or else the only one of its type."""
+    of_type = [one.name for one in bag.topics.values() if one.type_name == type_name]
+    return name if name in of_type else of_type[0] if len(of_type) == 1 else None

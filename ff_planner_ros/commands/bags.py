@@ -160,12 +160,14 @@ def _export_parquet(options: Namespace) -> int:
     """Write the answers in one bag or in many as one table."""
     require_packages("a table in Parquet")
     from ff_planner_ros.report.fleet import read_fleet
-    from ff_planner_ros.report.fleet_table import save_fleet_table
+    from ff_planner_ros.report.fleet_table import publications_beside, save_fleet_table
 
     fleet = read_fleet(options.bag)
     save_fleet_table(fleet, options.parquet)
     print_notes([*fleet.notes, *(f"skipped: {name}: {why}" for name, why in fleet.skipped)])
     print(f"{options.parquet}  {len(fleet.read)} bags, {len(fleet.rows)} requests")
+    if fleet.publications:
+        print(f"{publications_beside(options.parquet)}  {len(fleet.publications)} of publish_plan")
     return SOLVED
 
 

@@ -16,9 +16,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ff_planner_ros.bag.answers import Cell
+from ff_planner_ros.bag.exchanges import Exchange
 from ff_planner_ros.bag.mcap.mcap_records import printable
-from ff_planner_ros.bag.plans import planning_exchanges, plans_of
+from ff_planner_ros.bag.plans import RecordedPlan, planning_exchanges, plans_of
 from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.bag.publications import publications
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, FfPlannerError
 from ff_planner_ros.report.statistics import Group, Rate, Row, grouped
@@ -56,6 +59,7 @@ class Fleet:
     rows: tuple[Row, ...]  # an answer each, or a request without one
     skipped: tuple[tuple[str, str], ...]  # bags of which nothing can be read, and why
     notes: tuple[str, ...]  # what is wrong with those that were read
+    publications: tuple[Row, ...]  # the requests to publish a plan that waits
 
     @property
     def answers(self) -> Group:
@@ -121,19 +125,23 @@ def read_fleet(directory: Path) -> Fleet:
     """
     paths = bags_below(directory) or [directory]
     read, rows, skipped, notes = list[str](), list[Row](), list[tuple[str, str]](), list[str]()
+    published = list[Row]()
     with progress_bar("reading bags", len(paths), unit="bags", per_unit=1) as advance:
         for name, of_bag in _each(directory, paths):
             if isinstance(of_bag, str):
                 skipped.append((name, of_bag))
             else:
                 rows += of_bag.rows
+                published += of_bag.publications
                 notes += [note for note in of_bag.notes if note not in notes]
                 read.append(name)
             advance(1)
     if not read:
         why = f"; the first: {skipped[0][1]}" if skipped else ""
         raise BagError(f"of the {len(paths)} bags in {directory} none can be read{why}")
-    return Fleet(directory, tuple(read), tuple(rows), tuple(skipped), tuple(notes))
+    return Fleet(
+        directory, tuple(read), tuple(rows), tuple(skipped), tuple(notes), tuple(published)
+    )
 
 
 @dataclass(frozen=True)
@@ -141,6 +149,7 @@ class _Bag:
     """What one bag holds."""
 
     rows: list[Row]
+    publications: list[Row]
     notes: list[str]
 
 
@@ -166,16 +175,22 @@ def on_all_cores(work: Callable[..., T], pays: bool, *of_each: Iterable[Any]) ->
 def _bag(path: Path, name: str) -> _Bag | str:
     notes = list[str]()
     try:
-        return _Bag(list(_rows(path, name, notes)), notes)
+        with open_bag(path) as bag:
+            asked, published = planning_exchanges(bag), publications(bag)
+            notes += [f"{name}: {note}" for note in bag.notes]
+        rows = list(_rows(path, name, asked, notes))
+        return _Bag(rows, [{"bag": name, **one.row()} for one in published], notes)
     except FfPlannerError as error:
         return str(error)
 
 
-def _rows(path: Path, name: str, notes: list[str]) -> Iterator[Row]:
-    with open_bag(path) as bag:
-        asked = planning_exchanges(bag)
-        plans = plans_of(asked)
-        notes += [f"{name}: {note}" for note in bag.notes]
+def _rows(
+    path: Path,
+    name: str,
+    asked: Sequence[Exchange[dict[str, Cell], RecordedPlan]],
+    notes: list[str],
+) -> Iterator[Row]:
+    plans = plans_of(asked)
     rows: list[dict[str, Any]] = [plan.row() for plan in plans]
     unanswered = sum(one.request is not None for one in asked) - len(plans)
     solved = [row["plan_id"] for row in rows if row["status"] == "SOLVED"]
@@ -221,6 +236,7 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
         "solved_count": solved.count if solved else 0,
         "success_interval": list(solved.interval) if solved else None,
         "requests_by_status": dict(Counter(row["status"] for row in fleet.rows).most_common()),
+        "publications_by_status": dict(publication_counts(fleet)),
         "percentiles": {
             column: dict(zip(map(str, PERCENTILES), found, strict=True))
             for _, column, _ in FIGURES
@@ -239,6 +255,9 @@ def fleet_lines(fleet: Fleet) -> Iterator[str]:
     yield f"requests  {len(fleet.rows)}{success_words(fleet)}"
     for status, count in fleet.causes.most_common():
         yield f"  {count:9}  {status}"
+    if counts := publication_counts(fleet):
+        listed = ", ".join(f"{count} {status}" for status, count in counts)
+        yield f"publish_plan  {len(fleet.publications)}: {listed}"
     names = ("least", *(f"{share} %" for share in PERCENTILES[1:-1]), "most")
     yield f"{'of plans':32}" + "".join(f"{name:>11}" for name in names)
     for words, column, factor in FIGURES:
@@ -251,6 +270,11 @@ def fleet_lines(fleet: Fleet) -> Iterator[str]:
         yield f"skipped: {name}: {printable(why)}"
     for note in fleet.notes:
         yield f"note: {printable(note)}"
+
+
+def publication_counts(fleet: Fleet) -> list[tuple[str, int]]:
+    """Return how many requests to publish a plan had which status, the most frequent first."""
+    return Counter(str(row["status"]) for row in fleet.publications).most_common()
 
 
 def success_words(fleet: Fleet) -> str:

@@ -16,6 +16,7 @@ from ff_planner_ros.report.fleet import (
     PERCENTILES,
     Fleet,
     on_all_cores,
+    publication_counts,
     success_words,
 )
 from ff_planner_ros.report.html import NOTHING, bullets, element, pairs, plot, row, save_html, table
@@ -100,6 +101,9 @@ def _sections(title: str, fleet: Fleet, pages: dict[str, Path]) -> Iterator[Elem
         yield table(
             ("status", "requests"), [row((k, str(n))) for k, n in fleet.causes.most_common()]
         )
+    if counts := publication_counts(fleet):
+        yield element("h2", "publish_plan")
+        yield table(("status", "requests"), [row((k, str(n))) for k, n in counts])
     yield element("h2", "Times, clearance, planned against measured")
     yield _percentiles(fleet)
     timed = [{**one, "solve_time": one.get("solve_time_s")} for one in fleet.rows]

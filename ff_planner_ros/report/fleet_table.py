@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pyarrow
@@ -9,18 +10,33 @@ import pyarrow.parquet
 
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.report.fleet import Fleet
+from ff_planner_ros.report.statistics import Row
 
 
 def save_fleet_table(fleet: Fleet, file: Path) -> None:
     """Write a row for each answer into a new file.
 
+    Where plans waited to be published, a row for each request for that into one beside it,
+    `NAME_publications.parquet`.
+
     Raises:
-        BagError: The file exists already, there is no answer, or it cannot be written.
+        BagError: A file exists already, there is no answer, or one cannot be written.
     """
     if not fleet.rows:
         raise BagError(f"the bags in {fleet.directory} hold no request to a planner")
-    columns = list(dict.fromkeys(name for row in fleet.rows for name in row))
-    by_column = {name: [row.get(name) for row in fleet.rows] for name in columns}
+    _save(fleet.rows, file)
+    if fleet.publications:
+        _save(fleet.publications, publications_beside(file))
+
+
+def publications_beside(file: Path) -> Path:
+    """Return the file of the requests to publish a plan, beside that of the answers."""
+    return file.with_name(f"{file.stem}_publications{file.suffix}")
+
+
+def _save(rows: Sequence[Row], file: Path) -> None:
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    by_column = {name: [row.get(name) for row in rows] for name in columns}
     made = pyarrow.table({name: _column(values) for name, values in by_column.items()})
     try:
         with file.open("xb") as stream:

@@ -15,6 +15,7 @@ from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from ff_planner_ros.analysis.drawing.tracking import deviations, measured_motion
 from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.bag.provenance import PROVENANCE
+from ff_planner_ros.bag.publications import publications
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.bag.scenes import asked_scene
@@ -92,7 +93,8 @@ def _report_of_bag(bag: Bag, most_plans: int) -> Report:
         plans = _plans(bag, robot, parameters, found, drawn, notes)
         requests = [replace(one, plan=plans.get(k)) for k, one in enumerate(requests)]
     facts = (*_bag_facts(bag), *(robot_facts(robot) if robot else ()))
-    return Report(bag.path.name, facts, (*bag.notes, *notes), tuple(requests))
+    published = tuple(publications(bag))
+    return Report(bag.path.name, facts, (*bag.notes, *notes), tuple(requests), published)
 
 
 def _plans(

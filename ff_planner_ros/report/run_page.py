@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.bag.publications import Publication
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
@@ -19,6 +20,10 @@ _COLUMNS = (
     *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T", "duration [s]", "points"),
     *("joint path [rad]", "Euler angle [deg]", "rotation [deg]", "clearance [mm]"),
     *("solve time [s]", "iterations"),
+)
+_PUBLICATION_COLUMNS = (
+    *("plan id", "asked by", "asked [UTC]", "status", "published"),
+    *("age of the state [s]", "previous plan"),
 )
 _TIMING_COLUMNS = (
     *("plan id", "asked", "taken up after [s]", "answered after [s]", "start after [s]"),
@@ -44,6 +49,7 @@ def _sections(report: Report) -> Iterator[Element]:
     explained = " Where there is a *, of the best attempt, which is no plan." if attempts else ""
     yield element("p", f"{report.counts}.{explained}")
     yield _requests(report.requests)
+    yield from _publications(report.publications)
     yield from _timing(report.requests)
     drawn = [(k, r, r.plan) for k, r in enumerate(report.requests) if r.plan is not None]
     if drawn:
@@ -86,6 +92,30 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
             yield METRIC_BY_NAME[name].shown(getattr(metrics, name)) + of_attempt
     yield NOTHING if request.solve_time is None else f"{request.solve_time:.3f}"
     yield NOTHING if solver is None else str(solver.iterations)
+
+
+def _publications(asked: Sequence[Publication]) -> Iterator[Element]:
+    """Yield the requests to publish a plan that waits."""
+    if not asked:
+        return
+    yield element("h2", "publish_plan")
+    rows = list[Element]()
+    for one in asked:
+        kind = "solved" if one.published else "refused"
+        cells = (
+            one.plan_id or "(no id)",
+            one.requester or NOTHING,
+            clock_time(one.asked_ns, with_date=False),
+            element("span", one.status, {"class": kind}),
+            "yes" if one.published else "no",
+            NOTHING if one.state_age_s is None else f"{one.state_age_s:.3f}",
+            one.previous_plan_id or NOTHING,
+        )
+        rows.append(row(cells))
+        if not one.published:
+            reason = element("td", one.message, colspan=str(len(_PUBLICATION_COLUMNS)))
+            rows.append(element("tr", reason, {"class": "reason"}))
+    yield table(_PUBLICATION_COLUMNS, rows)
 
 
 def _duration(request: ReportedRequest) -> str:

@@ -12,6 +12,7 @@ from ff_planner_ros.analysis.drawing.tracking import Deviations
 from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED, Method
 from ff_planner_ros.analysis.plan_json import plan_document
+from ff_planner_ros.bag.publications import Publication
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
@@ -86,6 +87,7 @@ class Report:
     facts: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]  # what is wrong with the bag, and what is left out
     requests: tuple[ReportedRequest, ...]  # in order of time
+    publications: tuple[Publication, ...] = ()  # in order of time
 
     @property
     def counts(self) -> str:
