@@ -15,7 +15,7 @@ from robots import LEMUR_URDF, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.problem import Sphere, attached_spheres
+from ff_planner_ros.planning.problem.problem import Sphere, attached
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -151,4 +151,4 @@ def tumbling_spheres(rng: np.random.Generator, around: Array, count: int) -> tup
             for number in range(count)
         ),
     )
-    return tuple(attached_spheres(body))
+    return tuple(attached(body))

@@ -28,7 +28,7 @@ from ff_planner_ros.planning.distance.search_certificate import (
     search_sphere_distance,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Sphere, attached_spheres
+from ff_planner_ros.planning.problem.problem import Sphere, attached
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.robot.model import Robot
 
@@ -156,7 +156,7 @@ def test_a_sphere_that_swings_past_on_a_body_that_spins(spin: float) -> None:
         angular_velocity=[0.0, 0.0, spin],
         obstacles=(AttachedSphere("boom", -on_circle(-spin * when, 2.0), 0.15),),
     )
-    spheres_are(REST, tuple(attached_spheres(body)), 0.4 - 0.1 - 0.15)
+    spheres_are(REST, tuple(attached(body)), 0.4 - 0.1 - 0.15)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

@@ -42,7 +42,7 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
     Sphere,
-    attached_spheres,
+    attached,
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.scenario.scenario import load_scenario
@@ -212,7 +212,7 @@ def test_a_sphere_that_swings_by_a_resting_robot_is_not_overlooked() -> None:
         angular_velocity=[0.0, 0.0, 20.0],
         obstacles=(AttachedSphere("boom", [0.0, 2.5, 0.0], 0.1),),
     )
-    spheres = tuple(attached_spheres(body))
+    spheres = tuple(attached(body))
     every = np.arange(len(robot.bodies))
     least = least_sphere_distance(robot, motion, spheres, every, len(motion.time) - 1)
     times = np.linspace(0.0, 4.0, 2000)

@@ -19,7 +19,7 @@ from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certif
 from ff_planner_ros.planning.distance.clearance import velocities_at
 from ff_planner_ros.planning.distance.search_certificate import search_certificate
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Sphere, attached_spheres
+from ff_planner_ros.planning.problem.problem import Sphere, attached
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 
 # The first joint is in the origin: the arm of 1 m sweeps the circle about it.
@@ -107,7 +107,7 @@ def test_a_sphere_that_swings_past_on_a_body_that_spins_and_drifts(
             AttachedSphere("boom", [0.0, 0.0, -2.0], 0.3),
         ),
     )
-    spheres = tuple(attached_spheres(body))
+    spheres = tuple(attached(body))
 
     def center(time: float) -> Array:
         return np.array([4.5 - 2.0 * np.sin(spin * time), drift * time, -2.0 * np.cos(spin * time)])

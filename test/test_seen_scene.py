@@ -16,7 +16,7 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
     Target,
-    with_attached_spheres,
+    with_attached,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
@@ -192,7 +192,7 @@ def test_everything_in_a_scene_is_seen_in_one_place_from_a_frame_that_moves(sign
     way = origin + TIMES[:, None] * velocity
     for scene in (
         Scene((free,), target=moving_target(1.0), capture_time=CAPTURE),
-        Scene(with_attached_spheres((free,), body), target_body=body, capture_time=CAPTURE),
+        Scene(with_attached((free,), body), target_body=body, capture_time=CAPTURE),
     ):
         seen = scene.seen_from(origin, velocity)
         assert len(seen.obstacles) == len(scene.obstacles)

@@ -34,7 +34,7 @@ from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
-    attached_spheres,
+    attached,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
@@ -305,7 +305,7 @@ def swinging(radius: float, turns: float, duration: float) -> Sphere:
         angular_velocity=[0.0, 0.0, 2.0 * np.pi * turns / duration],
         obstacles=(AttachedSphere("boom", [-5.0, 0.0, 0.0], radius),),
     )
-    (sphere,) = attached_spheres(body)
+    (sphere,) = attached(body)
     return sphere
 
 
@@ -320,7 +320,7 @@ def test_what_swings_by_between_first_and_last_point_is_not_overlooked() -> None
     assert body is not None
     times = np.linspace(0.0, 10.0, 50)
     shift = tip - np.array([5.2, 0.0, 0.0])
-    (moved_sphere,) = attached_spheres(replace(body, position=shift))
+    (moved_sphere,) = attached(replace(body, position=shift))
     q_rows, none = np.tile(q, (50, 1)), np.zeros((50, robot.model.nv, 1))
     for seen, expected in ((times, True), (0.1 * times, False)):
         distances, _, _ = clearance_rows(
@@ -330,7 +330,7 @@ def test_what_swings_by_between_first_and_last_point_is_not_overlooked() -> None
 
 
 @pytest.mark.parametrize("kind", SPEEDS)
-def test_the_core_sees_attached_spheres_where_they_are(kind: str) -> None:
+def test_the_core_sees_attached_where_they_are(kind: str) -> None:
     rng = np.random.default_rng(0)
     drawn = tumbling.problem(kind, 1)
     robot, spheres = drawn.robot, drawn.obstacles
@@ -364,7 +364,7 @@ def test_the_certificate_knows_how_an_attached_sphere_moves_between_points(seed:
         angular_velocity=0.6 * Rotation.random(rng=rng).apply([1.0, 0.0, 0.0]),
         obstacles=body_of(drawn).obstacles[:2],
     )
-    spheres, times = list(attached_spheres(body)), np.linspace(0.0, 15.0, 6)
+    spheres, times = list(attached(body)), np.linspace(0.0, 15.0, 6)
     rows, still = np.tile(q, (6, 1)), np.zeros((6, robot.model.nv))
     certified = certified_clearance(robot, rows, still, times, spheres)
     dense = np.linspace(0.0, 15.0, 3001)

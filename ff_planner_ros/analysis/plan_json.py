@@ -25,7 +25,7 @@ from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
-    attached_spheres,
+    attached,
     lasting,
 )
 from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
@@ -290,7 +290,7 @@ def _asked_in(answer: Any) -> dict[str, Any]:
     asked = read_keys(_KEYS, "", told, faults)
     faults.refuse()
     if {"obstacles", "target_body"} <= asked.keys():
-        asked["obstacles"] += tuple(attached_spheres(asked["target_body"]))
+        asked["obstacles"] += tuple(attached(asked["target_body"]))
     return asked
 
 

@@ -16,8 +16,8 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
     TargetBody,
-    carried_spheres,
-    with_attached_spheres,
+    carried,
+    with_attached,
 )
 from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
 
@@ -105,7 +105,7 @@ def scene_at_start(
         spheres = received.obstacles.get(stamps.obstacles_ns)
     if spheres is None:
         return None
-    spheres = carried_spheres(spheres, (start_ns - stamps.obstacles_ns) / NANOSECONDS)
+    spheres = carried(spheres, (start_ns - stamps.obstacles_ns) / NANOSECONDS)
     # Answers of earlier versions do not tell: their duration was given.
     captured = stamps.duration or told.scene.capture_time
     if not told.captures:
@@ -115,7 +115,7 @@ def scene_at_start(
         return None
     try:
         body = body.after((start_ns - stamps.target_body_ns) / NANOSECONDS)
-        obstacles = with_attached_spheres(spheres, body)
+        obstacles = with_attached(spheres, body)
     except InvalidInput:
         return None
     return replace(told.scene, obstacles=obstacles, target_body=body, capture_time=captured)

@@ -127,8 +127,8 @@ class _Motion:
         pull = attraction(self._offset(time, q), parameters)
         drag = -parameters.damping * (twist - self._goal_twist)
         nearest = ""
-        if problem.obstacles:
-            nearest = problem.obstacles[int(distance.min(axis=0).argmin())].id
+        if problem.spheres:
+            nearest = problem.spheres[int(distance.min(axis=0).argmin())].id
         acceleration = solution.by_q @ solution.v + solution.by_twist @ (pull + push + drag)
         return _Sample(q, solution.v, acceleration, pull, push, drag, nearest)
 

@@ -116,7 +116,7 @@ def repulsion(
     """
     positions, derivatives = arm_points_with_derivatives(problem.robot, q[None], v_by_twist[None])
     starts = segments(positions)
-    clear = clearances(positions, np.array([time]), starts, problem.obstacles)
+    clear = clearances(positions, np.array([time]), starts, problem.spheres)
     distance = np.maximum(clear.distance, parameters.smallest_distance)
     growth = 1.0 + parameters.decay * distance
     force = parameters.repulsion * np.exp(-parameters.decay * distance) * growth / distance**2

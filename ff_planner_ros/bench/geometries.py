@@ -92,7 +92,7 @@ def geometry_attempt(
     whole = replace(bodies.problem(robot, number).problem, objective=OBJECTIVES[objective])
     asked = replace(whole, robot=bench_robot(robot, geometry))
     made, outcome = timed_plan(PlanningTask(asked, settings))
-    found = touching(whole.robot, made.trajectory, whole.obstacles) if made else ()
+    found = touching(whole.robot, made.trajectory, whole.spheres) if made else ()
     return GeometryAttempt(robot, number, objective, geometry, tuple(sorted(found)), **outcome)
 
 
@@ -183,7 +183,7 @@ def _with_lines(problem: PlanningProblem) -> Robot:
 def _more_spheres(problem: PlanningProblem, way: Swept, count: int) -> tuple[Sphere, ...]:
     """Return a problem's spheres and others around the robot, away from its bodies on their way."""
     rng = np.random.default_rng(0)
-    spheres = list(problem.obstacles)
+    spheres = list(problem.spheres)
     middle, reach = way.centers.mean(axis=(0, 1)), np.ptp(way.centers, axis=(0, 1)).max()
     while len(spheres) < count:
         center = middle + rng.uniform(-1.5 * reach, 1.5 * reach, 3)

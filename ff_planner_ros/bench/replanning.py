@@ -16,7 +16,7 @@ from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motio
 from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
-    carried_spheres,
+    carried,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -135,7 +135,7 @@ def _continuing(task: PlanningTask, motion: JointMotion, since: float) -> Planni
         problem,
         start=state,
         duration=goal - _AHEAD,
-        obstacles=carried_spheres(problem.obstacles, since + _AHEAD),
+        obstacles=carried(problem.obstacles, since + _AHEAD),
     )
     if problem.target_body is not None:
         later = with_capture_target(problem.target_body.after(since + _AHEAD), later)

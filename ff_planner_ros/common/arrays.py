@@ -32,6 +32,11 @@ def zero_vector() -> Array:
     return np.zeros(3)
 
 
+def no_turn() -> Array:
+    """Return the quaternion of no rotation, (x, y, z, w). Shape (4,)."""
+    return np.array([0.0, 0.0, 0.0, 1.0])
+
+
 def frozen(values: ArrayLike) -> Array:
     """Return a read-only copy of `values` as an array of floats."""
     array = np.array(values, dtype=np.float64)

@@ -42,3 +42,22 @@ def changes(kind: type[Any]) -> Form:
         from_message=lambda field, message: values_in(kind, message, field),
         of=kind,
     )
+
+
+def one_of_parts(key: str, with_key: Form, without: Form) -> Form:
+    """Return the form of an object of one of two classes; key: that files of the first have.
+
+    In messages both are in arrays of their own: the form reads entries of the second.
+    """
+
+    def of(value: Any) -> Form:
+        if isinstance(value, dict):
+            return with_key if key in value else without
+        return with_key if with_key.of is type(value) else without
+
+    return Form(
+        lambda field, value: of(value).read(field, value),
+        lambda: {"anyOf": [without.schema(), with_key.schema()]},
+        written=lambda value: of(value).written(value),
+        from_message=without.from_message,
+    )

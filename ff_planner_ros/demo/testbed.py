@@ -19,7 +19,7 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.waiting import Wait
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.problem.problem import PlanningProblem, carried_spheres
+from ff_planner_ros.planning.problem.problem import PlanningProblem, carried
 from ff_planner_ros.planning.problem.target_body import TargetBody as FreeBody
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.robot.model import Robot
@@ -121,9 +121,9 @@ class SimulatedTestbed:
 
     def _publish_obstacles(self) -> None:
         stamp_ns = self._clock.now().nanoseconds
-        free = tuple(sphere for sphere in self._scenario.obstacles if sphere.body is None)
+        free = tuple(sphere for sphere in self._scenario.spheres if sphere.body is None)
         since_epoch = self._begin if self._stands_still() else self._seconds(stamp_ns)
-        there = carried_spheres(free, since_epoch)
+        there = carried(free, since_epoch)
         self._obstacles.publish(obstacles_message(there, stamp_ns, SCENARIO_FRAME))
 
     def _hold_obstacles(self) -> None:

@@ -70,7 +70,7 @@ def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
     """Return a lower bound of a path's clearance, between the points too."""
     rollout = roll_out(problem, coefficients)
     times = np.linspace(0.0, problem.duration, problem.points)
-    return certified_clearance(problem.robot, rollout.q, rollout.v, times, problem.obstacles)
+    return certified_clearance(problem.robot, rollout.q, rollout.v, times, problem.spheres)
 
 
 def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:

@@ -48,7 +48,7 @@ def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
         ),
         obstacles=tuple(
             replace(s, center=frame.act(s.center), velocity=rotation @ s.velocity)
-            for s in problem.obstacles
+            for s in problem.spheres
         ),
     )
     body = problem.target_body

@@ -25,10 +25,11 @@ from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.obstacles import spheres_in
 from ff_planner_ros.planning.problem.problem import (
     TargetBody,
-    carried_spheres,
-    with_attached_spheres,
+    carried,
+    with_attached,
 )
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.report.run_report import (
@@ -257,9 +258,9 @@ def _plan(
     obstacles = None
     if spheres is not None:
         obstacles = spheres_from_message(spheres, spheres.header.frame_id)
-        obstacles = carried_spheres(obstacles, _since(answer.inputs.obstacles_stamp, answer))
+        obstacles = carried(obstacles, _since(answer.inputs.obstacles_stamp, answer))
         if body is not None:
-            obstacles = with_attached_spheres(obstacles, body)
+            obstacles = spheres_in(with_attached(obstacles, body))
     return reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told)
 
 

@@ -72,11 +72,11 @@ def record_answer(
     state = state_message(problem.start, names, now, SCENARIO_FRAME)
     start_ns = now + round(task.ahead * NANOSECONDS)
     # As they are at the plan's first point, and so is the target body.
-    obstacles = obstacles_message(problem.obstacles, start_ns, SCENARIO_FRAME)
+    obstacles = obstacles_message(problem.spheres, start_ns, SCENARIO_FRAME)
     request = request_message(problem, SCENARIO_FRAME)
     request.search.effort = task.effort
     request.start_state = [state]
-    request.scene = [scene_message(problem.obstacles, start_ns, SCENARIO_FRAME)]
+    request.scene = [scene_message(problem.spheres, start_ns, SCENARIO_FRAME)]
     body = problem.target_body
     if body is not None:
         request.target_body = [target_body_message(body, start_ns, SCENARIO_FRAME)]

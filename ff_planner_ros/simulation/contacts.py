@@ -49,7 +49,7 @@ class Touch:
         Raises:
             InvalidInput: MuJoCo refuses a shape.
         """
-        obstacles = scene.obstacles
+        obstacles = scene.spheres
         spec, names = specification(robot.urdf)
         spec.compiler.discardvisual = False  # else what is in no pair is left out
         bodies = [f"body {number}" for number in range(len(robot.bodies))]
@@ -82,7 +82,7 @@ class Touch:
             q: MuJoCo's configuration.
             time: From the start of the plan [s].
         """
-        (centers,) = centers_at(np.array([time]), self._scene.obstacles)
+        (centers,) = centers_at(np.array([time]), self._scene.spheres)
         return {pair: max(depths) for pair, depths in self._seen(q, centers)[0].items()}
 
     def _seen(self, q: Array, centers: Array) -> tuple[dict[str, list[float]], set[str]]:
@@ -115,7 +115,7 @@ class Touch:
         found: list[tuple[float, str, float, bool]] = []
         outside = -np.inf  # when the end effector was last away from the goal
         for configurations, moments in _looks(states, times, self._model.nq):
-            centers = centers_at(moments, self._scene.obstacles)
+            centers = centers_at(moments, self._scene.spheres)
             targets = self._scene.targets(moments)
             for look, time in enumerate(moments.tolist()):
                 depths, allowed = self._seen(configurations[look], centers[look])

@@ -79,7 +79,7 @@ def _draw_view(
     )
     here = list(plane)
     moments = np.array([0.0, problem.duration])
-    for number, sphere in enumerate(problem.obstacles):
+    for number, sphere in enumerate(problem.spheres):
         center = np.array([sphere.center + sphere.way(time) for time in moments])
         begin, end = _seen(body, moments, center[:, None], rides)[:, 0][:, here]
         labels = ("sphere at the start", "at the capture") if number == 0 else (None, None)

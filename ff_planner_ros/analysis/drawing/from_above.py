@@ -26,7 +26,7 @@ def view_from_above(problem: PlanningProblem, motions: Mapping[Method, Trajector
     """Draw chaser, arm, obstacles and target in x and y: the darker, the later."""
     figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     axes = figure.add_subplot()
-    for sphere in problem.obstacles:
+    for sphere in problem.spheres:
         way = sphere.way(problem.duration)
         axes.add_patch(Circle(tuple(sphere.center[:2]), sphere.radius, color=_OBSTACLE))
         if way.any():

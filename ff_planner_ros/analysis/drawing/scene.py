@@ -58,7 +58,7 @@ def save_scene(
     path: Path,
 ) -> None:
     """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
-    figure = scene_figure(problem.robot, problem.obstacles, problem.target, motions, shown)
+    figure = scene_figure(problem.robot, problem.spheres, problem.target, motions, shown)
     first = next(iter(motions.values()))
     figure.add_traces(list(drawn_constraints(scene_of(problem), problem.robot, first)))
     save_page(figure, ", ".join(method.label for method in motions), path)

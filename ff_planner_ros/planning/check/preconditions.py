@@ -55,7 +55,7 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
             f"{contact.first.split('#')[0]}/{contact.second} in allowed_collisions.pairs if it is "
             "grasped",
         )
-    for sphere in () if robot.bodies else problem.obstacles:
+    for sphere in () if robot.bodies else problem.spheres:
         center = sphere.center + sphere.way(problem.duration)
         depth = sphere.radius - float(np.linalg.norm(target - center))
         if depth >= 0.0:

@@ -32,7 +32,7 @@ def split_spheres(problem: PlanningProblem) -> tuple[Indices, Indices]:
     may = [
         f"{body.link}/{sphere.id}" in problem.allowed_collisions
         for body in problem.robot.bodies
-        for sphere in problem.obstacles
+        for sphere in problem.spheres
     ]
     return _split(may)
 

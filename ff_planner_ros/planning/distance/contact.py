@@ -66,7 +66,7 @@ def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Co
     for body, sphere, distance, by_joints in zip(
         *at[1:], measured.distance, gradients, strict=True
     ):
-        names = bodies[body].name, problem.obstacles[sphere].id
+        names = bodies[body].name, problem.spheres[sphere].id
         found.append(Contact(float(distance), *names, True, by_joints))
     touching = [contact for contact in found if contact.distance <= 0.0]
     return min(touching, key=lambda contact: contact.distance, default=None)
@@ -106,14 +106,14 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
     allowed, found = split_spheres(problem)[1], list[Contact]()
-    centers = centers_at(np.array([problem.duration]), problem.obstacles)[0]
+    centers = centers_at(np.array([problem.duration]), problem.spheres)[0]
     for number, body in enumerate(robot.bodies):
         if body.joint != robot.joints + 1:
             continue
         place = last_joint * body.placement_in_joint
-        for index, sphere in enumerate(problem.obstacles):
+        for index, sphere in enumerate(problem.spheres):
             distance = distance_from(body, place.actInv(centers[index])) - sphere.radius
-            if distance <= 0.0 and number * len(problem.obstacles) + index not in allowed:
+            if distance <= 0.0 and number * len(problem.spheres) + index not in allowed:
                 found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
     return min(found, key=lambda contact: contact.distance, default=None)
 
@@ -127,5 +127,5 @@ def is_near_goal(problem: PlanningProblem, q: Array, time: float) -> bool:
 
 def _spheres(problem: PlanningProblem, q: Array, time: float) -> tuple[Array, Array]:
     """Return the spheres' centres seen from the chaser, (1, spheres, 3), and their radii."""
-    centers = centers_in_base(q[None], centers_at(np.array([time]), problem.obstacles))
-    return centers, np.array([sphere.radius for sphere in problem.obstacles])
+    centers = centers_in_base(q[None], centers_at(np.array([time]), problem.spheres))
+    return centers, np.array([sphere.radius for sphere in problem.spheres])

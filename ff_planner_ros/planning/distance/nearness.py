@@ -118,7 +118,7 @@ def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
         times: Shape (times,) [s].
         scene: In the frame of q.
     """
-    centers = centers_at(times, scene.obstacles)
+    centers = centers_at(times, scene.spheres)
     at_origin = q.copy()
     at_origin[:, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
     ends = arm_points(robot, at_origin)
@@ -126,9 +126,9 @@ def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
     starts = segments(ends)
     base = rotation_base_to_inertial(q)
     seen = np.einsum("tji,tsj->tsi", base, centers - q[:, None, :3])
-    shape = (len(q), len(robot.bodies) or len(starts), len(scene.obstacles))
+    shape = (len(q), len(robot.bodies) or len(starts), len(scene.spheres))
     rows = np.nonzero(np.ones(shape, bool))
-    radius = np.array([sphere.radius for sphere in scene.obstacles])
+    radius = np.array([sphere.radius for sphere in scene.spheres])
     distance, normal = measured(robot, placed, ends, starts, rows, seen[rows[0], rows[2]], radius)
     ee_positions = q[:, :3] + np.einsum("tij,tj->ti", base, ends[:, -1])
     counts = np.arange(len(q))[:, None, None] < _touching_from(robot, scene, ee_positions, times)
@@ -191,7 +191,7 @@ def _touching_from(robot: Robot, scene: Scene, ee_positions: Array, times: Array
         As many as there are times: never. Shape (bodies, spheres); (1, spheres) for lines.
     """
     names = [body.link for body in robot.bodies] or [""]
-    never = np.full((len(names), len(scene.obstacles)), len(times))
+    never = np.full((len(names), len(scene.spheres)), len(times))
     goal = scene.targets(times)
     if not scene.allowed_collisions or goal is None:
         return never
@@ -199,7 +199,7 @@ def _touching_from(robot: Robot, scene: Scene, ee_positions: Array, times: Array
     outside = np.flatnonzero(away)
     first = int(outside[-1]) + 1 if outside.size else 0
     for row, name in enumerate(names):
-        for column, sphere in enumerate(scene.obstacles):
+        for column, sphere in enumerate(scene.spheres):
             if f"{name}/{sphere.id}" in scene.allowed_collisions:
                 never[row, column] = first
     return never

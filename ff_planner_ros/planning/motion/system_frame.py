@@ -22,6 +22,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -67,14 +68,7 @@ class SystemFrame:
                 linear_acceleration=self._vector_here(target.linear_acceleration, _OTHER),
                 angular_acceleration=self._vector_here(target.angular_acceleration, _OTHER),
             ),
-            obstacles=tuple(
-                replace(
-                    sphere,
-                    center=self._place_here(sphere.center, 0.0),
-                    velocity=self._velocity_here(sphere.velocity),
-                )
-                for sphere in problem.obstacles
-            ),
+            obstacles=tuple(map(self._obstacle_here, problem.obstacles)),
             requirements=tuple(one.seen_from(self) for one in problem.requirements),
             duration_range=None
             if window is None
@@ -129,6 +123,18 @@ class SystemFrame:
             return place, attitude, v @ axes + self.velocity, omega @ axes
 
         return _with_motion(plan, there)
+
+    def _obstacle_here(self, one: Obstacle) -> Obstacle:
+        velocity = self._velocity_here(one.velocity)
+        if isinstance(one, Sphere):
+            return replace(one, center=self._place_here(one.center, 0.0), velocity=velocity)
+        return replace(
+            one,
+            position=self._place_here(one.position, 0.0),
+            quaternion_xyzw=self._attitude_here(one.quaternion_xyzw),
+            velocity=velocity,
+            angular_velocity=self._vector_here(one.angular_velocity, _OTHER),
+        )
 
     def _place_here(self, point: Array, time: float) -> Array:
         # Subtracted before anything is multiplied: far away a turn would cost the last digits.

@@ -1,18 +1,27 @@
-"""Spheres that the arm stays out of: at rest, moving uniformly, or fixed to a target body."""
+"""What the arm stays out of: spheres and bodies of other shapes.
+
+They rest, move uniformly, turn at a constant rate (bodies), or are fixed to a target body.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import ClassVar, TypeAlias, TypeVar
 
 import numpy as np
+import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, frozen, zero_vector
+from ff_planner_ros.common.arrays import Array, frozen, no_turn, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
-from ff_planner_ros.common.forms import NAME, a_number, a_vector
+from ff_planner_ros.common.declared_parts import one_of_parts, part
+from ff_planner_ros.common.forms import NAME, QUATERNION, Form, a_number, a_vector
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
+from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +93,10 @@ class Sphere:
             return 0.0
         return 2.0 * self.body.fastest_turn**2 * float(np.linalg.norm(self.place_in_body))
 
+    def after(self, time: float) -> Sphere:
+        """Return it as it will be in a time [s]."""
+        return replace(self, center=self.center + self.way(time))
+
     def way(self, time: float) -> Array:
         """Return how far its centre has come since the plan's first point. Shape (3,) [m]."""
         if self.body is None or self.place_in_body is None:
@@ -91,6 +104,153 @@ class Sphere:
             return uniform
         there = self.body.places(self.place_in_body[None], np.array([time]))
         return np.asarray(there[0, 0] - self.center, np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleBody:
+    """An obstacle of any convex shape.
+
+    It rests, moves uniformly and turns at a constant rate about the origin of its shape's frame, or
+    is fixed to a target body and moves with it.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    id: str = declare(NAME, "name in messages, unique", message="id")
+    shape: Solid | MeshFile = declare(
+        SHAPE,
+        SHAPE_SENTENCE,
+        unit="m",
+    )
+    position: Array = declare(
+        a_vector(),
+        "of the shape's frame, at the plan's first point",
+        unit="m",
+        message="pose.position",
+    )
+    quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "axes of the shape to inertial axes, at the plan's first point",
+        default_factory=no_turn,
+        message="pose.orientation",
+    )
+    velocity: Array = declare(
+        a_vector(),
+        "constant",
+        unit="m/s",
+        brief=True,
+        default_factory=zero_vector,
+        message="twist.linear",
+    )
+    angular_velocity: Array = declare(
+        a_vector(),
+        "in inertial axes, constant",
+        unit="rad/s",
+        brief=True,
+        default_factory=zero_vector,
+        message="twist.angular",
+    )
+    body: TargetBody | None = None  # that it is fixed to; None: to none
+    place_in_body: pin.SE3 | None = None  # of the shape's frame then
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, f"obstacles[{self.id}]")
+
+    @property
+    def solid(self) -> Solid:
+        """Its shape, once the mesh that it may be has been read.
+
+        Raises:
+            InvalidInput: It has not been.
+        """
+        if isinstance(self.shape, MeshFile):
+            told, allowed = f"obstacles[{self.id}].shape", "its file must be read before"
+            raise InvalidInput(Status.UNSUPPORTED, told, self.shape.file, allowed)
+        return self.shape
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere, or turned, later."""
+        return (
+            self.body is not None or bool(self.velocity.any()) or bool(self.angular_velocity.any())
+        )
+
+    @cached_property
+    def highest_speed(self) -> float:
+        """A speed that no point of it ever exceeds [m/s]."""
+        reach = self.solid.reach
+        if self.body is None or self.place_in_body is None:
+            turn = float(np.linalg.norm(self.angular_velocity))
+            return float(np.linalg.norm(self.velocity)) + turn * reach
+        drift = float(np.linalg.norm(self.body.linear_velocity))
+        arm = float(np.linalg.norm(self.place_in_body.translation))
+        return drift + self.body.fastest_turn * (arm + reach)
+
+    def poses(self, times: Array) -> tuple[Array, Array]:
+        """Return its axes to inertial axes, (times, 3, 3), and its origin, (times, 3) [m].
+
+        Args:
+            times: From the plan's first point on. Shape (times,) [s].
+        """
+        if self.body is not None and self.place_in_body is not None:
+            motion = self.body.motion(self.place_in_body.translation, times)
+            return motion.rotations @ self.place_in_body.rotation, motion.positions
+        begin = rotation_from_quaternion(self.quaternion_xyzw)
+        positions = self.position + times[:, None] * self.velocity
+        if not self.angular_velocity.any():
+            return np.broadcast_to(begin, (len(times), 3, 3)), positions
+        turns = [pin.exp3(time * self.angular_velocity) for time in times]
+        return np.array(turns).reshape(-1, 3, 3) @ begin, positions
+
+    def twists(self, times: Array) -> Array:
+        """Return the velocities of its origin and its turn rates, inertial axes. (times, 6)."""
+        if self.body is not None and self.place_in_body is not None:
+            return self.body.motion(self.place_in_body.translation, times).twists
+        twist = np.concatenate([self.velocity, self.angular_velocity])
+        return np.broadcast_to(twist, (len(times), 6))
+
+    def after(self, time: float) -> ObstacleBody:
+        """Return one that is fixed to no body as it will be in a time [s]."""
+        rotations, positions = self.poses(np.array([time]))
+        turned = pin.Quaternion(rotations[0]).coeffs()
+        attitude = turned if self.angular_velocity.any() else self.quaternion_xyzw
+        return replace(self, position=positions[0], quaternion_xyzw=attitude)
+
+
+Obstacle: TypeAlias = Sphere | ObstacleBody
+Kind = TypeVar("Kind", Sphere, ObstacleBody, Obstacle)
+InTheWay: TypeAlias = Obstacle | AttachedSphere | AttachedBody
+
+
+def spheres_in(obstacles: Sequence[Obstacle]) -> tuple[Sphere, ...]:
+    """Return the spheres among obstacles."""
+    return tuple(one for one in obstacles if isinstance(one, Sphere))
+
+
+def bodies_in(obstacles: Sequence[Obstacle]) -> tuple[ObstacleBody, ...]:
+    """Return the bodies among obstacles."""
+    return tuple(one for one in obstacles if isinstance(one, ObstacleBody))
+
+
+def with_mesh_read(one: InTheWay, told: str, directory: Path | None) -> InTheWay:
+    """Return an obstacle whose mesh is read, and a sphere where that is its shape.
+
+    Args:
+        told: Its field in errors.
+        directory: That a file's path is relative to; None: no file may be read.
+
+    Raises:
+        InvalidInput: The file cannot be read, or its mesh has no convex hull.
+    """
+    if isinstance(one, ObstacleBody | AttachedBody) and isinstance(one.shape, MeshFile):
+        one = replace(one, shape=one.shape.load(f"{told}.shape.mesh", directory))
+    if isinstance(one, ObstacleBody) and one.solid.kind == "sphere":
+        return Sphere(one.id, one.position, float(one.solid.sizes[0]), one.velocity)
+    return one
 
 
 def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
@@ -108,30 +268,54 @@ def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
     return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
 
 
-def carried_spheres(spheres: tuple[Sphere, ...], time: float) -> tuple[Sphere, ...]:
-    """Return spheres that rest or move uniformly as they will be in a time [s]."""
-    if not any(sphere.moves for sphere in spheres):
-        return spheres
-    return tuple(replace(one, center=one.center + one.way(time)) for one in spheres)
+def carried(obstacles: Sequence[Kind], time: float) -> tuple[Kind, ...]:
+    """Return obstacles that are fixed to no body as they will be in a time [s]."""
+    return tuple(one.after(time) if one.moves else one for one in obstacles)
 
 
-def with_attached_spheres(obstacles: Sequence[Sphere], body: TargetBody) -> tuple[Sphere, ...]:
+def with_attached(obstacles: Sequence[Obstacle], body: TargetBody) -> tuple[Obstacle, ...]:
     """Return obstacles, and what is fixed to a body behind them.
 
     Raises:
         InvalidInput: One of these has the name of an obstacle.
     """
-    names, attached = {sphere.id for sphere in obstacles}, tuple(attached_spheres(body))
-    for index, sphere in enumerate(attached):
-        if sphere.id in names:
+    names, fixed = {one.id for one in obstacles}, tuple(attached(body))
+    for index, one in enumerate(fixed):
+        if one.id in names:
             field, allowed = f"target_body.obstacles[{index}].id", "an obstacle has it, too"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, sphere.id, allowed)
-    return (*obstacles, *attached)
+            raise InvalidInput(Status.OUT_OF_RANGE, field, one.id, allowed)
+    return (*obstacles, *fixed)
 
 
-def attached_spheres(body: TargetBody) -> Iterator[Sphere]:
+def attached(body: TargetBody) -> Iterator[Obstacle]:
     """Yield what is fixed to a body as obstacles of a problem."""
-    for sphere in body.obstacles:
-        motion = body.motion(sphere.center, np.zeros(1))
+    now = np.zeros(1)
+    for one in body.obstacles:
+        if isinstance(one, AttachedBody):
+            fixed = _attached_body(one, body)
+            if fixed.solid.kind != "sphere":
+                yield fixed
+                continue
+            one = AttachedSphere(one.id, one.position, float(fixed.solid.sizes[0]))
+        motion = body.motion(one.center, now)
         center, velocity = motion.positions[0], motion.twists[0, :3]
-        yield Sphere(sphere.id, center, sphere.radius, velocity, body, sphere.center)
+        yield Sphere(one.id, center, one.radius, velocity, body, one.center)
+
+
+def _attached_body(one: AttachedBody, body: TargetBody) -> ObstacleBody:
+    place = pin.SE3(rotation_from_quaternion(one.quaternion_xyzw), one.position)
+    motion = body.motion(one.position, np.zeros(1))
+    return ObstacleBody(
+        one.id,
+        one.shape,
+        motion.positions[0],
+        pin.Quaternion(motion.rotations[0] @ place.rotation).coeffs(),
+        motion.twists[0, :3],
+        motion.twists[0, 3:],
+        body,
+        place,
+    )
+
+
+# Of an obstacle in a file: a sphere by its centre and radius, or a body by its shape
+OBSTACLE: Form = one_of_parts("shape", part(ObstacleBody), part(Sphere))

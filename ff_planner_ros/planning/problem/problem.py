@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -28,10 +29,15 @@ from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.limits import Limits
 from ff_planner_ros.planning.problem.objective import SHORTEST, DurationRange, Objective
 from ff_planner_ros.planning.problem.obstacles import (
+    OBSTACLE,
+    Obstacle,
+    ObstacleBody,
     Sphere,
-    attached_spheres,
-    carried_spheres,
-    with_attached_spheres,
+    attached,
+    bodies_in,
+    carried,
+    spheres_in,
+    with_attached,
 )
 from ff_planner_ros.planning.problem.parametrisation import Parametrisation
 from ff_planner_ros.planning.problem.target import (
@@ -55,16 +61,18 @@ __all__ = [
     "DurationRange",
     "Limits",
     "Objective",
+    "Obstacle",
+    "ObstacleBody",
     "Orientation",
     "Parametrisation",
     "PlanningProblem",
     "Sphere",
     "Target",
     "TargetBody",
-    "attached_spheres",
-    "carried_spheres",
+    "attached",
+    "carried",
     "lasting",
-    "with_attached_spheres",
+    "with_attached",
     "with_capture_target",
 ]
 
@@ -123,7 +131,9 @@ class PlanningProblem:
         optional=True,
         message="search.points",
     )
-    obstacles: tuple[Sphere, ...] = declare(each(part(Sphere)), "spheres to stay out of")
+    obstacles: tuple[Obstacle, ...] = declare(
+        each(OBSTACLE), "spheres, and bodies of other shapes, to stay out of"
+    )
     objective: Objective = declare(
         part(Objective),
         "what is minimised",
@@ -224,6 +234,16 @@ class PlanningProblem:
         if self.camera is not None:
             self._require_known_link(self.camera.link)
 
+    @cached_property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """The spheres among the obstacles."""
+        return spheres_in(self.obstacles)
+
+    @cached_property
+    def obstacle_bodies(self) -> tuple[ObstacleBody, ...]:
+        """The other obstacles, which have shapes."""
+        return bodies_in(self.obstacles)
+
     @property
     def durations(self) -> DurationRange:
         """Those to choose from: one where the duration is given."""
@@ -257,14 +277,14 @@ class PlanningProblem:
         """Refuse an allowed contact of what there is not."""
         links = [body.link for body in self.robot.bodies]
         pairs = [(links[a], links[b]) for a, b in self.robot.pairs]
-        spheres = [sphere.id for sphere in self.obstacles]
+        obstacles = [one.id for one in self.obstacles]
         known = {f"{a}/{b}" for a, b in (*pairs, *((b, a) for a, b in pairs))}
-        known |= {f"{link}/{sphere}" for link in links for sphere in spheres}
+        known |= {f"{link}/{obstacle}" for link in links for obstacle in obstacles}
         for name in self.allowed_collisions:
             if name not in known:
                 allowed = (
                     "it must be link/obstacle or link/link, of links with shapes: "
-                    f"{', '.join(dict.fromkeys(links))}; and obstacles: {', '.join(spheres)}"
+                    f"{', '.join(dict.fromkeys(links))}; and obstacles: {', '.join(obstacles)}"
                     if links
                     else "with robot.geometry lines nothing but the arm's lines is kept clear"
                 )
@@ -281,11 +301,11 @@ def with_capture_target(body: TargetBody, problem: PlanningProblem) -> PlanningP
     Raises:
         InvalidInput: What is fixed to it has the name of an obstacle, or it turns too far.
     """
-    others = tuple(sphere for sphere in problem.obstacles if sphere.body is None)
+    others = tuple(one for one in problem.obstacles if one.body is None)
     return replace(
         problem,
         target=body.target(problem.duration),
-        obstacles=with_attached_spheres(others, body),
+        obstacles=with_attached(others, body),
         target_body=body,
     )
 

@@ -10,12 +10,14 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody, bodies_in, spheres_in
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,
+    Obstacle,
     PlanningProblem,
     Sphere,
     Target,
-    attached_spheres,
+    attached,
 )
 from ff_planner_ros.planning.problem.target_body import TargetBody
 
@@ -24,7 +26,7 @@ from ff_planner_ros.planning.problem.target_body import TargetBody
 class Scene:
     """What a plan was made among, in the plan's inertial frame."""
 
-    obstacles: Sequence[Sphere] = ()
+    obstacles: Sequence[Obstacle] = ()
     # `link/obstacle` or `link/link`: they may touch from when on the end effector stays within the
     # contact distance of the target
     allowed_collisions: Sequence[str] = ()
@@ -42,6 +44,16 @@ class Scene:
         if self.target_body is None:
             return self.target
         return None if self.capture_time is None else self.target_body.target(self.capture_time)
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """The spheres among the obstacles."""
+        return spheres_in(self.obstacles)
+
+    @property
+    def obstacle_bodies(self) -> tuple[ObstacleBody, ...]:
+        """The other obstacles, which have shapes."""
+        return bodies_in(self.obstacles)
 
     @property
     def constraints(self) -> dict[str, Approach | Camera]:
@@ -66,11 +78,7 @@ class Scene:
     def seen_from(self, origin: Array, velocity: Array) -> Scene:
         """Return the scene in a frame that moves, without turning."""
         body = None if self.target_body is None else self.target_body.seen_from(origin, velocity)
-        free = [
-            replace(one, center=one.center - origin, velocity=one.velocity - velocity)
-            for one in self.obstacles
-            if one.body is None
-        ]
+        free = [_seen_from(one, origin, velocity) for one in self.obstacles if one.body is None]
         target = self.target
         if target is not None:
             way = origin + (self.capture_time or 0.0) * velocity
@@ -81,10 +89,16 @@ class Scene:
             )
         return replace(
             self,
-            obstacles=(*free, *(() if body is None else attached_spheres(body))),
+            obstacles=(*free, *(() if body is None else attached(body))),
             target=target,
             target_body=body,
         )
+
+
+def _seen_from(one: Obstacle, origin: Array, velocity: Array) -> Obstacle:
+    if isinstance(one, Sphere):
+        return replace(one, center=one.center - origin, velocity=one.velocity - velocity)
+    return replace(one, position=one.position - origin, velocity=one.velocity - velocity)
 
 
 # Fields that are the same in a problem, and need nothing but the problem's request to be known.

@@ -17,13 +17,19 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, zero_vector
+from ff_planner_ros.common.arrays import Array, no_turn, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
-from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.declared_parts import one_of_parts, part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target import Target
-from ff_planner_ros.planning.problem.torque_free import TorqueFreeMotion, Turning, possible_inertia
+from ff_planner_ros.planning.problem.torque_free import (
+    TorqueFreeMotion,
+    Turning,
+    fastest_turn,
+    possible_inertia,
+)
+from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
 from ff_planner_ros.robot.rotation import cross
 
 # After more turns [rad] than this nobody can tell where a grasp is: a rate that is known to one in
@@ -48,6 +54,41 @@ class AttachedSphere:
         message="center",
     )
     radius: float = declare(a_number(above=0.0), "obstacle plus link", unit="m", message="radius")
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, f"target_body.obstacles[{self.id}]")
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedBody:
+    """An obstacle of any convex shape that is fixed to a target body.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    id: str = declare(NAME, "name in messages, unique among all obstacles", message="id")
+    shape: Solid | MeshFile = declare(
+        SHAPE,
+        SHAPE_SENTENCE,
+        unit="m",
+    )
+    position: Array = declare(
+        a_vector(),
+        "of the shape's frame, from the body's centre of mass",
+        unit="m",
+        frame="in the body's frame",
+        message="pose.position",
+    )
+    quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "axes of the shape to body axes",
+        default_factory=no_turn,
+        message="pose.orientation",
+    )
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -127,9 +168,9 @@ class TargetBody:
         default_factory=zero_vector,
         message="twist.angular",
     )
-    obstacles: tuple[AttachedSphere, ...] = declare(
-        each(part(AttachedSphere)),
-        "spheres that move with the body",
+    obstacles: tuple[AttachedSphere | AttachedBody, ...] = declare(
+        each(one_of_parts("shape", part(AttachedBody), part(AttachedSphere))),
+        "spheres and bodies that move with it",
         default=(),
         message="obstacles",
     )
@@ -144,11 +185,12 @@ class TargetBody:
 
     def _check_obstacles(self) -> None:
         names = set[str]()
-        for sphere in self.obstacles:
-            if sphere.id in names:
+        for one in self.obstacles:
+            if one.id in names:
                 told = "target_body.obstacles"
-                raise InvalidInput(Status.OUT_OF_RANGE, told, sphere.id, "ids must be unique")
-            names.add(sphere.id)
+                raise InvalidInput(Status.OUT_OF_RANGE, told, one.id, "ids must be unique")
+            names.add(one.id)
+        for sphere in self.spheres:
             depth = sphere.radius - float(np.linalg.norm(self.grasp_position - sphere.center))
             if depth >= 0.0:
                 raise InvalidInput(
@@ -158,6 +200,11 @@ class TargetBody:
                     f"it must be outside every attached sphere; it is {depth:.4g} m inside "
                     f"{sphere.id}",
                 )
+
+    @property
+    def spheres(self) -> tuple[AttachedSphere, ...]:
+        """The spheres among what moves with it."""
+        return tuple(one for one in self.obstacles if isinstance(one, AttachedSphere))
 
     @cached_property
     def _turning(self) -> TorqueFreeMotion:
@@ -294,20 +341,6 @@ class TargetBody:
 
     @cached_property
     def fastest_turn(self) -> float:
-        """A turn rate that it never exceeds, and at some time has, but for rounding [rad/s].
-
-        With x the squares of the rates about the principal axes, energy and angular momentum keep
-        the sums of I x and of I^2 x. The x that fit both lie on a line, x >= 0 cuts it, and the sum
-        of x is largest at an end.
-        """
-        moments, axes = np.linalg.eigh(self._relative_inertia)
-        to_body = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix() @ axes
-        squares = (self.angular_velocity @ to_body) ** 2
-        along = cross(moments, moments**2)
-        along /= max(float(np.abs(along).max()), np.finfo(float).tiny)
-        gain = float(along.sum())
-        along *= math.copysign(1.0, gain)
-        falling = along < 0.0
-        # A ball turns steadily, and so does what is one but for rounding.
-        way = float((squares[falling] / -along[falling]).min()) if falling.any() else 0.0
-        return math.sqrt(float(squares.sum()) + abs(gain) * way)
+        """A turn rate that it never exceeds, and at some time has, but for rounding [rad/s]."""
+        to_inertial = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix()
+        return fastest_turn(self._relative_inertia, to_inertial, self.angular_velocity)

@@ -11,6 +11,7 @@ between its ends too, and no grid of times is needed.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -177,3 +178,27 @@ def possible_inertia(field: str, inertia: Array) -> Array:
         allowed = "no moment may be larger than the sum of the others: no body has such an inertia"
         raise InvalidInput(Status.OUT_OF_RANGE, field, told, allowed)
     return found
+
+
+def fastest_turn(inertia: Array, to_inertial: Array, rate: Array) -> float:
+    """Return a turn rate that a body never exceeds, and at some time has, but for rounding [rad/s].
+
+    With x the squares of the rates about the principal axes, energy and angular momentum keep
+    the sums of I x and of I^2 x. The x that fit both lie on a line, x >= 0 cuts it, and the sum
+    of x is largest at an end.
+
+    Args:
+        inertia: About the centre of mass, body axes; only ratios matter. Shape (3, 3).
+        to_inertial: Body axes to inertial axes. Shape (3, 3).
+        rate: In inertial axes, at the same moment. Shape (3,) [rad/s].
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    squares = (rate @ (to_inertial @ axes)) ** 2
+    along = cross(moments, moments**2)
+    along /= max(float(np.abs(along).max()), np.finfo(float).tiny)
+    gain = float(along.sum())
+    along *= math.copysign(1.0, gain)
+    falling = along < 0.0
+    # A ball turns steadily, and so does what is one but for rounding.
+    way = float((squares[falling] / -along[falling]).min()) if falling.any() else 0.0
+    return math.sqrt(float(squares.sum()) + abs(gain) * way)

@@ -78,13 +78,13 @@ class BodyClearance(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances of bodies from spheres that are of interest, less the margin."""
-        if not (problem.robot.bodies and problem.obstacles):
+        if not (problem.robot.bodies and problem.spheres):
             return None
         return sphere_rows(problem, motion, sensitivity, margin)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        robot, spheres = problem.robot, problem.obstacles
+        robot, spheres = problem.robot, problem.spheres
         if not (robot.bodies and spheres):
             return np.inf
         return min(
@@ -162,7 +162,7 @@ class SelfClearance(Requirement):
 @lru_cache(maxsize=4)
 def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     """Return the least distance of any body from any sphere where they must not touch."""
-    robot, spheres = problem.robot, problem.obstacles
+    robot, spheres = problem.robot, problem.spheres
     if not (robot.bodies and spheres):
         return NOTHING
     return lesser(
@@ -198,8 +198,8 @@ def _body_and_sphere(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
     """Return the names of both; nothing where nothing was met."""
     if least.pair < 0:
         return ()
-    body, sphere = divmod(least.pair, len(problem.obstacles))
-    return problem.robot.bodies[body].name, problem.obstacles[sphere].id
+    body, sphere = divmod(least.pair, len(problem.spheres))
+    return problem.robot.bodies[body].name, problem.spheres[sphere].id
 
 
 def _two_bodies(problem: PlanningProblem, least: Least) -> tuple[str, ...]:

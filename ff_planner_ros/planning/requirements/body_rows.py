@@ -92,16 +92,16 @@ def sphere_rows(
         at.q,
         at.sensitivity,
         at.times,
-        spheres=spheres_of(problem.obstacles, float(at.times[-1])),
+        spheres=spheres_of(problem.spheres, float(at.times[-1])),
         interest=OF_INTEREST,
         times_by_last=at.times_by_last,
     )
-    shape = len(at.q), len(robot.bodies), len(problem.obstacles)
+    shape = len(at.q), len(robot.bodies), len(problem.spheres)
     if deep.size:
         rows = np.unravel_index(deep, shape)
         placed = placed_bodies(robot, at.q[:, 7:])
-        seen = centers_in_base(at.q, centers_at(at.times, problem.obstacles))
-        _, _, radius = sphere_arrays(problem.obstacles)
+        seen = centers_in_base(at.q, centers_at(at.times, problem.spheres))
+        _, _, radius = sphere_arrays(problem.spheres)
         found = sphere_distances(robot, placed, seen, radius, rows)
         gradients = sphere_gradients(robot, placed, found, rows)
         distances, names = np.append(distances, found.distance), np.append(names, deep)
@@ -116,7 +116,7 @@ def sphere_rows(
     rows_found = Rows(distances - margins, jacobian, names)
     if not problem.allowed_collisions:
         return rows_found
-    apart = np.isin(bodies * len(problem.obstacles) + spheres, split_spheres(problem)[0])
+    apart = np.isin(bodies * len(problem.spheres) + spheres, split_spheres(problem)[0])
     return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
 
 
@@ -141,7 +141,7 @@ def _room_of_pairs(problem: PlanningProblem) -> Array:
 def _room_of_spheres(problem: PlanningProblem) -> Array:
     """Return likewise half the distance of bodies from spheres. Shape (bodies, spheres) [m]."""
     robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
-    centers, _, radius = sphere_arrays(problem.obstacles)
+    centers, _, radius = sphere_arrays(problem.spheres)
     shape = len(robot.bodies), len(radius)
     bodies, spheres = (number.ravel() for number in np.indices(shape))
     rows = np.zeros(len(bodies), np.intp), bodies, spheres
@@ -206,7 +206,7 @@ def _of_moving(
 
     For the distance it is the same whether a sphere moves or the chaser the other way.
     """
-    velocities = velocities_at(at.times, problem.obstacles)[configurations, spheres]
+    velocities = velocities_at(at.times, problem.spheres)[configurations, spheres]
     in_base = np.einsum("rji,rj->ri", rotation_base_to_inertial(at.q[configurations]), velocities)
     growing: Array = -np.sum(gradients[:, :3] * in_base, axis=1)
     return growing

@@ -57,12 +57,12 @@ class Clearance(Requirement):
             return
         positions = arm_points(problem.robot, q_start[None])
         starts = segments(positions)
-        distance = clearances(positions, np.zeros(1), starts, problem.obstacles).distance[0]
+        distance = clearances(positions, np.zeros(1), starts, problem.spheres).distance[0]
         if distance.min(initial=np.inf) <= 0.0:
             segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
             raise InvalidInput(
                 Status.START_IN_COLLISION,
-                f"obstacles[{problem.obstacles[sphere].id}]",
+                f"obstacles[{problem.spheres[sphere].id}]",
                 f"around {link_name(problem.robot, int(starts[segment]))}, "
                 f"{-distance[segment, sphere]:.4f} m deep",
                 "at the start the arm must be outside every obstacle",
@@ -85,7 +85,7 @@ class Clearance(Requirement):
             np.concatenate([motion.q[1:], motion.q_half_way]),
             np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
             looked_at,
-            problem.obstacles,
+            problem.spheres,
             OF_INTEREST,
             quarter_way=few,
             times_by_last=sensitivity.times_by_last(looked_at, problem.duration),
@@ -98,19 +98,19 @@ class Clearance(Requirement):
             return np.inf
         at = _looked_at(motion)
         return search_certificate(
-            problem.robot, motion.q[at], motion.v[at], motion.time[at], problem.obstacles
+            problem.robot, motion.q[at], motion.v[at], motion.time[at], problem.spheres
         )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return certified clearance and R_obst."""
         problem, settings, times = samples.problem, samples.settings, samples.trajectory.time
-        at_points = clearances(samples.arm, times, segments(samples.arm), problem.obstacles)
+        at_points = clearances(samples.arm, times, segments(samples.arm), problem.spheres)
         found: dict[str, float | str] = {
             "penalty": penalty(at_points.distance, settings.penalty_gain, settings.penalty_exponent)
         }
         if problem.robot.geometry is Geometry.SHAPES:
             return found
-        if not problem.obstacles:
+        if not problem.spheres:
             return found | {"min_clearance": np.inf}
         motion = samples.followed
         arm = arm_points(problem.robot, motion.q)
@@ -171,14 +171,14 @@ class _Nearest(NamedTuple):
 
 def _nearest(problem: PlanningProblem, motion: FollowedMotion, arm: Array) -> _Nearest:
     robot, starts = problem.robot, segments(arm)
-    distance = clearances(arm, motion.time, starts, problem.obstacles).distance
+    distance = clearances(arm, motion.time, starts, problem.spheres).distance
     time, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
     start, ends = int(starts[segment]), (*robot.joint_names, robot.tip_link)
     return _Nearest(
         distance=float(distance[time, segment, sphere]),
         segment=start,
         line=f"{ends[start]}-{ends[start + 1]}",
-        obstacle=problem.obstacles[sphere].id,
+        obstacle=problem.spheres[sphere].id,
         time=float(motion.time[time]),
     )
 
@@ -187,7 +187,7 @@ def _certified(problem: PlanningProblem, motion: FollowedMotion, arm: Array) -> 
     """Return the certified clearance [m]."""
     at = _looked_at(motion)
     begin = motion.q[at], motion.v[at], motion.time[at]
-    return certified_clearance(problem.robot, *begin, problem.obstacles, arm[at])
+    return certified_clearance(problem.robot, *begin, problem.spheres, arm[at])
 
 
 def _looked_at(motion: FollowedMotion) -> slice:

@@ -52,7 +52,7 @@ class _NarrowerApproach(Approach):
 def no_back_off(problem: PlanningProblem) -> BackOff:
     """Return a back-off that tightens nothing."""
     return {
-        CLEARANCE: np.zeros(len(problem.obstacles)),
+        CLEARANCE: np.zeros(len(problem.spheres)),
         ATTITUDE: np.zeros(1),
         ROTATION: np.zeros(1),
         CORRIDOR: np.zeros(1),
@@ -128,6 +128,6 @@ def tighten(problem: PlanningProblem, back_off: BackOff) -> PlanningProblem:
         approach=approach,
         obstacles=tuple(
             replace(sphere, radius=sphere.radius + float(grown))
-            for sphere, grown in zip(problem.obstacles, back_off[CLEARANCE], strict=True)
+            for sphere, grown in zip(problem.spheres, back_off[CLEARANCE], strict=True)
         ),
     )

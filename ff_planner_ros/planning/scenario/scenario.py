@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,12 +25,13 @@ from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.obstacles import InTheWay, with_mesh_read
 from ff_planner_ros.planning.problem.problem import (
     USUAL_POINTS,
     DurationRange,
     Limits,
     PlanningProblem,
-    with_attached_spheres,
+    with_attached,
 )
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, PlannerSettings
 from ff_planner_ros.planning.problem.target import require_enough_joints
@@ -172,8 +173,27 @@ def _built(path: Path, points: int, build: Callable[[Mapping[str, Any], Robot], 
             robot = read["robot"].load(path.parent)
     if robot is not None:
         _check_sizes(read, robot.joints, faults)
+    _read_meshes(read, path.parent, faults)
     faults.refuse()
     return build({"points": points} | read, robot)
+
+
+def _read_meshes(read: dict[str, Any], directory: Path, faults: Faults) -> None:
+    """Read the files of meshes that are in the way."""
+
+    def loaded(told: str, entries: Sequence[InTheWay]) -> tuple[InTheWay, ...]:
+        found = list[InTheWay]()
+        for index, one in enumerate(entries):
+            with faults.gathered():
+                found.append(with_mesh_read(one, f"{told}[{index}]", directory))
+        return tuple(found)
+
+    if "obstacles" in read:
+        read["obstacles"] = loaded("obstacles", read["obstacles"])
+    if "target_body" in read:
+        body = read["target_body"]
+        fixed = loaded("target_body.obstacles", body.obstacles)
+        read["target_body"] = replace(body, obstacles=fixed)
 
 
 def _check_sizes(read: Mapping[str, Any], joints: int, faults: Faults) -> None:
@@ -198,7 +218,7 @@ def _problem(read: Mapping[str, Any], robot: Robot, limits: Limits) -> PlanningP
         given |= {"duration": window.maximum, "duration_range": window}
     if body is not None:
         given["target"] = body.target(given["duration"])
-        given["obstacles"] = with_attached_spheres(given["obstacles"], body)
+        given["obstacles"] = with_attached(given["obstacles"], body)
     # Before the start: an arm that cannot meet the target may well be unable to rest, too.
     require_enough_joints(robot, given["target"])
     given["limits"] = replace(limits, **given.get("limits", {}))

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.common.declared import declared_by_name
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.settings import FORMER_ROUNDS, PlannerSettings, SearchDepth
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.robot.collision.bodies import defining_numbers
 from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Base, Robot
 
 _DIGITS = 16
@@ -81,8 +82,10 @@ def _is_absent(value: Any, name: str) -> bool:
     """Tell whether a field follows from others, or says what older versions took for granted."""
     kind: Any = type(value)
     given = getattr(value, name)
-    if isinstance(value, Sphere) and value.body is not None:
-        return name not in ("id", "radius")
+    if isinstance(value, Sphere | ObstacleBody) and value.body is not None:
+        return name not in ("id", "radius", "shape")
+    if isinstance(value, Solid) and name == "hull_share":
+        return True
     if isinstance(value, PlanningProblem):
         if name in ("allowed_collisions", "contact_distance"):
             return not value.allowed_collisions

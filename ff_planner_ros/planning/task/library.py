@@ -140,7 +140,7 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
         target.angular_velocity * lasts,
         _attitude(problem),
     ]
-    for sphere in problem.obstacles:
+    for sphere in problem.spheres:
         parts += [sphere.center / reach, np.array([sphere.radius / reach])]
         parts.append(sphere.velocity * lasts / reach)
     return kind, np.concatenate(parts)

@@ -49,6 +49,7 @@ class Kind(enum.IntEnum):
     BOX = 1
     CYLINDER = 2
     HULL = 3  # there is none: Coal measures it
+    CONE = 4  # likewise; of obstacles alone
 
 
 def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
@@ -61,6 +62,8 @@ def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]
         return Kind.BOX, tuple(solid.halfSide)
     if isinstance(solid, coal.Cylinder):
         return Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
+    if isinstance(solid, coal.Cone):
+        return Kind.CONE, (solid.radius, solid.halfLength, 0.0)
     return Kind.HULL, (0.0, 0.0, 0.0)
 
 
@@ -109,16 +112,18 @@ def defining_numbers(body: Body) -> tuple[str, Array, Array]:
 def _body(name: str, link: str, joint: int, solid: coal.CollisionGeometry, place: pin.SE3) -> Body:
     solid.computeLocalAABB()
     center = np.array(solid.aabb_center)
-    return Body(name, link, joint, solid, place, frozen(place.act(center)), _radius(solid, center))
+    return Body(
+        name, link, joint, solid, place, frozen(place.act(center)), radius_around(solid, center)
+    )
 
 
-def _radius(solid: coal.CollisionGeometry, center: Array) -> float:
+def radius_around(solid: coal.CollisionGeometry, center: Array) -> float:
     """Return the radius of a sphere about a centre that holds a solid."""
     if isinstance(solid, coal.Sphere):
         return float(solid.radius)
     if isinstance(solid, coal.Capsule):
         return float(solid.halfLength + solid.radius)
-    if isinstance(solid, coal.Cylinder):
+    if isinstance(solid, coal.Cylinder | coal.Cone):
         return math.hypot(solid.halfLength, solid.radius)
     if isinstance(solid, coal.Box):
         return float(np.linalg.norm(solid.halfSide))

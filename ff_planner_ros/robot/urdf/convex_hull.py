@@ -63,6 +63,17 @@ def _convex(corners: Array) -> coal.Convex:
     return coal.Convex.convexHull(rows, True, "Qt")
 
 
+def hull_volume(points: Array) -> float:
+    """Return the volume of the convex hull of points, shape (points, 3)."""
+    return float(_hull(points).volume)
+
+
+def enclosed_volume(triangles: Array) -> float:
+    """Return the volume that triangles enclose, shape (triangles, 3, 3), wound one way."""
+    a, b, c = np.moveaxis(np.asarray(triangles, float), 1, 0)
+    return abs(float(np.einsum("ti,ti->", a, np.cross(b, c)))) / 6.0
+
+
 def once(points: Array) -> Array:
     """Return the rows in order, each once."""
     points = points[np.lexsort(points.T)] + 0.0  # no negative zeros

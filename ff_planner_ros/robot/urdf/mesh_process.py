@@ -38,6 +38,7 @@ class Hull(NamedTuple):
     growth: float  # by which it was simplified, of its width
     vertices: int  # of the mesh
     unit: float  # that the file's lengths are in [m]
+    share: float  # of the hull's volume in the mesh's; 1: not known
 
 
 class MeshProcess:
@@ -63,7 +64,9 @@ class MeshProcess:
         if "fault" in said:
             raise NoSolid(said["fault"])
         corners = np.frombuffer(base64.b64decode(said["corners"]), "<f4").reshape(-1, 3)
-        return Hull(corners.astype(float), said["growth"], said["vertices"], said["unit"])
+        return Hull(
+            corners.astype(float), said["growth"], said["vertices"], said["unit"], said["share"]
+        )
 
     def close(self) -> None:
         """End the process."""

@@ -22,7 +22,14 @@ import coal
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_solid, once
+from ff_planner_ros.robot.urdf.convex_hull import (
+    LARGEST_SIZE,
+    NoSolid,
+    convex_solid,
+    enclosed_volume,
+    hull_volume,
+    once,
+)
 
 # For one file: a million triangles take half of either, of a core and beside what was loaded.
 MAX_SECONDS, MAX_BYTES = 10, 2_000_000_000
@@ -44,7 +51,7 @@ def main() -> None:
         _at_most(what, 0)
     for ends in (signal.SIGALRM, signal.SIGXCPU):
         signal.signal(ends, signal.SIG_DFL)
-    files: dict[str, tuple[Array, float]] = {}
+    files: dict[str, tuple[Array, float, float]] = {}
     for line in sys.stdin:
         _limit()
         answers.write(json.dumps(_answer(json.loads(line), files)) + "\n")
@@ -67,14 +74,15 @@ def _at_most(what: int, limit: int) -> None:
     resource.setrlimit(what, (lower, hard))
 
 
-def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float]]) -> dict[str, Any]:
+def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float, float]]) -> dict[str, Any]:
     """Return the corners of a file's convex hull, or why it has none."""
     try:
         path, scale = asked["path"], np.array(asked["scale"])
         if path not in files:
             files[path] = _vertices(Path(path))
-        points, unit = files[path]
+        points, unit, volume = files[path]
         corners, _, growth = convex_solid(points, scale)
+        share = hull_volume(corners) / volume if volume > 0.0 else 1.0
     except NoSolid as fault:
         return {"fault": str(fault)}
     except MemoryError:
@@ -82,19 +90,24 @@ def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float]]) -> dic
     except (RuntimeError, ValueError, OSError):  # of Coal, say
         return {"fault": "it cannot be read"}
     text = base64.b64encode(corners.astype("<f4").tobytes()).decode()
-    return {"corners": text, "growth": growth, "vertices": len(points), "unit": unit}
+    told = {"growth": growth, "vertices": len(points), "unit": unit, "share": share}
+    return {"corners": text} | told
 
 
-def _vertices(path: Path) -> tuple[Array, float]:
-    """Return the vertices of a file [m], as a recorded URDF carries them, and its unit [m]."""
+def _vertices(path: Path) -> tuple[Array, float, float]:
+    """Return the vertices of a file [m], as a recorded URDF carries them, and its unit [m].
+
+    And the volume that its triangles enclose [m3]; zero: not known.
+    """
     suffix, unit = path.suffix.lower(), 1.0
     if suffix == ".stl" and (triangles := _binary_stl(path)) is not None:
-        return once(triangles.reshape(-1, 3).astype(float)), unit
+        return once(triangles.reshape(-1, 3).astype(float)), unit, enclosed_volume(triangles)
     if suffix == ".dae":
         unit = _unit(path)
     try:
         found = coal.MeshLoader(coal.BV_AABB).load(str(path), np.ones(3))
-        return (unit * np.array(found.vertices(), float)).astype(np.float32).astype(float), unit
+        points = (unit * np.array(found.vertices(), float)).astype(np.float32).astype(float)
+        return points, unit, unit**3 * abs(found.computeVolume())
     except MemoryError:
         raise
     except Exception as error:  # whatever Coal and Assimp throw

@@ -51,19 +51,37 @@ class Meshes:
         name = mesh.get("filename", "")
         try:
             scale = _scale(mesh.get("scale"))
+            points, hull, _ = self.convex(name, scale)
+        except NoSolid as fault:
+            value = "embedded" if name.startswith("data:") else name or "without a filename"
+            faults.add("link", link, "collision mesh", value, str(fault))
+            return None
+        mesh.set("filename", _EMBEDDED + base64.b64encode(points.astype("<f4").tobytes()).decode())
+        mesh.set("scale", " ".join(repr(float(number)) for number in scale))
+        return hull
+
+    def convex(self, name: str, scale: Array) -> tuple[Array, coal.Convex, float]:
+        """Return the corners of a mesh's hull before `scale`, the hull, and its volume's share.
+
+        Args:
+            name: Of its file, or what a recorded URDF has instead.
+            scale: Along each axis; shape (3,).
+
+        Raises:
+            ValueError: A `NoSolid`. It has none, or is not read within the bounds.
+        """
+        try:
             if name.startswith(_EMBEDDED):
                 given = _decoded(name)
-                told = Hull(given, 0.0, len(given), 1.0)
+                told = Hull(given, 0.0, len(given), 1.0, 1.0)
             else:
                 told = self._of_file(name, scale)
             # The corners of a file's hull are their own hull's, to the last bit.
             points, hull, growth = convex_solid(told.corners, scale)
-        except (RuntimeError, ValueError, OSError) as fault:
-            value = "embedded" if name.startswith("data:") else name or "without a filename"
-            # Else of Coal, or of a path that no file can have.
-            why = str(fault) if isinstance(fault, NoSolid) else "it cannot be read"
-            faults.add("link", link, "collision mesh", value, why)
-            return None
+        except NoSolid:
+            raise
+        except (RuntimeError, ValueError, OSError):  # of Coal, or of a path that no file can have
+            raise NoSolid("it cannot be read") from None
         growth = max(growth, told.growth)
         if growth > 0.0:
             file = "embedded" if name.startswith("data:") else shortened(Path(name).name)
@@ -71,9 +89,7 @@ class Meshes:
                 f"mesh {file}: its hull is simplified, at most {growth:.2g} of its width larger, "
                 f"from a mesh of {told.vertices} vertices to a hull of {len(points)}"
             )
-        mesh.set("filename", _EMBEDDED + base64.b64encode(points.astype("<f4").tobytes()).decode())
-        mesh.set("scale", " ".join(repr(float(number)) for number in scale))
-        return hull
+        return points, hull, told.share
 
     def _of_file(self, name: str, scale: Array) -> Hull:
         """Return the hull of the mesh in a file, before `scale`."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.problem import Sphere, TargetBody, carried_spheres
+from ff_planner_ros.planning.problem.problem import Sphere, TargetBody, carried
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_odometry import ChaserPart, JointPart
 
@@ -71,7 +71,7 @@ def of_spheres(before: Sequence[Sphere], after: Sequence[Sphere], time: float) -
 
 
 def _differences(before: Sequence[Sphere], after: Sequence[Sphere], time: float) -> Iterator[str]:
-    there = {sphere.id: sphere for sphere in carried_spheres(tuple(before), time)}
+    there = {sphere.id: sphere for sphere in carried(tuple(before), time)}
     here = {sphere.id: sphere for sphere in after}
     for name in sorted(there.keys() ^ here.keys()):
         yield f"one of them alone has {name}"

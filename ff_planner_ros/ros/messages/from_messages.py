@@ -25,12 +25,13 @@ from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
+    Obstacle,
     Orientation,
     PlanningProblem,
     Sphere,
     Target,
     TargetBody,
-    with_attached_spheres,
+    with_attached,
 )
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
@@ -88,7 +89,7 @@ def problem_from_request(
     request: PlanRequest,
     robot: Robot,
     start: SystemState,
-    obstacles: tuple[Sphere, ...],
+    obstacles: tuple[Obstacle, ...],
     parameters: NodeParameters,
     body: TargetBody | None = None,
     remaining: float | None = None,
@@ -117,7 +118,7 @@ def problem_from_request(
         given["points"] = request.search.points or parameters.points
         if body is not None:
             given["target"] = body.target(given["duration"])
-            obstacles = with_attached_spheres(obstacles, body)
+            obstacles = with_attached(obstacles, body)
         return PlanningProblem(
             robot=robot, start=start, obstacles=obstacles, target_body=body, **given
         )

@@ -54,7 +54,7 @@ def plan_markers(
     to it, at the times of the arm. What the end effector keeps on its way to the goal has the
     namespaces of `constraint_lines`.
     """
-    obstacles, body = scene.obstacles, scene.target_body
+    obstacles, body = scene.spheres, scene.target_body
     motion, end = plan.trajectory, float(plan.trajectory.time[-1])
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
     opacities = np.linspace(_FAINT, _SOLID, SNAPSHOTS).tolist()
@@ -111,9 +111,9 @@ def _target_body(
 ) -> Iterator[Marker]:
     """Draw the way of a body's grasp, and what is fixed to it at some of the times."""
     yield _line("grasp_path", body.grasp(times).positions, _PATH_WIDTH, _GRASP_PATH)
-    centers = np.array([sphere.center for sphere in body.obstacles]).reshape(-1, 3)
+    centers = np.array([sphere.center for sphere in body.spheres]).reshape(-1, 3)
     for places, opacity in zip(body.places(centers, times[shown]), opacities, strict=True):
-        for sphere, place in zip(body.obstacles, places.tolist(), strict=True):
+        for sphere, place in zip(body.spheres, places.tolist(), strict=True):
             colour, edges = (*_TARGET, opacity), [2 * sphere.radius] * 3
             yield _solid("target_body", Marker.SPHERE, place, edges, colour)
 

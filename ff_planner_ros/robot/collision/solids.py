@@ -1,0 +1,237 @@
+"""Convex solids as scenarios name them: boxes, cylinders, capsules, cones, and hulls of meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.common.forms import ROWS, Form, Schema, of_mapping, of_numbers
+from ff_planner_ros.common.plain_values import dotted, mapping, number, numbers, text
+from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.collision.bodies import radius_around
+from ff_planner_ros.robot.urdf.convex_hull import (
+    LARGEST_SIZE,
+    SMALLEST_SIZE,
+    NoSolid,
+    convex_solid,
+)
+from ff_planner_ros.robot.urdf.meshes import Meshes
+
+# The words of each kind's sizes and how many numbers each is [m]. Cylinders, capsules and cones are
+# about the z axis through their middle, a cone's apex at +z; a capsule's length has no caps.
+_ROUND = {"radius": 1, "length": 1}
+SIZES: Mapping[str, Mapping[str, int]] = {
+    "sphere": {"radius": 1},
+    "box": {"size": 3},
+    "cylinder": _ROUND,
+    "capsule": _ROUND,
+    "cone": _ROUND,
+}
+MESH = "mesh"
+KINDS = (*SIZES, MESH)
+# Of a mesh in a file or message: its hull is made in the process that asks.
+MAX_MESH_VERTICES = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A convex solid in its own frame.
+
+    Raises:
+        InvalidInput: A kind that is none, or sizes that it does not have or that are out of range.
+    """
+
+    kind: str  # of `KINDS`
+    sizes: Array = field(default_factory=lambda: np.zeros(0))  # in the order of their words [m]
+    corners: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of a mesh's hull [m]
+    # Volume of the hull by that of the mesh, where that is known: of one that is not convex
+    hull_share: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        if self.kind not in KINDS:
+            raise InvalidInput(Status.UNSUPPORTED, "shape", quoted(self.kind), _one_of_kinds())
+        count = sum(SIZES.get(self.kind, {}).values())
+        sizes = finite_vector(f"shape.{self.kind}", self.sizes, count)
+        if count and not SMALLEST_SIZE <= sizes.min() <= sizes.max() <= LARGEST_SIZE:
+            allowed = f"it must be from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m"
+            told = f"shape.{self.kind}"
+            raise InvalidInput(Status.OUT_OF_RANGE, told, sizes.tolist(), allowed)
+        object.__setattr__(self, "sizes", sizes)
+        object.__setattr__(self, "corners", frozen(self.corners))
+
+    @cached_property
+    def geometry(self) -> coal.CollisionGeometry:
+        """The solid as Coal holds it."""
+        match self.kind:
+            case "sphere":
+                geometry = coal.Sphere(*self.sizes)
+            case "box":
+                geometry = coal.Box(*self.sizes)
+            case "cylinder":
+                geometry = coal.Cylinder(*self.sizes)
+            case "capsule":
+                geometry = coal.Capsule(*self.sizes)
+            case "cone":
+                geometry = coal.Cone(*self.sizes)
+            case _:
+                geometry = convex_solid(self.corners, np.ones(3))[1]
+        geometry.computeLocalAABB()
+        return geometry
+
+    @cached_property
+    def center(self) -> Array:
+        """Centre of a sphere around it. Shape (3,) [m]."""
+        return frozen(self.geometry.aabb_center)
+
+    @cached_property
+    def radius(self) -> float:
+        """Radius of that sphere [m]."""
+        return radius_around(self.geometry, self.center)
+
+    @cached_property
+    def reach(self) -> float:
+        """How far any point of it is at most from the origin of its frame [m]."""
+        return float(np.linalg.norm(self.center)) + self.radius
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh in a file whose path is relative to a scenario's, or `package://`."""
+
+    file: str
+    scale: tuple[float, ...]
+
+    def load(self, told: str, directory: Path | None) -> Solid:
+        """Return its convex hull.
+
+        Args:
+            told: Its field in errors.
+            directory: That its path is relative to; None: no file may be read.
+
+        Raises:
+            InvalidInput: It is not read within the bounds of a robot's meshes, or has no hull.
+        """
+        scale = np.array(self.scale)
+        try:
+            with Meshes(directory) as meshes:
+                corners, _, share = meshes.convex(self.file, scale)
+        except NoSolid as fault:
+            allowed = str(fault)
+            raise InvalidInput(Status.OUT_OF_RANGE, f"{told}.file", self.file, allowed) from None
+        return Solid(MESH, corners=corners * scale, hull_share=share)
+
+
+def hull_of_vertices(told: str, vertices: Array) -> Solid:
+    """Return the convex hull of vertices as a solid.
+
+    Args:
+        told: Its field in errors.
+        vertices: Shape (vertices, 3) [m].
+
+    Raises:
+        InvalidInput: There are too many, or they have no hull: they lie in a plane, say.
+    """
+    many = f"{len(vertices)} vertices"
+    if len(vertices) > MAX_MESH_VERTICES:
+        allowed = f"it may have {MAX_MESH_VERTICES} at most"
+        raise InvalidInput(Status.OUT_OF_RANGE, told, many, allowed)
+    try:
+        corners, _, _ = convex_solid(vertices, np.ones(3))
+    except (RuntimeError, ValueError) as fault:
+        why = str(fault) if isinstance(fault, NoSolid) else "it has no convex hull"
+        raise InvalidInput(Status.OUT_OF_RANGE, told, many, why) from None
+    return Solid(MESH, corners=corners)
+
+
+def _read(told: str, value: object) -> Solid | MeshFile:
+    """Return what a mapping of one kind stands for: `{box: {size: [..]}}`."""
+    if not isinstance(value, dict) or len(value) != 1 or next(iter(value)) not in KINDS:
+        raise InvalidInput(Status.UNSUPPORTED, told, quoted(value), _one_of_kinds())
+    ((kind, given),) = value.items()
+    here = dotted(told, kind)
+    if kind == MESH:
+        return _mesh(here, given)
+    sizes, entry = list[float](), mapping(here, given, SIZES[kind])
+    for word, count in SIZES[kind].items():
+        place = dotted(here, word)
+        read = numbers(place, entry[word]) if count > 1 else [number(place, entry[word])]
+        for size in finite_vector(place, read, count):
+            if not SMALLEST_SIZE <= size <= LARGEST_SIZE:
+                allowed = f"it must be from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m"
+                raise InvalidInput(Status.OUT_OF_RANGE, place, float(size), allowed)
+            sizes.append(float(size))
+    return Solid(kind, np.array(sizes))
+
+
+def _mesh(told: str, value: object) -> Solid | MeshFile:
+    """Return the mesh of a file, or the hull of vertices."""
+    if isinstance(value, dict) and "vertices" in value:
+        rows = ROWS.read(dotted(told, "vertices"), mapping(told, value, ("vertices",))["vertices"])
+        points = [finite_vector(f"{told}.vertices[{k}]", row, 3) for k, row in enumerate(rows)]
+        return hull_of_vertices(dotted(told, "vertices"), np.array(points).reshape(-1, 3))
+    entry, scale = mapping(told, value, ("file",), ("scale",)), np.ones(3)
+    if "scale" in entry:
+        place = dotted(told, "scale")
+        scale = finite_vector(place, numbers(place, entry["scale"]), 3)
+        if not (scale.all() and np.abs(scale).max() <= LARGEST_SIZE):
+            allowed = f"no entry may be 0 or larger than {LARGEST_SIZE:g}"
+            raise InvalidInput(Status.OUT_OF_RANGE, place, scale.tolist(), allowed)
+    return MeshFile(text(dotted(told, "file"), entry["file"]), tuple(scale.tolist()))
+
+
+def _written(given: Solid | MeshFile) -> dict[str, Any]:
+    if isinstance(given, MeshFile):
+        return {MESH: {"file": given.file, "scale": list(given.scale)}}
+    if given.kind == MESH:
+        return {MESH: {"vertices": given.corners.tolist()}}
+    sizes, said = given.sizes.tolist(), dict[str, Any]()
+    for word, count in SIZES[given.kind].items():
+        said[word] = sizes[:count] if count > 1 else sizes[0]
+        sizes = sizes[count:]
+    return {given.kind: said}
+
+
+def _schema() -> Schema:
+    size: Schema = {"type": "number", "minimum": SMALLEST_SIZE, "maximum": LARGEST_SIZE}
+    choices = [
+        of_mapping(
+            {
+                kind: of_mapping(
+                    {
+                        word: size if count == 1 else of_numbers(count) | {"items": size}
+                        for word, count in words.items()
+                    }
+                )
+            }
+        )
+        for kind, words in SIZES.items()
+    ]
+    file: Schema = {
+        "type": "object",
+        "properties": {"file": {"type": "string", "minLength": 1}, "scale": of_numbers(3)},
+        "required": ["file"],
+        "additionalProperties": False,
+    }
+    vertices = of_mapping({"vertices": {"type": "array", "items": of_numbers(3)}})
+    meshes = of_mapping({MESH: {"anyOf": [file, vertices]}})
+    return {"oneOf": [*choices, meshes]}
+
+
+def _one_of_kinds() -> str:
+    return f"it must be one of {', '.join(KINDS)}, with its sizes: {{box: {{size: [1, 2, 3]}}}}"
+
+
+SHAPE = Form(_read, _schema, written=_written)
+SHAPE_SENTENCE = (
+    "cylinder, capsule and cone lie along z about their middle, a cone's apex at +z; a capsule's "
+    "length is without its caps; a mesh counts by its convex hull"
+)
