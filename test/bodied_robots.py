@@ -15,10 +15,12 @@ from robots import LEMUR_URDF, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.problem import Sphere, attached
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.obstacles import bodies_in, spheres_in
+from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere, attached
+from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 
@@ -151,4 +153,35 @@ def tumbling_spheres(rng: np.random.Generator, around: Array, count: int) -> tup
             for number in range(count)
         ),
     )
-    return tuple(attached(body))
+    return spheres_in(tuple(attached(body)))
+
+
+def random_solid(rng: np.random.Generator, kind: str) -> Solid:
+    """Return a solid of a kind, some of them thin, some long."""
+    if kind == "mesh":
+        points = rng.normal(size=(int(rng.integers(5, 60)), 3)) * rng.uniform(0.05, 0.4, 3)
+        return hull_of_vertices("vertices", points + rng.normal(0.0, 0.1, 3))
+    sizes = {"box": 3, "sphere": 1}.get(kind, 2)
+    return Solid(kind, np.exp(rng.uniform(np.log(0.01), np.log(1.0), sizes)))
+
+
+def random_obstacles(
+    rng: np.random.Generator, around: Array, count: int
+) -> tuple[ObstacleBody, ...]:
+    """Obstacles of all kinds near a place, which rest, move, turn, or tumble with a body."""
+    kinds = ("box", "cylinder", "capsule", "cone", "mesh")
+    found: list[ObstacleBody] = []
+    (fixed,) = {one.body for one in tumbling_spheres(rng, around, 1)}
+    assert fixed is not None
+    held = []
+    for number in range(count):
+        solid = random_solid(rng, kinds[number % 5])
+        place = np.asarray(around + rng.normal(scale=0.7, size=3))
+        turn = Rotation.random(random_state=rng).as_quat()
+        velocity = rng.normal(0.0, 0.05, 3) * (number % 3 > 0)
+        rate = rng.normal(0.0, 0.2, 3) * (number % 3 > 1)
+        if number % 4 == 3:
+            held.append(AttachedBody(str(number), solid, place - fixed.position, turn))
+        else:
+            found.append(ObstacleBody(str(number), solid, place, turn, velocity, rate))
+    return (*found, *bodies_in(tuple(attached(replace(fixed, obstacles=tuple(held))))))

@@ -286,6 +286,41 @@ def sphere_rows(
 ) -> tuple[Array, Array, Indices, Indices]:
     """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""
 
+class TumblingBody:
+    """A body that turns freely; the arguments are those of `Attached`."""
+
+    def __init__(self, position: Array, velocity: Array, begins: Array, series: Array) -> None: ...
+
+class Obstacle:
+    """A convex solid that rests, moves uniformly and turns steadily, or is fixed to a body."""
+
+    def __init__(
+        self,
+        kind: int,  # `robot.bodies.Kind`
+        sizes: Array,  # as of `Body`
+        vertices: Array,  # likewise
+        center: Array,  # in its frame, of a sphere around it; shape (3,) [m]
+        radius: float,  # of that sphere [m]
+        rotation: Array,  # to inertial axes, when the plan begins, or to the body's; shape (3, 3)
+        position: Array,  # then, or in the body; shape (3,) [m]
+        velocity: Array,  # shape (3,) [m/s]
+        rate: Array,  # turn rate in inertial axes; shape (3,) [rad/s]
+        highest_speed: float,  # that no point of it ever exceeds [m/s]
+        body: TumblingBody | None,  # that it is fixed to
+    ) -> None: ...
+
+def obstacle_rows(
+    chain: Chain,
+    bodies: Bodies,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    obstacles: Sequence[Obstacle],
+    interest: float,
+    times_by_last: Array = ...,
+) -> tuple[Array, Array, Indices, Indices]:
+    """Return likewise those of bodies from obstacles; names: configuration, body, then obstacle."""
+
 def certified_pair_distance(
     motion: CubicMotion,
     bodies: Bodies,
@@ -317,3 +352,15 @@ def certified_sphere_distance(
     part: float,
 ) -> float:
     """Return likewise what `least_sphere_distance` certifies; ways: shape (points - 1, bodies)."""
+
+def certified_obstacle_distance(
+    motion: CubicMotion,
+    bodies: Bodies,
+    ways: Array,
+    obstacles: Sequence[Obstacle],
+    chosen: Indices,
+    last: int,
+    gap: float,
+    part: float,
+) -> float:
+    """Return likewise what `least_obstacle_distance` certifies; ways: (points - 1, bodies)."""

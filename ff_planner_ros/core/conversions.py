@@ -11,12 +11,14 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.obstacles import Sphere, sphere_arrays
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere, sphere_arrays
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.rotation import cross
+
+_NOTHING = np.empty((0, 3))
 
 
 @lru_cache(maxsize=8)
@@ -65,8 +67,46 @@ def _body_of(body: Body) -> compiled.Body:
         radius=body.radius,
         kind=kind,
         sizes=np.array(sizes),
-        vertices=np.asarray(body.solid.points()) if kind == Kind.HULL else np.empty((0, 3)),
+        vertices=np.asarray(body.solid.points()) if kind == Kind.HULL else _NOTHING,
     )
+
+
+def obstacles_of(obstacles: Sequence[ObstacleBody], until: float) -> list[compiled.Obstacle]:
+    """Return obstacles whose motion is known until a time [s] after the plan's first point."""
+    return _obstacles_of(tuple(obstacles), until)
+
+
+@lru_cache(maxsize=8)
+def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> list[compiled.Obstacle]:
+    carriers = {
+        id(body): compiled.TumblingBody(
+            body.position, body.linear_velocity, *body.attitude_series(until)
+        )
+        for body in {one.body for one in obstacles if one.body is not None}
+    }
+    found = []
+    for one in obstacles:
+        solid, place = one.solid, one.place_in_body
+        kind, sizes = kind_and_sizes(solid.geometry)
+        if place is None:
+            rotations, positions = one.poses(np.zeros(1))
+            place = pin.SE3(rotations[0], positions[0])
+        found.append(
+            compiled.Obstacle(
+                kind=kind,
+                sizes=np.array(sizes),
+                vertices=np.asarray(solid.geometry.points()) if kind == Kind.HULL else _NOTHING,
+                center=solid.center,
+                radius=solid.radius,
+                rotation=place.rotation,
+                position=place.translation,
+                velocity=one.velocity,
+                rate=one.angular_velocity,
+                highest_speed=one.highest_speed,
+                body=carriers.get(id(one.body)),
+            )
+        )
+    return found
 
 
 def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:

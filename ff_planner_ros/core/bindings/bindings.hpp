@@ -7,6 +7,7 @@ namespace ff {
 void bind_kinematics(pybind11::module_& m);
 void bind_clearance(pybind11::module_& m);
 void bind_bodies(pybind11::module_& m);
+void bind_obstacles(pybind11::module_& m);
 void bind_driven_motion(pybind11::module_& m);
 void bind_end_effector(pybind11::module_& m);
 void bind_objectives(pybind11::module_& m);

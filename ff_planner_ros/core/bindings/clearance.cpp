@@ -38,19 +38,10 @@ Attached attached(const std::vector<int>& spheres, const Array& places, const Ar
     if (sphere < 0)
       throw std::invalid_argument("spheres has " + std::to_string(sphere) + ", which is none");
   const Rows place = rows(places, "places", {count, 3});
-  const Values begin = values(begins, "begins", {kAny});
-  const Rows terms = rows(series, "series", {begin.size(), kAny, 4});
-  const py::ssize_t orders = series.shape(1);
-  if (terms.rows() < 1) throw std::invalid_argument("series must not be empty");
-  auto body = std::make_shared<TumblingBody>();
-  body->position = vector3(position, "position");
-  body->velocity = vector3(velocity, "velocity");
-  body->begins.assign(begin.begin(), begin.end());
-  for (py::ssize_t i = 0; i < begin.size(); ++i)
-    body->series.push_back(terms.middleRows(i * orders, orders));
   std::vector<Vector3> all;
   for (py::ssize_t i = 0; i < count; ++i) all.push_back(place.row(i));
-  return {body, checked(fastest_turn, "fastest_turn"), spheres, all};
+  return {tumbling_body(position, velocity, begins, series), checked(fastest_turn, "fastest_turn"),
+          spheres, all};
 }
 
 Spheres spheres(const Array& centers, const Array& velocities, const Array& radii,

@@ -7,6 +7,7 @@ PYBIND11_MODULE(compiled, m) {
   ff::bind_kinematics(m);
   ff::bind_clearance(m);
   ff::bind_bodies(m);
+  ff::bind_obstacles(m);
   ff::bind_driven_motion(m);
   ff::bind_end_effector(m);
   ff::bind_objectives(m);

@@ -12,6 +12,21 @@ struct Spheres {
   std::vector<Sphere> all;
 };
 
+inline std::shared_ptr<TumblingBody> tumbling_body(const Array& position, const Array& velocity,
+                                                   const Array& begins, const Array& series) {
+  const Values begin = values(begins, "begins", {kAny});
+  const Rows terms = rows(series, "series", {begin.size(), kAny, 4});
+  const py::ssize_t orders = series.shape(1);
+  if (terms.rows() < 1) throw std::invalid_argument("series must not be empty");
+  auto body = std::make_shared<TumblingBody>();
+  body->position = vector3(position, "position");
+  body->velocity = vector3(velocity, "velocity");
+  body->begins.assign(begin.begin(), begin.end());
+  for (py::ssize_t i = 0; i < begin.size(); ++i)
+    body->series.push_back(terms.middleRows(i * orders, orders));
+  return body;
+}
+
 inline Path path(const Chain& chain, const Array& q, const Array& dq) {
   const py::ssize_t n = chain.joints();
   const Rows of_q = rows(q, "q", {kAny, 7 + n});

@@ -15,7 +15,8 @@ constexpr double kNoDirection = 1e-12;
 
 struct Solid {
   // kRound is what is within a radius of a piece of the z axis: spheres and capsules.
-  enum Kind { kRound, kBox, kCylinder, kHull };
+  // Distances of a point from what comes before kHull have a closed form.
+  enum Kind { kRound, kBox, kCylinder, kHull, kCone };
 
   Kind kind;
   Vector3 sizes;                  // half edges; or radius, half length
@@ -37,6 +38,12 @@ struct Solid {
         const double across = std::hypot(direction.x(), direction.y());
         const double scale = across > kNoDirection ? sizes[0] / across : 0;
         return {scale * direction.x(), scale * direction.y(), signed_as(sizes[1], direction.z())};
+      }
+      case kCone: {  // its apex, or a point of the rim
+        const double across = std::hypot(direction.x(), direction.y());
+        if (2 * sizes[1] * direction.z() > sizes[0] * across) return {0, 0, sizes[1]};
+        const double scale = across > kNoDirection ? sizes[0] / across : 0;
+        return {scale * direction.x(), scale * direction.y(), -sizes[1]};
       }
       default: {
         const Vector3* furthest = &vertices[0];

@@ -16,6 +16,16 @@ struct TumblingBody {
   std::vector<double> begins;  // of each series [s]
   std::vector<Series> series;
 
+  // Where its centre of mass is, and its axes to inertial axes.
+  Pose pose(double time) const {
+    const auto number = series_at(time);
+    const Series& terms = series[number];
+    Eigen::Matrix<double, 1, 4> q = terms.row(terms.rows() - 1);
+    for (auto k = terms.rows() - 2; k >= 0; --k) q = q * (time - begins[number]) + terms.row(k);
+    const Eigen::Quaterniond attitude(q[3], q[0], q[1], q[2]);
+    return {position + time * velocity, attitude.normalized().toRotationMatrix()};
+  }
+
   // Of a point in the body's axes, from its centre of mass.
   Vector3 place(const Vector3& point, double time) const {
     const auto number = series_at(time);

@@ -98,6 +98,7 @@ struct Pose {
     return {position + rotation * inner.position, rotation * inner.rotation};
   }
   Vector3 operator*(const Vector3& point) const { return position + rotation * point; }
+  Pose inverse() const { return {-(rotation.transpose() * position), rotation.transpose()}; }
   // X: turns motions of the outer frame into those of the inner one.
   Matrix6 motion_to_inner() const {
     Matrix6 action = Matrix6::Zero();

@@ -14,7 +14,9 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
+from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.robot.collision.lines import with_bodies
 
 
 @lru_cache(maxsize=4)
@@ -37,6 +39,17 @@ def split_spheres(problem: PlanningProblem) -> tuple[Indices, Indices]:
     return _split(may)
 
 
+@lru_cache(maxsize=4)
+def split_obstacles(problem: PlanningProblem) -> tuple[Indices, Indices]:
+    """Return likewise bodies and obstacles of any shape: body times their number, plus obstacle."""
+    may = [
+        f"{body.link}/{one.id}" in problem.allowed_collisions
+        for body in with_bodies(problem.robot).bodies
+        for one in problem.obstacle_bodies
+    ]
+    return _split(may)
+
+
 def before_contact(problem: PlanningProblem, times: Array, q: Array, within: float = 1.0) -> int:
     """Return the last configuration of a motion at which the allowed pairs, too, must be apart.
 
@@ -52,6 +65,14 @@ def before_contact(problem: PlanningProblem, times: Array, q: Array, within: flo
     to_goal = np.linalg.norm(GraspSeen(problem, times).from_grasp(points), axis=1)
     outside = np.flatnonzero(to_goal > within * problem.contact_distance)
     return int(outside[-1]) if outside.size else -1
+
+
+def last_points(
+    problem: PlanningProblem, motion: FollowedMotion, apart: Indices, may_touch: Indices
+) -> tuple[tuple[Indices, int], tuple[Indices, int]]:
+    """Return what must not touch, each with the last point until which that holds."""
+    until = before_contact(problem, motion.time, motion.q) if len(may_touch) else -1
+    return (apart, len(motion.time) - 1), (may_touch, until)
 
 
 def _split(may: list[bool]) -> tuple[Indices, Indices]:

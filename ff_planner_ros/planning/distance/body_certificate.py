@@ -27,8 +27,13 @@ from ff_planner_ros.planning.distance.body_distances import (
 from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, cubics_between
 from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    obstacle_bounds,
+    obstacle_distances,
+    seen_from_chaser,
+)
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
@@ -61,7 +66,7 @@ def lesser(one: Least, other: Least) -> Least:
 
 @dataclass(frozen=True, eq=False)
 class _Kind:
-    """What is measured: the pairs of bodies, or each body with each sphere."""
+    """What is measured: the pairs of bodies, or each body with each obstacle."""
 
     # Lower bounds at steps for all pairs, (steps, pairs); distances of pairs, each at its own step
     bounds: Callable[[Array], Array]
@@ -133,6 +138,46 @@ def least_sphere_distance(
     def ways(steps: Array, which: Indices) -> Array:
         bodies, sphere = np.divmod(which, len(spheres))
         moved: Array = _reached(of_bodies, steps, bodies) + _times(motion, steps) * speeds[sphere]
+        return moved
+
+    return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)
+
+
+def least_obstacle_distance(
+    robot: Robot,
+    motion: FollowedMotion,
+    obstacles: Sequence[ObstacleBody],
+    chosen: Indices,
+    last: int,
+    part: float = EXACT_PART,
+) -> Least:
+    """Return the least distance of chosen bodies and obstacles from the first point to the last.
+
+    Args:
+        chosen: Body times the number of obstacles, plus obstacle.
+        part: Of a distance, to which it is certified.
+    """
+    if not len(chosen) or last < 0:
+        return NOTHING
+    speeds = np.array([one.highest_speed for one in obstacles])
+    of_bodies = _sums(body_ways(robot, motion))
+
+    def bounds(steps: Array) -> Array:
+        at = _seen_at(robot, motion, steps)
+        poses = seen_from_chaser(at.q, at.times, obstacles)
+        return obstacle_bounds(robot, at.placed, poses, obstacles).reshape(len(steps), -1)
+
+    def distances(steps: Array, which: Indices) -> Array:
+        at = _seen_at(robot, motion, steps)
+        bodies, obstacle = np.divmod(which, len(obstacles))
+        few, column = np.unique(obstacle, return_inverse=True)
+        chosen_ones = [obstacles[k] for k in few]
+        poses, rows = seen_from_chaser(at.q, at.times, chosen_ones), (at.rows, bodies, column)
+        return obstacle_distances(robot, at.placed, poses, chosen_ones, rows).distance
+
+    def ways(steps: Array, which: Indices) -> Array:
+        bodies, obstacle = np.divmod(which, len(obstacles))
+        moved: Array = _reached(of_bodies, steps, bodies) + _times(motion, steps) * speeds[obstacle]
         return moved
 
     return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
+from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.bodies import (
@@ -30,7 +31,7 @@ _EXACT, _EXACT_DEPTH = 1e-8, 1e-6
 # No robot is so deep in itself [m]: Coal failed.
 _ABSURD = 1e3
 # A shorter direction is none: the point is on an axis, or in a centre [m].
-_NO_DIRECTION = 1e-12
+NO_DIRECTION = 1e-12
 
 
 class Distances(NamedTuple):
@@ -54,7 +55,7 @@ def pair_bounds(robot: Robot, placed: Placed) -> Array:
 
 def pair_distances(robot: Robot, placed: Placed, rows: tuple[Indices, ...]) -> Distances:
     """Measure pairs; rows: their configurations and numbers, each of shape (rows,)."""
-    request, measures, result = _coal_request(), _pair_measures(robot), coal.DistanceResult()
+    request, measures, result = coal_request(), _pair_measures(robot), coal.DistanceResult()
     transforms = [coal.Transform3s() for _ in robot.bodies]
     set_to = [-1] * len(transforms)
     rotations, positions = placed.rotations, placed.positions
@@ -70,12 +71,17 @@ def pair_distances(robot: Robot, placed: Placed, rows: tuple[Indices, ...]) -> D
         distance[row] = measures[number](transforms[first], transforms[second], request, result)
         point[row] = result.getNearestPoint2()
         normal[row] = result.normal
-    failed = ~(np.abs(distance) < _ABSURD) | ~(np.abs(normal).max(axis=1) <= 2.0)
-    for row in np.flatnonzero(failed).tolist():
+    for row in np.flatnonzero(has_failed(distance, normal)).tolist():
         distance[row], point[row], normal[row] = _as_spheres(
             robot, placed, *(at[row] for at in rows)
         )
     return Distances(distance, point, normal)
+
+
+def has_failed(distance: Array, normal: Array) -> NDArray[np.bool_]:
+    """Tell of which rows Coal has no measure. Shape (rows,)."""
+    is_far = ~(np.abs(distance) < _ABSURD)
+    return np.asarray(is_far | ~(np.abs(normal).max(axis=1, initial=0.0) <= 2.0), np.bool_)
 
 
 def _as_spheres(
@@ -85,7 +91,7 @@ def _as_spheres(
     first, second = robot.pairs[number]
     start, end = placed.centers[at, first], placed.centers[at, second]
     apart = float(np.linalg.norm(end - start))
-    normal = (end - start) / apart if apart > _NO_DIRECTION else np.array([1.0, 0.0, 0.0])
+    normal = (end - start) / apart if apart > NO_DIRECTION else np.array([1.0, 0.0, 0.0])
     return apart - robot.bodies[first].radius - robot.bodies[second].radius, end, normal
 
 
@@ -96,7 +102,8 @@ def _pair_measures(robot: Robot) -> tuple[coal.ComputeDistance, ...]:
     return tuple(coal.ComputeDistance(solids[a], solids[b]) for a, b in robot.pairs)
 
 
-def _coal_request() -> coal.DistanceRequest:
+def coal_request() -> coal.DistanceRequest:
+    """Return what Coal is asked for: signed distances, exact to `_EXACT`."""
     request = coal.DistanceRequest()
     request.enable_signed_distance = True
     request.gjk_tolerance, request.epa_tolerance = _EXACT, _EXACT_DEPTH
@@ -164,8 +171,8 @@ def _from_round(points: Array, sizes: Array) -> tuple[Array, Array]:
     way = points.copy()
     way[:, 2] -= np.minimum(np.maximum(points[:, 2], -half_length), half_length)
     length = np.sqrt(np.einsum("ri,ri->r", way, way))
-    out = way / np.maximum(length, _NO_DIRECTION)[:, None]
-    out[length < _NO_DIRECTION] = [1.0, 0.0, 0.0]
+    out = way / np.maximum(length, NO_DIRECTION)[:, None]
+    out[length < NO_DIRECTION] = [1.0, 0.0, 0.0]
     return length - radius, out
 
 
@@ -180,8 +187,8 @@ def _from_cylinders(points: Array, sizes: Array) -> tuple[Array, Array]:
     across = np.hypot(points[:, 0], points[:, 1])
     seen = np.column_stack([across, np.abs(points[:, 2])])
     distance, out = _beyond_corner(seen, sizes[:, :2])
-    radial = points[:, :2] / np.maximum(across, _NO_DIRECTION)[:, None]
-    radial[across < _NO_DIRECTION] = [1.0, 0.0]
+    radial = points[:, :2] / np.maximum(across, NO_DIRECTION)[:, None]
+    radial[across < NO_DIRECTION] = [1.0, 0.0]
     return distance, np.column_stack([out[:, :1] * radial, np.copysign(out[:, 1], points[:, 2])])
 
 
@@ -190,8 +197,8 @@ def _beyond_corner(points: Array, corners: Array) -> tuple[Array, Array]:
     beyond = points - corners
     outside = np.maximum(beyond, 0.0)
     length = np.sqrt(np.einsum("ri,ri->r", outside, outside))
-    out = outside / np.maximum(length, _NO_DIRECTION)[:, None]
-    inside = np.flatnonzero(length < _NO_DIRECTION)
+    out = outside / np.maximum(length, NO_DIRECTION)[:, None]
+    inside = np.flatnonzero(length < NO_DIRECTION)
     nearest = beyond[inside].argmax(axis=1)
     out[inside] = np.eye(points.shape[1])[nearest]
     length[inside] = beyond[inside, nearest]
@@ -208,7 +215,7 @@ _FORMULAS = {
 def _from_hull(solid: coal.CollisionGeometry, point: Array) -> tuple[float, Array]:
     """Return the distance of a point from any solid, and its gradient."""
     small = coal.Sphere(0.0)
-    request, result = _coal_request(), coal.DistanceResult()
+    request, result = coal_request(), coal.DistanceResult()
     here, there = coal.Transform3s(), coal.Transform3s(np.eye(3), point)
     distance = coal.distance(solid, here, small, there, request, result)
     return float(distance), np.array(result.normal)

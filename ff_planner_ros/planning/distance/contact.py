@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.allowed_contact import (
     before_contact,
+    split_obstacles,
     split_pairs,
     split_spheres,
 )
@@ -26,7 +28,14 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    distance_between,
+    obstacle_bounds,
+    obstacle_distances,
+    seen_from_chaser,
+)
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
+from ff_planner_ros.robot.collision.lines import with_bodies
 
 # Turns of one joint that are tried as a way out of a contact [rad].
 _TURNS = np.deg2rad([1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0])
@@ -46,7 +55,7 @@ def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Co
     """Return the deepest contact in a configuration at a time [s] that is not allowed then."""
     robot, bodies = problem.robot, problem.robot.bodies
     if not bodies:
-        return None
+        return _deepest(_with_obstacles(problem, q, time))
     placed, found = placed_bodies(robot, q[None, 7:]), list[Contact]()
     free = is_near_goal(problem, q, time)
     near = pair_bounds(robot, placed) <= 0.0
@@ -68,8 +77,31 @@ def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Co
     ):
         names = bodies[body].name, problem.spheres[sphere].id
         found.append(Contact(float(distance), *names, True, by_joints))
+    return _deepest([*found, *_with_obstacles(problem, q, time)])
+
+
+def _deepest(found: Iterable[Contact]) -> Contact | None:
     touching = [contact for contact in found if contact.distance <= 0.0]
     return min(touching, key=lambda contact: contact.distance, default=None)
+
+
+def _with_obstacles(problem: PlanningProblem, q: Array, time: float) -> Iterator[Contact]:
+    """Yield contacts with obstacles that are no spheres, and what may be one."""
+    robot, obstacles = with_bodies(problem.robot), problem.obstacle_bodies
+    if not obstacles:
+        return
+    placed = placed_bodies(robot, q[None, 7:])
+    poses = seen_from_chaser(q[None], np.array([time]), obstacles)
+    near = obstacle_bounds(robot, placed, poses, obstacles) <= 0.0
+    near.reshape(-1)[split_obstacles(problem)[1]] &= not is_near_goal(problem, q, time)
+    at = np.nonzero(near)
+    measured = obstacle_distances(robot, placed, poses, obstacles, at)
+    gradients = sphere_gradients(robot, placed, measured, at)[:, 6:]
+    for body, number, distance, by_joints in zip(
+        *at[1:], measured.distance, gradients, strict=True
+    ):
+        names = robot.bodies[body].name, obstacles[number].id
+        yield Contact(float(distance), *names, True, by_joints)
 
 
 def way_out(problem: PlanningProblem, q: Array, contact: Contact) -> str:
@@ -106,15 +138,22 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
     allowed, found = split_spheres(problem)[1], list[Contact]()
+    obstacles, others = problem.obstacle_bodies, split_obstacles(problem)[1]
     centers = centers_at(np.array([problem.duration]), problem.spheres)[0]
-    for number, body in enumerate(robot.bodies):
+    for number, body in enumerate(with_bodies(robot).bodies):
         if body.joint != robot.joints + 1:
             continue
         place = last_joint * body.placement_in_joint
-        for index, sphere in enumerate(problem.spheres):
+        for index, sphere in enumerate(problem.spheres if robot.bodies else ()):
             distance = distance_from(body, place.actInv(centers[index])) - sphere.radius
             if distance <= 0.0 and number * len(problem.spheres) + index not in allowed:
                 found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
+        for index, one in enumerate(obstacles):
+            rotations, positions = one.poses(np.array([problem.duration]))
+            there = pin.SE3(rotations[0], positions[0])
+            distance = distance_between(body.solid, place, one.solid.geometry, there)
+            if distance <= 0.0 and number * len(obstacles) + index not in others:
+                found.append(Contact(distance, body.name, one.id, True, np.zeros(robot.joints)))
     return min(found, key=lambda contact: contact.distance, default=None)
 
 

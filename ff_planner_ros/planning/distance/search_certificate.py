@@ -8,10 +8,11 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of, spheres_of
 from ff_planner_ros.planning.distance.body_certificate import (
     body_ways,
     cubics_of,
+    least_obstacle_distance,
     least_pair_distance,
     least_sphere_distance,
     pair_ways,
@@ -19,7 +20,7 @@ from ff_planner_ros.planning.distance.body_certificate import (
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, cubics_between, way_bounds
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
 from ff_planner_ros.robot.model import Robot
 
 
@@ -86,6 +87,32 @@ def search_sphere_distance(
     if np.isfinite(found):
         return found
     return least_sphere_distance(robot, motion, spheres, chosen, last, part).certified
+
+
+def search_obstacle_distance(
+    robot: Robot,
+    motion: FollowedMotion,
+    obstacles: Sequence[ObstacleBody],
+    chosen: Indices,
+    last: int,
+    part: float,
+) -> float:
+    """Return what is certified by `least_obstacle_distance`, or as good a bound."""
+    if not len(chosen) or last < 0:
+        return np.inf
+    found = compiled.certified_obstacle_distance(
+        _cubic_motion(robot, motion),
+        bodies_of(robot),
+        body_ways(robot, motion),
+        obstacles_of(obstacles, float(motion.time[-1])),
+        chosen,
+        last,
+        CERTIFICATE_GAP,
+        part,
+    )
+    if np.isfinite(found):
+        return found
+    return least_obstacle_distance(robot, motion, obstacles, chosen, last, part).certified
 
 
 def _cubic_motion(robot: Robot, motion: FollowedMotion) -> compiled.CubicMotion:

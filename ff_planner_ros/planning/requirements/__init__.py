@@ -16,6 +16,7 @@ from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.requirements.joints.start_velocity import StartVelocity
 from ff_planner_ros.planning.requirements.joints.torques import Torques
 from ff_planner_ros.planning.requirements.momentum import Momentum
+from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
@@ -24,6 +25,7 @@ from ff_planner_ros.planning.requirements.singular_values import SingularValues
 REQUIREMENTS: tuple[Requirement, ...] = (
     Clearance(),
     BodyClearance(),
+    ObstacleClearance(),
     SelfClearance(),
     ApproachCorridor(),
     CameraView(),

@@ -10,10 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import (
-    before_contact,
+    last_points,
     split_pairs,
     split_spheres,
 )
@@ -35,21 +35,18 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
+from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
+from ff_planner_ros.planning.requirements.obstacle_clearance import (
+    body_and_obstacle,
+    least_from_obstacles,
+)
 from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
 
-# The search asks only whether anything is left of a clearance.
-_SLACK_PART = 0.5
-
-_DETOURS = (
-    "a longer duration",
-    "a goal or start posture on another side of the obstacle",
-    "more planner.starts",
-)
 _POSTURES = ("another goal or start posture", "a longer duration", "more planner.starts")
 
 
 class BodyClearance(Requirement):
-    """Every body stays outside every obstacle."""
+    """Every body stays outside every sphere."""
 
     name = "body_clearance"
 
@@ -88,8 +85,8 @@ class BodyClearance(Requirement):
         if not (robot.bodies and spheres):
             return np.inf
         return min(
-            search_sphere_distance(robot, motion, spheres, chosen, last, _SLACK_PART)
-            for chosen, last in _until(problem, motion, *split_spheres(problem))
+            search_sphere_distance(robot, motion, spheres, chosen, last, SLACK_PART)
+            for chosen, last in last_points(problem, motion, *split_spheres(problem))
         )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
@@ -97,21 +94,28 @@ class BodyClearance(Requirement):
         problem = samples.problem
         if not problem.robot.bodies:
             return {}
-        least = _from_spheres(problem, samples.followed)
+        spheres = _from_spheres(problem, samples.followed)
+        others = least_from_obstacles(problem, samples.followed)
+        least = lesser(spheres, others)
+        names = (
+            _body_and_sphere(problem, least)
+            if spheres.found <= others.found
+            else body_and_obstacle(problem, least)
+        )
         return {
             "min_clearance": least.certified,
-            "min_clearance_pair": "/".join(_body_and_sphere(problem, least)),
+            "min_clearance_pair": "/".join(names),
             "min_clearance_time": least.time,
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the deepest collision."""
         problem = samples.problem
-        if not problem.robot.bodies or metrics.min_clearance >= 0.0:
+        least = _from_spheres(problem, samples.followed) if problem.robot.bodies else NOTHING
+        if least.certified >= 0.0:
             return
-        least = _from_spheres(problem, samples.followed)
         body, sphere = _body_and_sphere(problem, least)
-        yield _failure(samples, least, body, f"obstacle {sphere}", _DETOURS)
+        yield collision(samples, least, body, f"obstacle {sphere}", DETOURS)
 
 
 class SelfClearance(Requirement):
@@ -136,8 +140,8 @@ class SelfClearance(Requirement):
         if not problem.robot.pairs:
             return np.inf
         return min(
-            search_pair_distance(problem.robot, motion, chosen, last, _SLACK_PART)
-            for chosen, last in _until(problem, motion, *split_pairs(problem))
+            search_pair_distance(problem.robot, motion, chosen, last, SLACK_PART)
+            for chosen, last in last_points(problem, motion, *split_pairs(problem))
         )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
@@ -156,7 +160,7 @@ class SelfClearance(Requirement):
             return
         least = _of_pairs(samples.problem, samples.followed)
         first, second = _two_bodies(samples.problem, least)
-        yield _failure(samples, least, first, second, _POSTURES)
+        yield collision(samples, least, first, second, _POSTURES)
 
 
 @lru_cache(maxsize=4)
@@ -168,7 +172,7 @@ def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     return lesser(
         *(
             least_sphere_distance(robot, motion, spheres, chosen, last)
-            for chosen, last in _until(problem, motion, *split_spheres(problem))
+            for chosen, last in last_points(problem, motion, *split_spheres(problem))
         )
     )
 
@@ -181,17 +185,9 @@ def _of_pairs(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     return lesser(
         *(
             least_pair_distance(problem.robot, motion, chosen, last)
-            for chosen, last in _until(problem, motion, *split_pairs(problem))
+            for chosen, last in last_points(problem, motion, *split_pairs(problem))
         )
     )
-
-
-def _until(
-    problem: PlanningProblem, motion: FollowedMotion, apart: Indices, may_touch: Indices
-) -> tuple[tuple[Indices, int], tuple[Indices, int]]:
-    """Return what must not touch, each with the last point until which that holds."""
-    until = before_contact(problem, motion.time, motion.q) if len(may_touch) else -1
-    return (apart, len(motion.time) - 1), (may_touch, until)
 
 
 def _body_and_sphere(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
@@ -206,22 +202,3 @@ def _two_bodies(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
     if least.pair < 0:
         return ()
     return tuple(problem.robot.bodies[body].name for body in problem.robot.pairs[least.pair])
-
-
-def _failure(
-    samples: Samples, least: Least, first: str, second: str, advice: tuple[str, ...]
-) -> Failure:
-    when = samples.at(least.time)
-    if least.found >= 0.0:
-        return Failure(
-            Status.COLLISION,
-            f"{first} may touch {second} near {when}: all that is certain is a clearance of "
-            f"{least.certified * 1e3:.2f} mm",
-            ("more points", "a larger planner.clearance_margin"),
-        )
-    depth = -least.found
-    shallow = depth < samples.settings.clearance_margin
-    margin = ("a smaller planner.clearance_margin",) if shallow else ()
-    return Failure(
-        Status.COLLISION, f"{first} is {depth:.3g} m inside {second} at {when}", (*advice, *margin)
-    )

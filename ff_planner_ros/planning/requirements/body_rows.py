@@ -35,7 +35,7 @@ from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
-# On fewer points than this a body may jump over a corner of another: see `_LookedAt`.
+# On fewer points than this a body may jump over a corner of another: see `LookedAt`.
 FEW_POINTS = 40
 # Bodies that are further from each other or from a sphere than this [m] do not meet in one step of
 # the solver that the linearisation still describes.
@@ -45,7 +45,7 @@ OF_INTEREST = 0.1
 _WITHIN = 0.9
 
 
-class _LookedAt(NamedTuple):
+class LookedAt(NamedTuple):
     """The configurations of a path at which its bodies are looked at, in the order of time."""
 
     times: Array  # shape (configurations,) [s]
@@ -59,7 +59,7 @@ def pair_rows(
     problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
 ) -> Rows:
     """Return the distances of pairs of bodies that are of interest, less the margin."""
-    robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
+    robot, at = problem.robot, looked_at(problem, motion, sensitivity)
     distances, jacobian, names, deep = compiled.pair_rows(
         chain_of(robot), bodies_of(robot), at.q, at.sensitivity, OF_INTEREST
     )
@@ -69,7 +69,7 @@ def pair_rows(
         placed = placed_bodies(robot, at.q[:, 7:])
         found = pair_distances(robot, placed, rows)
         gradients = pair_gradients(robot, placed, found, rows)
-        deeper = _along(gradients, at.sensitivity[:, 6:], rows[0])
+        deeper = along_variables(gradients, at.sensitivity[:, 6:], rows[0])
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
     configurations, pairs = np.unravel_index(names, shape)
@@ -78,14 +78,14 @@ def pair_rows(
     if not problem.allowed_collisions:
         return rows_found
     apart = np.isin(pairs, split_pairs(problem)[0])
-    return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
+    return chosen_rows(rows_found, np.flatnonzero(apart | (configurations < at.until)))
 
 
 def sphere_rows(
     problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
 ) -> Rows:
     """Return the distances of bodies from spheres that are of interest, less the margin."""
-    robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
+    robot, at = problem.robot, looked_at(problem, motion, sensitivity)
     distances, jacobian, names, deep = compiled.sphere_rows(
         chain_of(robot),
         bodies_of(robot),
@@ -105,7 +105,7 @@ def sphere_rows(
         found = sphere_distances(robot, placed, seen, radius, rows)
         gradients = sphere_gradients(robot, placed, found, rows)
         distances, names = np.append(distances, found.distance), np.append(names, deep)
-        deeper = _along(gradients, at.sensitivity, rows[0])
+        deeper = along_variables(gradients, at.sensitivity, rows[0])
         if at.times_by_last.size:
             deeper[:, -1] += at.times_by_last[rows[0]] * _of_moving(
                 problem, gradients, at, rows[0], rows[2]
@@ -117,10 +117,11 @@ def sphere_rows(
     if not problem.allowed_collisions:
         return rows_found
     apart = np.isin(bodies * len(problem.spheres) + spheres, split_spheres(problem)[0])
-    return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
+    return chosen_rows(rows_found, np.flatnonzero(apart | (configurations < at.until)))
 
 
-def _chosen(rows: Rows, which: Indices) -> Rows:
+def chosen_rows(rows: Rows, which: Indices) -> Rows:
+    """Return some rows of many, by their numbers."""
     return Rows(rows.values[which], rows.jacobian[which], rows.names[which])
 
 
@@ -151,7 +152,7 @@ def _room_of_spheres(problem: PlanningProblem) -> Array:
 
 
 @lru_cache(maxsize=2)
-def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity) -> _LookedAt:
+def looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity) -> LookedAt:
     """Return where bodies are looked at: once for both kinds of rows."""
     at_points = np.linspace(0.0, problem.duration, len(motion.q))
     times = _in_order(at_points[1:], (at_points[:-1] + at_points[1:]) / 2)
@@ -168,7 +169,7 @@ def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivit
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
     until = before_contact(problem, times, q, _WITHIN) + 1 if problem.allowed_collisions else len(q)
     times_by_last = sensitivity.times_by_last(times, problem.duration)
-    return _LookedAt(times, times_by_last, q, by_x, until)
+    return LookedAt(times, times_by_last, q, by_x, until)
 
 
 def _in_order(at_points: Array, half_way: Array) -> Array:
@@ -198,7 +199,7 @@ def quarter_way(values: Array) -> Array:
 def _of_moving(
     problem: PlanningProblem,
     gradients: Array,
-    at: _LookedAt,
+    at: LookedAt,
     configurations: Indices,
     spheres: Indices,
 ) -> Array:
@@ -212,7 +213,7 @@ def _of_moving(
     return growing
 
 
-def _along(gradients: Array, sensitivity: Array, configurations: Indices) -> Array:
+def along_variables(gradients: Array, sensitivity: Array, configurations: Indices) -> Array:
     """Return derivatives by the decision variables. Shape (rows, variables)."""
     jacobian: Array = np.einsum("rj,rjx->rx", gradients, sensitivity[configurations])
     return jacobian

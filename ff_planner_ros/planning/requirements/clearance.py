@@ -30,6 +30,10 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, quarter_way
+from ff_planner_ros.planning.requirements.obstacle_clearance import (
+    body_and_obstacle,
+    least_from_obstacles,
+)
 from ff_planner_ros.planning.requirements.requirement import (
     OF_INTEREST,
     Requirement,
@@ -110,25 +114,33 @@ class Clearance(Requirement):
         }
         if problem.robot.geometry is Geometry.SHAPES:
             return found
-        if not problem.spheres:
+        motion, nearest, certain, pair = samples.followed, np.inf, np.inf, ""
+        if problem.spheres:
+            arm = arm_points(problem.robot, motion.q)
+            sphere, certain = _nearest(problem, motion, arm), _certified(problem, motion, arm)
+            nearest, pair, time = sphere.distance, f"{sphere.line}/{sphere.obstacle}", sphere.time
+        other = least_from_obstacles(problem, motion)
+        if other.found < nearest:
+            pair, time = "/".join(body_and_obstacle(problem, other)), other.time
+        if not pair:
             return found | {"min_clearance": np.inf}
-        motion = samples.followed
-        arm = arm_points(problem.robot, motion.q)
-        nearest, certain = _nearest(problem, motion, arm), _certified(problem, motion, arm)
         return found | {
-            "min_clearance": certain,
-            "min_clearance_pair": f"{nearest.line}/{nearest.obstacle}",
-            "min_clearance_time": nearest.time,
+            "min_clearance": min(certain, other.certified),
+            "min_clearance_pair": pair,
+            "min_clearance_time": time,
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the deepest collision."""
-        if samples.problem.robot.geometry is Geometry.SHAPES or metrics.min_clearance >= 0.0:
+        problem = samples.problem
+        if problem.robot.geometry is Geometry.SHAPES or metrics.min_clearance >= 0.0:
             return
-        arm = arm_points(samples.problem.robot, samples.followed.q)
-        nearest = _nearest(samples.problem, samples.followed, arm)
+        arm = arm_points(problem.robot, samples.followed.q)
+        if not problem.spheres or _certified(problem, samples.followed, arm) >= 0.0:
+            return
+        nearest = _nearest(problem, samples.followed, arm)
         depth, obstacle = -nearest.distance, nearest.obstacle
-        link = link_name(samples.problem.robot, nearest.segment)
+        link = link_name(problem.robot, nearest.segment)
         when = samples.at(nearest.time)
         if depth <= 0.0:
             yield Failure(

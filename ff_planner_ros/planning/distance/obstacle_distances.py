@@ -1,0 +1,143 @@
+"""How far the robot's bodies are from obstacles of any shape, as Coal measures it.
+
+Robots with lines are measured by these; see `with_bodies`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.planning.distance.bodies import Placed, radii
+from ff_planner_ros.planning.distance.body_distances import (
+    NO_DIRECTION,
+    Distances,
+    coal_request,
+    has_failed,
+)
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
+
+
+class Poses(NamedTuple):
+    """Where obstacles are at each configuration, seen from the chaser."""
+
+    rotations: Array  # of their axes; shape (configurations, obstacles, 3, 3)
+    positions: Array  # of their origins; shape (configurations, obstacles, 3) [m]
+
+
+def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[ObstacleBody]) -> Poses:
+    """Return where obstacles are.
+
+    Args:
+        q: Shape (configurations, 7 + joints).
+        times: From the plan's first point on. Shape (configurations,) [s].
+    """
+    rotations = np.empty((len(q), len(obstacles), 3, 3))
+    positions = np.empty((len(q), len(obstacles), 3))
+    for number, one in enumerate(obstacles):
+        rotations[:, number], positions[:, number] = one.poses(times)
+    to_inertial = rotation_from_quaternion(q[:, 3:7])
+    return Poses(
+        np.einsum("cji,cojk->coik", to_inertial, rotations),
+        np.asarray((positions - q[:, None, :3]) @ to_inertial, np.float64),
+    )
+
+
+def obstacle_bounds(
+    robot: Robot, placed: Placed, poses: Poses, obstacles: Sequence[ObstacleBody]
+) -> Array:
+    """Return lower bounds of the distances of bodies from obstacles, by the spheres around both.
+
+    Shape (configurations, bodies, obstacles) [m].
+    """
+    centers = np.array([one.solid.center for one in obstacles]).reshape(-1, 3)
+    around = np.array([one.solid.radius for one in obstacles])
+    there = poses.positions + np.einsum("coij,oj->coi", poses.rotations, centers)
+    apart = np.linalg.norm(placed.centers[:, :, None] - there[:, None], axis=-1)
+    bounds: Array = apart - radii(robot)[:, None] - around
+    return bounds
+
+
+def obstacle_distances(
+    robot: Robot,
+    placed: Placed,
+    poses: Poses,
+    obstacles: Sequence[ObstacleBody],
+    rows: tuple[Indices, ...],
+) -> Distances:
+    """Measure bodies against obstacles.
+
+    Args:
+        rows: Configurations, bodies and obstacles, each of shape (rows,).
+    """
+    request, result, count = coal_request(), coal.DistanceResult(), len(rows[0])
+    distance, point, normal = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
+    here, there = coal.Transform3s(), coal.Transform3s()
+    for row, (at, body, number) in enumerate(zip(*(each.tolist() for each in rows), strict=True)):
+        here.setTransform(placed.rotations[at, body], placed.positions[at, body])
+        there.setTransform(poses.rotations[at, number], poses.positions[at, number])
+        result.clear()
+        measure = _measure(robot, body, obstacles[number])
+        distance[row] = measure(here, there, request, result)
+        point[row] = result.getNearestPoint2()
+        normal[row] = result.normal
+    for row in np.flatnonzero(has_failed(distance, normal)).tolist():
+        at, body, number = (int(each[row]) for each in rows)
+        solid = obstacles[number].solid
+        center = poses.positions[at, number] + poses.rotations[at, number] @ solid.center
+        way = center - placed.centers[at, body]
+        apart = float(np.linalg.norm(way))
+        normal[row] = way / apart if apart > NO_DIRECTION else [1.0, 0.0, 0.0]
+        point[row], distance[row] = center, apart - robot.bodies[body].radius - solid.radius
+    return Distances(distance, point, normal)
+
+
+def distance_between(
+    first: coal.CollisionGeometry, at: pin.SE3, second: coal.CollisionGeometry, there: pin.SE3
+) -> float:
+    """Return the signed distance of two solids at two places of one frame [m]."""
+    places = [coal.Transform3s(place.rotation, place.translation) for place in (at, there)]
+    result = coal.DistanceResult()
+    return float(coal.distance(first, places[0], second, places[1], coal_request(), result))
+
+
+@lru_cache(maxsize=4096)
+def _measure(robot: Robot, body: int, obstacle: ObstacleBody) -> coal.ComputeDistance:
+    # Coal keeps no reference to the solids: the cache keeps those that it is asked for.
+    return coal.ComputeDistance(robot.bodies[body].solid, obstacle.solid.geometry)
+
+
+def approach_speeds(
+    q: Array,
+    times: Array,
+    obstacles: Sequence[ObstacleBody],
+    found: Distances,
+    rows: tuple[Indices, ...],
+) -> Array:
+    """Return how fast distances grow because the obstacles move. Shape (rows,) [m/s].
+
+    Args:
+        q: Shape (configurations, 7 + joints).
+        times: Shape (configurations,) [s].
+        rows: Configurations, bodies and obstacles.
+    """
+    configurations, _, which = rows
+    to_inertial = rotation_from_quaternion(q[configurations, 3:7])
+    points = q[configurations, :3] + np.einsum("rij,rj->ri", to_inertial, found.point)
+    normals = np.einsum("rij,rj->ri", to_inertial, found.normal)
+    speeds = np.zeros(len(which))
+    for number in np.unique(which).tolist():
+        of = np.flatnonzero(which == number)
+        at, one = times[configurations[of]], obstacles[number]
+        twists, (_, origins) = one.twists(at), one.poses(at)
+        moving = twists[:, :3] + np.cross(twists[:, 3:], points[of] - origins)
+        speeds[of] = np.einsum("ri,ri->r", normals[of], moving)
+    return speeds

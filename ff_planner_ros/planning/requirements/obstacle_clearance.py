@@ -1,0 +1,161 @@
+"""The arm stays outside obstacles of any shape, between the points too.
+
+Its bodies do, or its lines if it has none. The distance of convex solids that are apart has one
+normal, which changes smoothly with where they are; only between parallel faces and edges it is the
+nearest points that jump with a turn, as for the robot's own pairs. Spheres have a requirement of
+their own: their distances have closed forms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
+from ff_planner_ros.errors import Failure
+from ff_planner_ros.planning.distance.allowed_contact import last_points, split_obstacles
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_certificate import (
+    NOTHING,
+    Least,
+    least_obstacle_distance,
+    lesser,
+)
+from ff_planner_ros.planning.distance.body_distances import sphere_gradients
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    approach_speeds,
+    obstacle_distances,
+    seen_from_chaser,
+)
+from ff_planner_ros.planning.distance.search_certificate import search_obstacle_distance
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.body_rows import (
+    OF_INTEREST,
+    along_variables,
+    chosen_rows,
+    looked_at,
+)
+from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
+from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
+from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.configuration import configuration
+
+
+class ObstacleClearance(Requirement):
+    """Every body, or line, stays outside every obstacle that is no sphere."""
+
+    name = "obstacle_clearance"
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return the clearance that the search keeps at the points [m]."""
+        return settings.clearance_margin
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of interest, less the margin."""
+        if not problem.obstacle_bodies:
+            return None
+        return obstacle_rows(problem, motion, sensitivity, margin)
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return the certified clearance [m]."""
+        robot, obstacles = with_bodies(problem.robot), problem.obstacle_bodies
+        if not obstacles:
+            return np.inf
+        return min(
+            search_obstacle_distance(robot, motion, obstacles, chosen, last, SLACK_PART)
+            for chosen, last in last_points(problem, motion, *split_obstacles(problem))
+        )
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the deepest collision."""
+        problem = samples.problem
+        least = least_from_obstacles(problem, samples.followed)
+        if least.certified < 0.0:
+            body, obstacle = body_and_obstacle(problem, least)
+            yield collision(samples, least, body, f"obstacle {obstacle}", DETOURS)
+
+
+@lru_cache(maxsize=4)
+def least_from_obstacles(problem: PlanningProblem, motion: FollowedMotion) -> Least:
+    """Return the least distance from any obstacle that is no sphere where it must not be touched.
+
+    Its pair is numbered as by `least_obstacle_distance`.
+    """
+    robot, obstacles = with_bodies(problem.robot), problem.obstacle_bodies
+    if not obstacles:
+        return NOTHING
+    return lesser(
+        *(
+            least_obstacle_distance(robot, motion, obstacles, chosen, last)
+            for chosen, last in last_points(problem, motion, *split_obstacles(problem))
+        )
+    )
+
+
+def body_and_obstacle(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
+    """Return the names of both; nothing where nothing was met."""
+    if least.pair < 0:
+        return ()
+    body, obstacle = divmod(least.pair, len(problem.obstacle_bodies))
+    return with_bodies(problem.robot).bodies[body].name, problem.obstacle_bodies[obstacle].id
+
+
+def obstacle_rows(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows:
+    """Return the distances from obstacles that are of interest, less the margin."""
+    robot, at = with_bodies(problem.robot), looked_at(problem, motion, sensitivity)
+    obstacles = problem.obstacle_bodies
+    distances, jacobian, names, deep = compiled.obstacle_rows(
+        chain_of(robot),
+        bodies_of(robot),
+        at.q,
+        at.sensitivity,
+        at.times,
+        obstacles=obstacles_of(obstacles, float(at.times[-1])),
+        interest=OF_INTEREST,
+        times_by_last=at.times_by_last,
+    )
+    shape = len(at.q), len(robot.bodies), len(obstacles)
+    if deep.size:  # Coal knows how deep they are in each other
+        rows = np.unravel_index(deep, shape)
+        placed = placed_bodies(robot, at.q[:, 7:])
+        poses = seen_from_chaser(at.q, at.times, obstacles)
+        found = obstacle_distances(robot, placed, poses, obstacles, rows)
+        gradients = sphere_gradients(robot, placed, found, rows)
+        deeper = along_variables(gradients, at.sensitivity, rows[0])
+        if at.times_by_last.size:
+            speeds = approach_speeds(at.q, at.times, obstacles, found, rows)
+            deeper[:, -1] += at.times_by_last[rows[0]] * speeds
+        distances, names = np.append(distances, found.distance), np.append(names, deep)
+        jacobian = np.vstack([jacobian, deeper])
+    configurations, bodies, numbers = np.unravel_index(names, shape)
+    margins = np.minimum(margin, _room_of_obstacles(problem)[bodies, numbers])
+    rows_found = Rows(distances - margins, jacobian, names)
+    if not problem.allowed_collisions:
+        return rows_found
+    apart = np.isin(bodies * len(obstacles) + numbers, split_obstacles(problem)[0])
+    return chosen_rows(rows_found, np.flatnonzero(apart | (configurations < at.until)))
+
+
+@lru_cache(maxsize=4)
+def _room_of_obstacles(problem: PlanningProblem) -> Array:
+    """Return half the distance of bodies from obstacles at the start. (bodies, obstacles) [m]."""
+    robot, q = with_bodies(problem.robot), configuration(problem.robot, problem.start)[0]
+    shape = len(robot.bodies), len(problem.obstacle_bodies)
+    bodies, numbers = (number.ravel() for number in np.indices(shape))
+    rows = np.zeros(len(bodies), np.intp), bodies, numbers
+    placed = placed_bodies(robot, q[None, 7:])
+    poses = seen_from_chaser(q[None], np.zeros(1), problem.obstacle_bodies)
+    distance = obstacle_distances(robot, placed, poses, problem.obstacle_bodies, rows).distance
+    return np.maximum(distance, 0.0).reshape(shape) / 2

@@ -1,0 +1,284 @@
+"""Distances of bodies from obstacles of any shape: Coal, differences, and what lies between."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from bodied_robots import random_obstacles, random_robot, random_solid
+from scipy.spatial.transform import Rotation
+from test_body_clearance import random_motion
+from test_body_distances import configurations, every_row
+from test_core_bodies import refuse, require_near
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
+from ff_planner_ros.planning.distance import search_certificate
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_certificate import EXACT_PART, least_obstacle_distance
+from ff_planner_ros.planning.distance.body_distances import sphere_gradients
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    approach_speeds,
+    obstacle_bounds,
+    obstacle_distances,
+    seen_from_chaser,
+)
+from ff_planner_ros.planning.motion.followed import followed
+from ff_planner_ros.planning.problem.problem import ObstacleBody
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.collision.solids import Solid
+from ff_planner_ros.robot.model import Robot
+
+KINDS = ("box", "cylinder", "capsule", "cone", "mesh")
+FAR = 1e3  # [m] all of it is of interest
+
+
+def pose_of(one: ObstacleBody, time: float) -> pin.SE3:
+    rotations, positions = one.poses(np.array([time]))
+    return pin.SE3(rotations[0], positions[0])
+
+
+def core_rows(
+    robot: Robot, q: Array, times: Array, obstacles: tuple[ObstacleBody, ...], interest: float
+) -> tuple[Array, Array, Array, Array]:
+    """Distances by the core, with their derivatives by base, joints and, last, the time."""
+    count = 6 + robot.joints
+    columns = np.zeros((len(q), count, count + 1))
+    columns[:, range(count), range(count)] = 1.0
+    return compiled.obstacle_rows(
+        chain_of(robot),
+        bodies_of(robot),
+        q,
+        columns,
+        times,
+        obstacles_of(obstacles, float(times[-1])),
+        interest,
+        np.ones(len(times)),
+    )
+
+
+def exact_distance(
+    first: coal.CollisionGeometry, at: pin.SE3, second: coal.CollisionGeometry, there: pin.SE3
+) -> float:
+    """The signed distance of two solids, in round ones to a hundredth of a micrometre."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    request.enable_signed_distance = True
+    request.gjk_tolerance, request.epa_tolerance = 1e-9, 1e-6
+    places = [coal.Transform3s(place.rotation, place.translation) for place in (at, there)]
+    return float(coal.distance(first, places[0], second, places[1], request, result))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("other", ["box", "cylinder", "capsule", "sphere", "mesh"])
+def test_random_solids_are_as_far_apart_as_coal_says(kind: str, other: str) -> None:
+    """Ten thousand pairs in all, touching and deep ones among them."""
+    rng = np.random.default_rng([KINDS.index(kind), len(other)])
+    arm, deep = random_robot(1), 0
+    for case in range(20):
+        bodies = []
+        for number in range(4):
+            solid = random_solid(rng, other)
+            turn = Rotation.random(random_state=rng).as_matrix()
+            place = pin.SE3(turn, rng.normal(0.0, 0.5, 3))
+            center = place.act(solid.center)
+            bodies.append(Body(str(number), "bus", 1, solid.geometry, place, center, solid.radius))
+        robot = replace(arm, bodies=tuple(bodies), pairs=())
+        obstacles = tuple(
+            ObstacleBody(
+                str(number),
+                random_solid(rng, kind),
+                rng.normal(0.0, 0.6, 3),
+                Rotation.random(random_state=rng).as_quat(),
+            )
+            for number in range(5)
+        )
+        q = configurations(robot, 1, case)
+        q[0, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+        distances, _, names, unknown = core_rows(robot, q, np.zeros(1), obstacles, FAR)
+        poses, rows = seen_from_chaser(q, np.zeros(1), obstacles), every_row(1, 4, 5)
+        placed = placed_bodies(robot, q[:, 7:])
+        checked = obstacle_distances(robot, placed, poses, obstacles, rows).distance
+        bounds = obstacle_bounds(robot, placed, poses, obstacles)[rows]
+        assert (bounds <= checked + 1e-9).all()
+        for name, (_, body, number) in enumerate(zip(*rows, strict=True)):
+            at, there = bodies[body].placement_in_joint, pose_of(obstacles[number], 0.0)
+            truth = exact_distance(bodies[body].solid, at, obstacles[number].solid.geometry, there)
+            where = f"{kind} {other} {case} {body} {number}"
+            deep += truth < 0.0
+            exact = 1e-6 + 0.01 * max(0.0, -truth)
+            assert checked[name] == pytest.approx(truth, abs=exact), where
+            if name in unknown:
+                assert truth < 1e-6, where
+            else:
+                (row,) = np.flatnonzero(names == name)
+                assert distances[row] == pytest.approx(truth, abs=1e-6), where
+    assert deep > 3
+
+
+def test_solids_that_touch_or_are_deep_in_each_other_have_their_depths() -> None:
+    """Textbook cases: faces, an edge, an apex and a rim, each by hand."""
+    box, up = Solid("box", np.array([2.0, 2.0, 2.0])), np.array([0.0, 0.0, 0.0, 1.0])
+    tipped = Rotation.from_euler("x", 45, degrees=True).as_quat()
+    down = Rotation.from_euler("x", 180, degrees=True).as_quat()
+    flat = Rotation.from_euler("y", 90, degrees=True).as_quat()
+    cone, tube = Solid("cone", np.array([0.5, 2.0])), Solid("cylinder", np.array([0.5, 2.0]))
+    cases = [
+        (Solid("box", np.ones(3)), [0.0, 0.0, 1.75], up, 0.25),
+        (Solid("box", np.ones(3)), [0.0, 0.0, 1.5], up, 0.0),
+        (Solid("box", np.ones(3)), [0.0, 0.0, 1.25], up, -0.25),
+        (Solid("box", np.ones(3)), [0.0, 0.0, 2.0], tipped, 1.0 - np.sqrt(0.5)),
+        (cone, [0.0, 0.0, 2.5], down, 0.5),
+        (cone, [0.0, 0.0, 1.9], down, -0.1),
+        (cone, [0.3, 0.0, 2.3], up, 0.3),
+        (tube, [0.0, 0.0, 1.7], flat, 0.2),
+        (tube, [0.0, 0.0, 1.4], flat, -0.1),
+        (Solid("capsule", np.array([0.5, 2.0])), [0.2, 0.2, 2.6], up, 0.1),
+        (Solid("capsule", np.array([0.5, 2.0])), [0.2, 0.2, 2.4], up, -0.1),
+    ]
+    body = Body("box", "bus", 1, box.geometry, pin.SE3.Identity(), box.center, box.radius)
+    robot = replace(random_robot(1), bodies=(body,), pairs=())
+    q = configurations(robot, 1, 1)
+    q[0, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    for solid, place, turn, truth in cases:
+        one = (ObstacleBody("one", solid, place, turn),)
+        rows = every_row(1, 1, 1)
+        poses = seen_from_chaser(q, np.zeros(1), one)
+        found = obstacle_distances(robot, placed_bodies(robot, q[:, 7:]), poses, one, rows)
+        assert found.distance[0] == pytest.approx(truth, abs=2e-6), (solid.kind, place)
+        distances, _, _, unknown = core_rows(robot, q, np.zeros(1), one, FAR)
+        if truth > 0.0 or solid.kind == "capsule":
+            assert distances[0] == pytest.approx(truth, abs=1e-9), (solid.kind, place)
+        else:
+            assert unknown.tolist() == [0], (solid.kind, place)
+
+
+@pytest.mark.parametrize("lines", [False, True])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_derivatives_by_base_joints_and_time_are_those_of_differences(
+    seed: int, lines: bool
+) -> None:
+    robot, rng = random_robot(seed), np.random.default_rng(seed)
+    robot = with_bodies(replace(robot, bodies=(), pairs=()) if lines else robot)
+    q, times = configurations(robot, 5, seed), np.linspace(0.0, 4.0, 5)
+    obstacles = random_obstacles(rng, q[2, :3], 12)
+    _, jacobian, names, unknown = core_rows(robot, q, times, obstacles, FAR)
+    shape = 5, len(robot.bodies), len(obstacles)
+    assert len(names) + len(unknown) == np.prod(shape)
+    rows, step = np.unravel_index(names, shape), 1e-6
+
+    def measured(moved: Array, later: float) -> Array:
+        poses = seen_from_chaser(moved, times + later, obstacles)
+        placed = placed_bodies(robot, moved[:, 7:])
+        return obstacle_distances(robot, placed, poses, obstacles, rows).distance
+
+    differences = []
+    for column in range(6 + robot.joints):
+        v = np.zeros(6 + robot.joints)
+        v[column] = step
+        ends = [[pin.integrate(robot.model, at, sign * v) for at in q] for sign in (1.0, -1.0)]
+        later, before = (measured(np.array(end), 0.0) for end in ends)
+        differences.append((later - before) / (2 * step))
+    differences.append((measured(q, step) - measured(q, -step)) / (2 * step))
+    # Near an edge that is parallel to another a nearest point jumps, and Coal is exact to 1e-8.
+    off = np.abs(np.array(differences).T - jacobian).max(axis=1)
+    smooth = off < 0.02
+    assert smooth.mean() > 0.97
+    assert np.median(off) < 1e-5
+    assert {obstacles[number].moves for number in rows[2][smooth]} == {False, True}
+    poses = seen_from_chaser(q, times, obstacles)
+    placed = placed_bodies(robot, q[:, 7:])
+    found = obstacle_distances(robot, placed, poses, obstacles, rows)
+    of_coal = np.column_stack(
+        [
+            sphere_gradients(robot, placed, found, rows),
+            approach_speeds(q, times, obstacles, found, rows),
+        ]
+    )
+    far = found.distance > 0.01
+    assert np.quantile(np.abs(of_coal - jacobian)[far].max(axis=1), 0.97) < 1e-3
+
+
+@pytest.mark.parametrize("part", [EXACT_PART, 0.5])
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(
+    seed: int, part: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, rng = random_robot(seed), np.random.default_rng(seed)
+    if seed == 4:
+        robot = with_bodies(replace(robot, bodies=(), pairs=()))
+    motion = random_motion(robot, seed, points=(4, 30)[seed % 2])
+    last = len(motion.time) - 1
+    obstacles = random_obstacles(rng, motion.q[last // 2, :3] + rng.normal(size=3), 9)
+    count = len(robot.bodies) * len(obstacles)
+    each = [
+        least_obstacle_distance(robot, motion, obstacles, np.array([k]), last) for k in range(count)
+    ]
+    found = np.array([least.found for least in each])
+    # Between the points: the same motion at sixteen times as many, measured by Coal alone.
+    finer = followed(robot, motion.q[0], motion.v[0], motion.joints, multiple=16)
+    shape = len(finer.q), len(robot.bodies), len(obstacles)
+    dense = obstacle_distances(
+        robot,
+        placed_bodies(robot, finer.q[:, 7:]),
+        seen_from_chaser(finer.q, finer.time, obstacles),
+        obstacles,
+        every_row(*shape),
+    ).distance.reshape(len(finer.q), -1)
+    for least, truth in zip(each, dense.min(axis=0), strict=True):
+        exact = max(CERTIFICATE_GAP, EXACT_PART * least.found)
+        assert least.found - exact <= least.certified <= least.found
+        assert least.certified <= truth + 2e-5, f"seed {seed}: {least}, Coal {truth}"
+        if truth > -0.05:
+            assert least.found >= truth - 3e-3, f"seed {seed}: {least}, Coal {truth}"
+    apart = np.flatnonzero(found > 0.01)
+    assert len(apart) > 3
+    certified = search_certificate.search_obstacle_distance
+    with monkeypatch.context() as alone:
+        alone.setattr(search_certificate, "least_obstacle_distance", refuse)
+        least = certified(robot, motion, obstacles, apart, last, part)
+    require_near(least, found[apart].min(), part, f"seed {seed}")
+    of_all = certified(robot, motion, obstacles, np.arange(count), last, part)
+    require_near(of_all, found.min(), part, f"seed {seed}")
+    assert certified(robot, motion, obstacles, apart[:0], last, part) == np.inf
+    assert certified(robot, motion, obstacles, apart, -1, part) == np.inf
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_point_of_an_obstacle_is_faster_than_its_highest_speed(seed: int) -> None:
+    rng, times = np.random.default_rng(seed), np.linspace(0.0, 30.0, 3001)
+    for one in random_obstacles(rng, np.zeros(3), 12):
+        solid = one.solid
+        rotations, positions = one.poses(times)
+        reach = 0.0
+        for _ in range(20):
+            way = rng.normal(size=3)
+            point = solid.center + solid.radius * way / np.linalg.norm(way)
+            reach = max(reach, float(np.linalg.norm(point)))
+            speeds = np.linalg.norm(np.diff(positions + rotations @ point, axis=0), axis=1) / 0.01
+            assert speeds.max() <= one.highest_speed + 1e-9, one.id
+        assert reach <= solid.reach + 1e-12
+        inside = solid.geometry.computeVolume() if solid.kind == "mesh" else 1.0
+        assert inside > 0.0
+
+
+def test_interest_and_spheres_around_leave_nothing_out_that_is_near() -> None:
+    robot, rng = random_robot(5), np.random.default_rng(5)
+    q, times = configurations(robot, 4, 5), np.linspace(0.0, 3.0, 4)
+    obstacles = random_obstacles(rng, q[1, :3], 25)
+    everything, jacobian, names, unknown = core_rows(robot, q, times, obstacles, FAR)
+    near, of_near, near_names, near_unknown = core_rows(robot, q, times, obstacles, 0.3)
+    chosen = np.flatnonzero(everything < 0.3)
+    assert 10 < len(chosen) < len(everything)
+    assert set(near_names.tolist()) == set(names[chosen].tolist())
+    assert set(near_unknown.tolist()) == set(unknown.tolist())
+    order = np.argsort(near_names)
+    np.testing.assert_allclose(
+        near[order], everything[chosen][np.argsort(names[chosen])], atol=1e-8
+    )
+    assert of_near.shape[1] == jacobian.shape[1]
