@@ -5,13 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import coal
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from bodied_robots import random_obstacles
+from test_body_distances import configurations, every_row
 
 from ff_planner_ros.analysis.touching import touching
 from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    obstacle_distances,
+    seen_from_chaser,
+)
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.problem.scene import Scene
@@ -120,6 +128,38 @@ def test_bodies_touch_where_coal_says_so_and_nothing_else_is_told() -> None:
         assert {pair for pair in found if pair in truth} == {p for p, deep in truth.items() if deep}
         touched += bool(found)
     assert 50 < touched < 250
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_obstacles_of_any_shape_are_in_mujoco_as_coal_measures_them(seed: int) -> None:
+    """Distances of ten to thirty obstacles from an arm's bodies, at rest, moving and tumbling."""
+    robot, rng = bench_robot("arm6", Geometry.SHAPES), np.random.default_rng(seed)
+    (q,) = configurations(robot, 1, seed)
+    time = np.array([1.7])
+    obstacles = random_obstacles(rng, q[:3], 15)
+    engine, touching_pairs = Touch(robot, Scene(obstacles)), set()
+    in_mujoco = np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]])
+    depths = engine.depths(in_mujoco, float(time[0]))
+    placed = placed_bodies(robot, q[None, 7:])
+    ordered = Scene(obstacles).obstacle_bodies
+    poses, rows = seen_from_chaser(q[None], time, ordered), every_row(1, len(robot.bodies), 15)
+    found = obstacle_distances(robot, placed, poses, ordered, rows).distance
+    model, data = engine._model, engine._data
+    seen = 0
+    for _, body, number, distance in zip(*rows, found, strict=True):
+        one, name = ordered[number], f"{robot.bodies[body].name}/{ordered[number].id}"
+        geoms = model.geom(f"body {body}").id, model.geom(f"obstacle {number}").id
+        by_mujoco = mujoco.mj_geomDistance(model, data, *geoms, 50.0, np.zeros(6))
+        if distance > 0.0:
+            # The pyramid is in its cone, by three in ten thousand of the radius.
+            exact = 2e-5 + (4e-4 * one.solid.sizes[0] if one.solid.kind == "cone" else 0.0)
+            assert by_mujoco == pytest.approx(distance, abs=exact), (name, one.solid.kind)
+            seen += 1
+        if abs(distance) > 1e-3:
+            touching_pairs |= {name} if distance < 0.0 else set()
+            assert (name in depths) == (distance < 0.0), (name, distance)
+    assert seen > 20
+    assert touching_pairs
 
 
 @pytest.fixture(scope="module")

@@ -81,6 +81,23 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     }
     motion, goal = compiled.DrivenMotion(**driven), compiled.Target(**target)
     rows = RNG.normal(size=(half, 2))
+    tumbling = {name: attached[name] for name in ("position", "velocity", "begins", "series")}
+    obstacle = {
+        "kind": 3,
+        "sizes": np.zeros(3),
+        "vertices": RNG.normal(scale=0.3, size=(6, 3)),
+        "center": np.zeros(3),
+        "radius": 1.5,
+        "rotation": np.eye(3),
+        "position": np.array([0.5, 0.2, 1.0]),
+        "velocity": np.full(3, 1e-3),
+        "rate": np.full(3, 0.1),
+        "highest_speed": 0.3,
+        "body": None,
+    }
+    held = obstacle | {"kind": 4, "sizes": np.array([0.3, 0.4, 0.0])}
+    held |= {"vertices": np.empty((0, 3)), "body": compiled.TumblingBody(**tumbling)}
+    obstacles = {"obstacles": [compiled.Obstacle(**one) for one in (obstacle, held)]}
     hull = {
         "carriers": 1,
         "rotation": np.eye(3),
@@ -191,6 +208,19 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             | spheres
             | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
             | {"interest": 3.0, "times_by_last": np.ones(POINTS)},
+        ),
+        "TumblingBody": (compiled.TumblingBody, tumbling),
+        "Obstacle": (compiled.Obstacle, obstacle),
+        "obstacle_rows": (
+            compiled.obstacle_rows,
+            of_bodies
+            | obstacles
+            | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
+            | {"interest": 3.0, "times_by_last": np.ones(POINTS)},
+        ),
+        "certified_obstacle_distance": (
+            compiled.certified_obstacle_distance,
+            asked | obstacles | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
         ),
         "certified_pair_distance": (
             compiled.certified_pair_distance,

@@ -17,8 +17,8 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.problem.problem import Obstacle, Sphere
 from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
@@ -40,6 +40,10 @@ class Contact:
     depth: float  # then [m]
 
 
+# Of the pyramid that stands for a cone: it is thinner by three in ten thousand.
+_SIDES = 128
+
+
 class Touch:
     """A robot's bodies in a scene, in MuJoCo."""
 
@@ -49,19 +53,21 @@ class Touch:
         Raises:
             InvalidInput: MuJoCo refuses a shape.
         """
-        obstacles = scene.spheres
+        obstacles: tuple[Obstacle, ...] = (*scene.spheres, *scene.obstacle_bodies)
         spec, names = specification(robot.urdf)
         spec.compiler.discardvisual = False  # else what is in no pair is left out
         bodies = [f"body {number}" for number in range(len(robot.bodies))]
-        spheres = [f"obstacle {number}" for number in range(len(obstacles))]
+        others = [f"obstacle {number}" for number in range(len(obstacles))]
         for geom, body in zip(bodies, robot.bodies, strict=True):
-            _add_geom(spec, names[body.link], geom, robot, body)
-        for geom, sphere in zip(spheres, obstacles, strict=True):
+            frame = robot.model.frames[robot.model.getFrameId(body.link, pin.FrameType.BODY)]
+            placement = frame.placement.actInv(body.placement_in_joint)
+            _add_geom(spec, spec.body(names[body.link]), geom, body.solid, placement)
+        for geom, one in zip(others, obstacles, strict=True):
             mover = spec.worldbody.add_body(name=geom, mocap=True)
-            size = [sphere.radius, 0.0, 0.0]
-            mover.add_geom(name=geom, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=size, **_BARE)
+            solid = coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
+            _add_geom(spec, mover, geom, solid, pin.SE3.Identity())
         pairs = [(bodies[first], bodies[second]) for first, second in robot.pairs]
-        pairs += [(body, sphere) for body in bodies for sphere in spheres]
+        pairs += [(body, other) for body in bodies for other in others]
         for first, second in pairs:
             spec.add_pair(geomname1=first, geomname2=second)
         self.pairs = len(pairs)
@@ -69,7 +75,7 @@ class Touch:
         self._data = mujoco.MjData(self._model)
         told = [one.name for one in robot.bodies] + [one.id for one in obstacles]
         links = [one.link for one in robot.bodies] + [one.id for one in obstacles]
-        order = {self._model.geom(geom).id: n for n, geom in enumerate([*bodies, *spheres])}
+        order = {self._model.geom(geom).id: n for n, geom in enumerate([*bodies, *others])}
         self._order = [order[geom] for geom in range(self._model.ngeom)]
         self._names = [told[number] for number in self._order]
         self._links = [links[number] for number in self._order]
@@ -82,14 +88,28 @@ class Touch:
             q: MuJoCo's configuration.
             time: From the start of the plan [s].
         """
-        (centers,) = centers_at(np.array([time]), self._scene.spheres)
-        return {pair: max(depths) for pair, depths in self._seen(q, centers)[0].items()}
+        positions, turns = self._places(np.array([time]))
+        seen, _ = self._seen(q, positions[0], turns[0])
+        return {pair: max(depths) for pair, depths in seen.items()}
 
-    def _seen(self, q: Array, centers: Array) -> tuple[dict[str, list[float]], set[str]]:
+    def _places(self, times: Array) -> tuple[Array, Array]:
+        """Return where obstacles are, (times, obstacles, 3), and how turned, (..., 4), w first."""
+        turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(times), len(self._scene.obstacles), 1))
+        positions = np.empty((len(times), len(self._scene.obstacles), 3))
+        spheres = self._scene.spheres
+        positions[:, : len(spheres)] = centers_at(times, spheres)
+        for number, one in enumerate(self._scene.obstacle_bodies, start=len(spheres)):
+            rotations, positions[:, number] = one.poses(times)
+            turns[:, number] = [np.roll(pin.Quaternion(turn).coeffs(), 1) for turn in rotations]
+        return positions, turns
+
+    def _seen(
+        self, q: Array, positions: Array, turns: Array
+    ) -> tuple[dict[str, list[float]], set[str]]:
         """Return the depths of each pair that touches, and which of these may near the goal."""
         data = self._data
         data.qpos[:] = q
-        data.mocap_pos[:] = centers
+        data.mocap_pos[:], data.mocap_quat[:] = positions, turns
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_collision(self._model, data)
         found: dict[str, list[float]] = {}
@@ -115,10 +135,10 @@ class Touch:
         found: list[tuple[float, str, float, bool]] = []
         outside = -np.inf  # when the end effector was last away from the goal
         for configurations, moments in _looks(states, times, self._model.nq):
-            centers = centers_at(moments, self._scene.spheres)
+            positions, turns = self._places(moments)
             targets = self._scene.targets(moments)
             for look, time in enumerate(moments.tolist()):
-                depths, allowed = self._seen(configurations[look], centers[look])
+                depths, allowed = self._seen(configurations[look], positions[look], turns[look])
                 found += [(time, pair, max(deep), pair in allowed) for pair, deep in depths.items()]
                 if (
                     targets is None
@@ -149,15 +169,18 @@ def _looks(states: Sequence[Array], times: Array, size: int) -> Iterator[tuple[A
     yield states[-1][None, :size], times[len(states) - 1 : len(states)]
 
 
-def _add_geom(spec: mujoco.MjSpec, link: str, name: str, robot: Robot, body: Body) -> None:
-    frame = robot.model.frames[robot.model.getFrameId(body.link, pin.FrameType.BODY)]
-    placement = frame.placement.actInv(body.placement_in_joint)
+def _add_geom(
+    spec: mujoco.MjSpec,
+    owner: mujoco.MjsBody,
+    name: str,
+    solid: coal.CollisionGeometry,
+    placement: pin.SE3,
+) -> None:
     place = {
         "pos": placement.translation.tolist(),
         "quat": np.roll(pin.Quaternion(placement.rotation).coeffs(), 1).tolist(),
     }
-    solid, kinds = body.solid, mujoco.mjtGeom
-    owner = spec.body(link)
+    kinds = mujoco.mjtGeom
     if isinstance(solid, coal.Sphere):
         kind, size = kinds.mjGEOM_SPHERE, [solid.radius, 0.0, 0.0]
     elif isinstance(solid, coal.Capsule):
@@ -167,10 +190,19 @@ def _add_geom(spec: mujoco.MjSpec, link: str, name: str, robot: Robot, body: Bod
     elif isinstance(solid, coal.Box):
         kind, size = kinds.mjGEOM_BOX, np.asarray(solid.halfSide).tolist()
     else:
-        # MuJoCo makes the hull of the corners by itself.
+        # MuJoCo makes the hull of the corners by itself, and about its own centre and axes.
         mesh = spec.add_mesh(name=name)
-        mesh.uservert = np.asarray(solid.points(), np.float64).ravel().tolist()
+        corners = _cone(solid) if isinstance(solid, coal.Cone) else np.asarray(solid.points())
+        mesh.uservert = np.asarray(corners, np.float64).ravel().tolist()
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
         owner.add_geom(name=name, type=kinds.mjGEOM_MESH, meshname=name, **place, **_BARE)
         return
     owner.add_geom(name=name, type=kind, size=size, **place, **_BARE)
+
+
+def _cone(solid: coal.Cone) -> Array:
+    """Return the corners of a pyramid in a cone, which MuJoCo does not know."""
+    angles = 2 * np.pi / _SIDES * np.arange(_SIDES)
+    rim = np.column_stack([np.cos(angles), np.sin(angles)]) * solid.radius
+    base = np.column_stack([rim, np.full(_SIDES, -solid.halfLength)])
+    return np.vstack([base, [0.0, 0.0, solid.halfLength]])

@@ -1,6 +1,8 @@
 // Python's way to obstacles of any shape, to distances of bodies from them and their certificate.
 #include "collision/obstacles.hpp"
 
+#include <optional>
+
 #include "bindings/bindings.hpp"
 #include "bindings/solids.hpp"
 #include "collision/obstacle_certificate.hpp"
@@ -11,7 +13,7 @@ namespace {
 Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, const Array& center,
                   double radius, const Array& rotation, const Array& position,
                   const Array& velocity, const Array& rate, double highest_speed,
-                  const std::shared_ptr<TumblingBody>& body) {
+                  const std::optional<std::shared_ptr<TumblingBody>>& body) {
   const Pose pose{vector3(position, "position"), matrix3(rotation, "rotation")};
   return {solid(kind, sizes, vertices),
           vector3(center, "center"),
@@ -20,7 +22,7 @@ Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, const Arr
           vector3(velocity, "velocity"),
           vector3(rate, "rate"),
           checked(highest_speed, "highest_speed"),
-          body};
+          body.value_or(nullptr)};
 }
 
 py::tuple rows_of_obstacles(const Chain& chain, const Bodies& of, const Array& q, const Array& dq,
