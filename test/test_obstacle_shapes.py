@@ -104,7 +104,7 @@ def test_random_solids_are_as_far_apart_as_coal_says(kind: str, other: str) -> N
         poses, rows = seen_from_chaser(q, np.zeros(1), obstacles), every_row(1, 4, 5)
         placed = placed_bodies(robot, q[:, 7:])
         checked = obstacle_distances(robot, placed, poses, obstacles, rows).distance
-        bounds = obstacle_bounds(robot, placed, poses, obstacles)[rows]
+        bounds = obstacle_bounds(robot, placed, q, np.zeros(1), obstacles)[rows]
         assert (bounds <= checked + 1e-9).all()
         for name, (_, body, number) in enumerate(zip(*rows, strict=True)):
             at, there = bodies[body].placement_in_joint, pose_of(obstacles[number], 0.0)

@@ -164,8 +164,8 @@ def least_obstacle_distance(
 
     def bounds(steps: Array) -> Array:
         at = _seen_at(robot, motion, steps)
-        poses = seen_from_chaser(at.q, at.times, obstacles)
-        return obstacle_bounds(robot, at.placed, poses, obstacles).reshape(len(steps), -1)
+        found = obstacle_bounds(robot, at.placed, at.q, at.times, obstacles)
+        return found.reshape(len(steps), -1)
 
     def distances(steps: Array, which: Indices) -> Array:
         at = _seen_at(robot, motion, steps)

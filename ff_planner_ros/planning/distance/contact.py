@@ -91,8 +91,9 @@ def _with_obstacles(problem: PlanningProblem, q: Array, time: float) -> Iterator
     if not obstacles:
         return
     placed = placed_bodies(robot, q[None, 7:])
-    poses = seen_from_chaser(q[None], np.array([time]), obstacles)
-    near = obstacle_bounds(robot, placed, poses, obstacles) <= 0.0
+    at_time = np.array([time])
+    poses = seen_from_chaser(q[None], at_time, obstacles)
+    near = obstacle_bounds(robot, placed, q[None], at_time, obstacles) <= 0.0
     near.reshape(-1)[split_obstacles(problem)[1]] &= not is_near_goal(problem, q, time)
     at = np.nonzero(near)
     measured = obstacle_distances(robot, placed, poses, obstacles, at)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.distance.bodies import Placed, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, segments
@@ -117,7 +118,14 @@ def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
         q: Shape (times, 7 + joints).
         times: Shape (times,) [s].
         scene: In the frame of q.
+
+    Raises:
+        InvalidInput: There are obstacles of other shapes.
     """
+    if scene.obstacle_bodies:
+        allowed = "with uncertain start or masses every obstacle must be a sphere"
+        told = f"obstacles[{scene.obstacle_bodies[0].id}].shape"
+        raise InvalidInput(Status.UNSUPPORTED, told, "no sphere", allowed)
     centers = centers_at(times, scene.spheres)
     at_origin = q.copy()
     at_origin[:, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]

@@ -13,7 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array, Indices, frozen
 from ff_planner_ros.planning.distance.bodies import Placed, radii
 from ff_planner_ros.planning.distance.body_distances import (
     NO_DIRECTION,
@@ -22,6 +22,7 @@ from ff_planner_ros.planning.distance.body_distances import (
     has_failed,
 )
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
@@ -40,10 +41,7 @@ def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[ObstacleBody]) 
         q: Shape (configurations, 7 + joints).
         times: From the plan's first point on. Shape (configurations,) [s].
     """
-    rotations = np.empty((len(q), len(obstacles), 3, 3))
-    positions = np.empty((len(q), len(obstacles), 3))
-    for number, one in enumerate(obstacles):
-        rotations[:, number], positions[:, number] = one.poses(times)
+    rotations, positions = poses_at(times, obstacles)
     to_inertial = rotation_from_quaternion(q[:, 3:7])
     return Poses(
         np.einsum("cji,cojk->coik", to_inertial, rotations),
@@ -51,16 +49,74 @@ def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[ObstacleBody]) 
     )
 
 
+def body_centers(obstacles: Sequence[ObstacleBody], times: Array) -> Array:
+    """Return the centres of the spheres around obstacles. Shape (times, obstacles, 3) [m].
+
+    Args:
+        times: From the plan's first point on. Shape (times,) [s].
+    """
+    begins, velocities, turning = _uniform_centers(tuple(obstacles))
+    centers: Array = begins + times[:, None, None] * velocities
+    if turning:
+        few = [obstacles[number] for number in turning]
+        rotations, positions = poses_at(times, few)
+        offsets = np.array([one.solid.center for one in few])
+        centers[:, turning] = positions + np.einsum("toij,oj->toi", rotations, offsets)
+    return centers
+
+
+@lru_cache(maxsize=8)
+def _uniform_centers(obstacles: tuple[ObstacleBody, ...]) -> tuple[Array, Array, list[int]]:
+    """Return centres at the plan's first point, their velocities, and whose turn, too."""
+    begins = [one.position + one.rotation @ one.solid.center for one in obstacles]
+    velocities = [one.velocity for one in obstacles]
+    turning = [number for number, one in enumerate(obstacles) if one.turns]
+    return frozen(np.reshape(begins, (-1, 3))), frozen(np.reshape(velocities, (-1, 3))), turning
+
+
+def poses_at(times: Array, obstacles: Sequence[ObstacleBody]) -> tuple[Array, Array]:
+    """Return axes to inertial axes, (times, obstacles, 3, 3), and origins, (..., 3) [m].
+
+    What is fixed to one body is turned once.
+
+    Args:
+        times: From the plan's first point on. Shape (times,) [s].
+    """
+    rotations = np.empty((len(times), len(obstacles), 3, 3))
+    positions = np.empty((len(times), len(obstacles), 3))
+    fixed: dict[int, tuple[TargetBody, list[int]]] = {}
+    for number, one in enumerate(obstacles):
+        if one.body is None:
+            rotations[:, number], positions[:, number] = one.poses(times)
+        else:
+            fixed.setdefault(id(one.body), (one.body, []))[1].append(number)
+    for body, held in fixed.values():
+        every = [obstacles[number].place_in_body for number in held]
+        places, turned = [place for place in every if place], body.motion(np.zeros(3), times)
+        offsets = np.array([place.translation for place in places])
+        positions[:, held] = turned.positions[:, None] + np.einsum(
+            "tij,oj->toi", turned.rotations, offsets
+        )
+        axes = np.array([place.rotation for place in places])
+        rotations[:, held] = turned.rotations[:, None] @ axes
+    return rotations, positions
+
+
 def obstacle_bounds(
-    robot: Robot, placed: Placed, poses: Poses, obstacles: Sequence[ObstacleBody]
+    robot: Robot, placed: Placed, q: Array, times: Array, obstacles: Sequence[ObstacleBody]
 ) -> Array:
     """Return lower bounds of the distances of bodies from obstacles, by the spheres around both.
 
-    Shape (configurations, bodies, obstacles) [m].
+    Args:
+        q: Shape (configurations, 7 + joints).
+        times: From the plan's first point on. Shape (configurations,) [s].
+
+    Returns:
+        Shape (configurations, bodies, obstacles) [m].
     """
-    centers = np.array([one.solid.center for one in obstacles]).reshape(-1, 3)
     around = np.array([one.solid.radius for one in obstacles])
-    there = poses.positions + np.einsum("coij,oj->coi", poses.rotations, centers)
+    to_inertial = rotation_from_quaternion(q[:, 3:7])
+    there = (body_centers(obstacles, times) - q[:, None, :3]) @ to_inertial
     apart = np.linalg.norm(placed.centers[:, :, None] - there[:, None], axis=-1)
     bounds: Array = apart - radii(robot)[:, None] - around
     return bounds

@@ -175,9 +175,7 @@ class ObstacleBody:
     @property
     def moves(self) -> bool:
         """Whether it is elsewhere, or turned, later."""
-        return (
-            self.body is not None or bool(self.velocity.any()) or bool(self.angular_velocity.any())
-        )
+        return self.turns or bool(self.velocity.any())
 
     @cached_property
     def highest_speed(self) -> float:
@@ -190,6 +188,16 @@ class ObstacleBody:
         arm = float(np.linalg.norm(self.place_in_body.translation))
         return drift + self.body.fastest_turn * (arm + reach)
 
+    @cached_property
+    def rotation(self) -> Array:
+        """Its axes to inertial axes at the plan's first point. Shape (3, 3)."""
+        return frozen(rotation_from_quaternion(self.quaternion_xyzw))
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is turned later."""
+        return self.body is not None or bool(self.angular_velocity.any())
+
     def poses(self, times: Array) -> tuple[Array, Array]:
         """Return its axes to inertial axes, (times, 3, 3), and its origin, (times, 3) [m].
 
@@ -199,12 +207,11 @@ class ObstacleBody:
         if self.body is not None and self.place_in_body is not None:
             motion = self.body.motion(self.place_in_body.translation, times)
             return motion.rotations @ self.place_in_body.rotation, motion.positions
-        begin = rotation_from_quaternion(self.quaternion_xyzw)
         positions = self.position + times[:, None] * self.velocity
-        if not self.angular_velocity.any():
-            return np.broadcast_to(begin, (len(times), 3, 3)), positions
-        turns = [pin.exp3(time * self.angular_velocity) for time in times]
-        return np.array(turns).reshape(-1, 3, 3) @ begin, positions
+        if not self.turns:
+            return np.broadcast_to(self.rotation, (len(times), 3, 3)), positions
+        turned = [pin.exp3(time * self.angular_velocity) for time in times]
+        return np.array(turned).reshape(-1, 3, 3) @ self.rotation, positions
 
     def twists(self, times: Array) -> Array:
         """Return the velocities of its origin and its turn rates, inertial axes. (times, 6)."""
@@ -216,9 +223,8 @@ class ObstacleBody:
     def after(self, time: float) -> ObstacleBody:
         """Return one that is fixed to no body as it will be in a time [s]."""
         rotations, positions = self.poses(np.array([time]))
-        turned = pin.Quaternion(rotations[0]).coeffs()
-        attitude = turned if self.angular_velocity.any() else self.quaternion_xyzw
-        return replace(self, position=positions[0], quaternion_xyzw=attitude)
+        turned = pin.Quaternion(rotations[0]).coeffs() if self.turns else self.quaternion_xyzw
+        return replace(self, position=positions[0], quaternion_xyzw=turned)
 
 
 Obstacle: TypeAlias = Sphere | ObstacleBody
