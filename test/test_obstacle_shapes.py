@@ -12,7 +12,10 @@ from bodied_robots import random_obstacles, random_robot, random_solid
 from scipy.spatial.transform import Rotation
 from test_body_clearance import random_motion
 from test_body_distances import configurations, every_row
+from test_clearance_by_hand import reaching_out
 from test_core_bodies import refuse, require_near
+from test_limits_by_hand import POSTURE
+from test_search_keeps_both_ways import POINTS, motion_of, sensitivity_of
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
@@ -30,6 +33,8 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 )
 from ff_planner_ros.planning.motion.followed import followed
 from ff_planner_ros.planning.problem.problem import ObstacleBody
+from ff_planner_ros.planning.requirements.obstacle_clearance import obstacle_rows
+from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.collision.solids import Solid
@@ -252,7 +257,9 @@ def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_no_point_of_an_obstacle_is_faster_than_its_highest_speed(seed: int) -> None:
     rng, times = np.random.default_rng(seed), np.linspace(0.0, 30.0, 3001)
-    for one in random_obstacles(rng, np.zeros(3), 12):
+    panel = Solid("box", np.array([4.0, 2.0, 0.005]))
+    turning = ObstacleBody("panel", panel, np.zeros(3), angular_velocity=rng.normal(0.0, 0.3, 3))
+    for one in (turning, *random_obstacles(rng, np.zeros(3), 12)):
         solid = one.solid
         rotations, positions = one.poses(times)
         reach = 0.0
@@ -282,3 +289,31 @@ def test_interest_and_spheres_around_leave_nothing_out_that_is_near() -> None:
         near[order], everything[chosen][np.argsort(names[chosen])], atol=1e-8
     )
     assert of_near.shape[1] == jacobian.shape[1]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_how_deep_something_is_changes_with_time_as_it_moves_and_turns(seed: int) -> None:
+    """The rows of what GJK knows nothing of: all of an arm is in a wall that comes along."""
+    rng = np.random.default_rng(seed)
+    problem = replace(reaching_out("start", True)[0].problem, points=POINTS, duration=4.0)
+    moving, turning = rng.normal(0.0, 0.1, 3), rng.normal(0.0, 0.05, 3)
+    place, turn = np.zeros(3), Rotation.random(random_state=rng)
+    solid = Solid("box", np.array([9.0, 8.0, 7.0]))
+    wall = ObstacleBody("wall", solid, place, turn.as_quat(), moving, turning)
+    motion = motion_of(np.tile(POSTURE, (POINTS, 1)), np.zeros((POINTS, 6)))
+    still = np.zeros((POINTS, 6, 2))
+    by_time = replace(sensitivity_of(still, still), goal_motion=np.zeros(0))
+
+    def rows_after(time: float) -> Rows:
+        rotations, positions = wall.poses(np.array([time]))
+        attitude = pin.Quaternion(rotations[0]).coeffs()
+        later = replace(wall, position=positions[0], quaternion_xyzw=attitude)
+        return obstacle_rows(replace(problem, obstacles=(later,)), motion, by_time, 0.0)
+
+    found, step = rows_after(0.0), 1e-2
+    assert (found.values < -1.0).all()
+    assert len(found.values) > 100
+    grown = (rows_after(step).values - rows_after(-step).values) / (2 * step)
+    shares = found.jacobian[:, -1] / grown  # of the duration, when each is looked at
+    assert shares.min() == pytest.approx(shares.max() / (2 * (POINTS - 1)), rel=0.02)
+    assert shares.max() == pytest.approx(1.0, rel=0.02)

@@ -26,6 +26,7 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
+    ObstacleBody,
     Orientation,
     PlanningProblem,
     Sphere,
@@ -42,7 +43,9 @@ from ff_planner_ros.planning.requirements.joints.joint_accelerations import Join
 from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.requirements.joints.torques import Torques
+from ff_planner_ros.planning.requirements.obstacle_clearance import obstacle_rows
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
 
 POINTS, MARGIN = 9, 0.01
@@ -280,14 +283,24 @@ def test_of_what_begins_close_no_more_than_half_the_distance_is_asked(apart: flo
     start = SystemState(still, upright, still, still, posture, still)
     anywhere = Target(still, upright, orientation=Orientation.FREE)
     rock = Sphere("rock", [0.4, 0.5 + apart, 0.0], 0.3)
-    asked = PlanningProblem(robot, start, anywhere, 1.0, POINTS, (rock,), Objective(1.0, 0.0))
+    # So slow that it stays where it is, and fast enough to see which way it goes.
+    coming = np.array([0.0, -1e-12, 0.0])
+    crate = ObstacleBody(
+        "crate", Solid("box", np.array([0.2, 0.6, 0.2])), rock.center, velocity=coming
+    )
+    obstacles = (rock, crate)
+    asked = PlanningProblem(robot, start, anywhere, 1.0, POINTS, obstacles, Objective(1.0, 0.0))
     motion = motion_of(np.tile(posture, (POINTS, 1)), np.zeros((POINTS, 3)))
     fixed = replace(
         sensitivity_of(np.zeros((POINTS, 3, 2)), np.zeros((POINTS, 3, 2))),
         q_half_way=np.zeros((POINTS - 1, 9, 2)),
     )
     left = apart - min(MARGIN, max(apart, 0.0) / 2)
-    for rows in (pair_rows, sphere_rows):
+    with_time = replace(fixed, goal_motion=np.zeros(0))
+    later = obstacle_rows(asked, motion, with_time, MARGIN).jacobian[:, -1]
+    assert (later < 0.0).all()
+    assert later.min() == pytest.approx(-1e-12)
+    for rows in (pair_rows, sphere_rows, obstacle_rows):
         found = rows(asked, motion, fixed, MARGIN).values
         assert found.size
         assert found == pytest.approx(np.full(len(found), left), abs=1e-9)
