@@ -21,8 +21,13 @@ from ff_planner_ros.errors import Retry, Status, retry_after
 from ff_planner_ros.parameters import DECLARATIONS, default_values
 from ff_planner_ros.parameters.values import FORMER_NAMES
 from ff_planner_ros.planning.problem.approach import Approach
-from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, Sphere
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    ObstacleBody,
+    PlanningProblem,
+    Sphere,
+)
+from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
 from ff_planner_ros.planning.scenario.scenario import RobotFile, scenario_schema
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -150,7 +155,9 @@ def scenario() -> Iterator[tuple[str, ...]]:
             (PlanningTask, "", ""),
             (DurationRange, "duration", ""),
             (TargetBody, "target_body", "target_body[0]"),
+            (AttachedBody, "target_body.obstacles[]", "target_body[0].bodies[]"),
             (AttachedSphere, "target_body.obstacles[]", "target_body[0].obstacles[]"),
+            (ObstacleBody, "obstacles[]", "scene[0].bodies[]"),
             (Sphere, "obstacles[]", "scene[0].spheres[]"),
         )
         for key, place, _ in places_in(kind, block, place)
@@ -161,9 +168,17 @@ def scenario() -> Iterator[tuple[str, ...]]:
         if "default" in schema:
             usual = schema["default"]
             words += f"; default `{f'{usual:.4g}' if isinstance(usual, float) else usual}`"
-        words += "; required" if required else ""
+        words += _OF_EITHER.get(key.rpartition("[]")[2], "; required" if required else "")
         place = places.get(key)
         yield f"`{key}`", words.lstrip("; "), f"`{place}`" if place else ""
+
+
+# Of obstacles, which are spheres or bodies.
+_OF_EITHER = {
+    **dict.fromkeys((".center", ".radius"), "; required without `shape`"),
+    ".shape": "; instead of `center` and `radius`",
+    ".position": "; required with `shape`",
+}
 
 
 def _keys(schema: Any, block: str = "") -> Iterator[tuple[str, Any, bool]]:
@@ -175,6 +190,12 @@ def _keys(schema: Any, block: str = "") -> Iterator[tuple[str, Any, bool]]:
                 yield from _keys(option, f"{block}{name}.")
             elif "properties" in option.get("items", {}):
                 yield from _keys(option["items"], f"{block}{name}[].")
+        told = set[str]()  # of entries of one of several kinds
+        for option in inner.get("items", {}).get("anyOf", ()):
+            for key, entry, required in _keys(option, f"{block}{name}[]."):
+                if key not in told:
+                    yield key, entry, required
+                told.add(key)
 
 
 def _choices(schema: Any) -> str:

@@ -14,12 +14,13 @@ from ff_planner_ros.bag.scenes import (
     Received,
     Stamps,
     asked_scene,
+    obstacles_in,
     scene_at_start,
-    spheres_in,
     stamps_of,
 )
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.planning.problem.approach import HALF_ANGLE
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,
     Orientation,
@@ -28,7 +29,9 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.ros.messages.to_messages import (
+    bodies_message,
     obstacles_message,
     request_message,
     scene_message,
@@ -58,7 +61,7 @@ def body_of(problem: PlanningProblem) -> TargetBody:
 
 
 def test_obstacles_are_told_as_they_were_seen() -> None:
-    found = spheres_in(obstacles_message(SPHERES, SEEN, "inertial"))
+    found = obstacles_in(obstacles_message(SPHERES, SEEN, "inertial"))
     assert found is not None
     for told, sphere in zip(found, SPHERES, strict=True):
         assert (told.id, told.radius) == (sphere.id, sphere.radius)
@@ -86,6 +89,49 @@ def test_obstacles_go_on_from_their_stamp_to_the_first_point(
     )
     assert moving.velocity.tolist() == [0.1, -0.2, 0.4]
     assert scene.capture_time == lemur_capture.duration
+
+
+BODIES_SEEN = START - round(1.5 * NANOSECONDS)
+PANEL = ObstacleBody(
+    "panel",
+    Solid("box", np.array([1.0, 2.0, 0.1])),
+    np.array([3.0, 2.0, 1.0]),
+    velocity=np.array([0.1, 0.0, 0.0]),
+    angular_velocity=np.array([0.0, 0.2, 0.0]),
+)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_bodies_of_the_scene_go_on_and_turn_from_their_own_stamp(
+    lemur_capture: PlanningProblem, own: bool
+) -> None:
+    request = request_message(lemur_capture, "inertial")
+    bodies = obstacles_in(bodies_message((PANEL,), BODIES_SEEN, "inertial"))
+    received = Received({SEEN: SPHERES}, {}, {BODIES_SEEN: bodies, SEEN: ()})
+    stamps = Stamps(SEEN, 0, bodies_ns=BODIES_SEEN)
+    if own:  # all of one stamp
+        request.scene = [scene_message((*SPHERES, PANEL), BODIES_SEEN, "inertial")]
+        stamps = Stamps(BODIES_SEEN, 0)
+    scene = scene_at_start(asked_scene(request), stamps, START, received)
+    assert scene is not None
+    assert [one.id for one in scene.obstacles] == ["still", "moving", "panel"]
+    (panel,) = scene.obstacle_bodies
+    np.testing.assert_allclose(panel.position, [3.15, 2.0, 1.0])
+    turned = Rotation.from_quat(panel.quaternion_xyzw.copy()).as_rotvec()
+    np.testing.assert_allclose(turned, [0.0, 0.3, 0.0], atol=1e-12)
+
+
+def test_a_scene_whose_bodies_the_bag_lacks_is_not_known(lemur_capture: PlanningProblem) -> None:
+    asked = asked_scene(request_message(lemur_capture, "inertial"))
+    stamps = Stamps(SEEN, 0, bodies_ns=BODIES_SEEN)
+    for bodies in ({}, {BODIES_SEEN: None}, {SEEN: (PANEL,)}):
+        assert scene_at_start(asked, stamps, START, Received({SEEN: SPHERES}, {}, bodies)) is None
+    # The answer does not say when they were seen: they rest, or there were none.
+    for told, names in (({}, []), ({0: (PANEL,)}, ["panel"])):
+        received = Received({SEEN: SPHERES}, {}, told)
+        scene = scene_at_start(asked, Stamps(SEEN, 0), START, received)
+        assert scene is not None
+        assert [one.id for one in scene.obstacle_bodies] == names
 
 
 @pytest.mark.parametrize("own", [True, False])
@@ -196,4 +242,6 @@ def test_stamps_are_those_of_the_answer_and_zero_where_it_has_none() -> None:
     answer.inputs.obstacles_stamp = time_message(SEEN)
     answer.inputs.target_body_stamp = time_message(BODY_SEEN)
     assert stamps_of(answer) == STAMPS
+    answer.inputs.obstacle_bodies_stamp = time_message(BODIES_SEEN)
+    assert stamps_of(answer) == replace(STAMPS, bodies_ns=BODIES_SEEN)
     assert stamps_of(object()) == Stamps(0, 0)

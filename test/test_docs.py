@@ -143,7 +143,12 @@ def required_in(schema: dict[str, Any], prefix: str = "") -> Iterator[str]:
     for inner in schema.get("anyOf", ()):
         yield from required_in(inner, prefix)
     if "items" in schema:
-        yield from required_in(schema["items"], f"{prefix.removesuffix('.')}[].")
+        block = f"{prefix.removesuffix('.')}[]."
+        kinds = [set(required_in(kind, block)) for kind in schema["items"].get("anyOf", ())]
+        if kinds:  # each has keys of its own
+            yield from set.intersection(*kinds)
+        else:
+            yield from required_in(schema["items"], block)
 
 
 def test_required_keys_of_a_scenario_are_marked_and_no_others() -> None:
@@ -151,7 +156,7 @@ def test_required_keys_of_a_scenario_are_marked_and_no_others() -> None:
     marked = re.findall(r"^\| `([^`]+)` \|.*\brequired \|", text_of(INTERFACES), re.MULTILINE)
     assert set(marked) == rows & set(required_in(scenario_schema()))
     assert "robot.urdf" in marked
-    assert "obstacles[].radius" in marked
+    assert "obstacles[].id" in marked
 
 
 @pytest.fixture
@@ -162,6 +167,11 @@ def scenario(tmp_path: Path) -> Any:
     body = yaml.safe_load(text_of(CAPTURE.with_name("lemur_tumbling.yaml")))["target_body"]
 
     def allowed(*place: Any) -> set[str]:
+        if place[-2:] == ("obstacles", 0):  # a sphere or a body
+            return keys_with("no_such_key", *place) | keys_with("shape", *place)
+        return keys_with("no_such_key", *place)
+
+    def keys_with(key: str, *place: Any) -> set[str]:
         changed = json.loads(json.dumps(content))
         if place[:1] == ("target_body",):
             del changed["target"]
@@ -171,10 +181,10 @@ def scenario(tmp_path: Path) -> Any:
         block = changed
         for name in place:
             block = block[name] if isinstance(name, int) else block.setdefault(name, {})
-        block["no_such_key"] = 1
+        block |= {"no_such_key": 1, key: 1}
         path = tmp_path / "scenario.yaml"
         path.write_text(yaml.safe_dump(changed), encoding="utf-8")
-        with pytest.raises(InvalidInput, match="no_such_key") as refused:
+        with pytest.raises(InvalidInput, match="is unknown: known are ") as refused:
             load_task(path, load_parameters().of_scenarios())
         return set(re.findall(r"[a-z]\w+", refused.value.allowed.partition("are ")[2]))
 

@@ -36,6 +36,7 @@ from ros_processes import (
     read_bag,
     running_planner,
 )
+from shape_msgs.msg import SolidPrimitive
 
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
@@ -384,7 +385,7 @@ class Run:
     refusals: dict[str, Any] = field(default_factory=dict)
     solved: Any = None
     own_scene: Any = None  # asked for while bodies were on their topic
-    no_bodies: Any = None  # asked for when they were not any more
+    among_bodies: Any = None  # asked for when they were sound
     received: dict[str, list[Any]] = field(default_factory=dict)
     exit_code: int = -1
     bag: dict[str, list[Any]] = field(default_factory=dict)
@@ -446,12 +447,14 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
             seen = ObstacleArray(source="camera", bodies=[Obstacle(id="panel")])
             seen.header.stamp.sec = 12
-            run.refusals["bodies on their topic"] = among(seen, Status.UNSUPPORTED)
+            run.refusals["bodies on their topic"] = among(seen, Status.WRONG_SIZE)
             own_scene = scene.complete_request()
             own_scene.plan_only = True
             run.own_scene = client.plan(own_scene)
-            seen.bodies = []
-            run.no_bodies = among(seen, Status.SOLVED)
+            seen.header.frame_id = FRAME
+            seen.bodies[0].primitive = [SolidPrimitive(type=1, dimensions=[1.0, 2.0, 0.1])]
+            seen.bodies[0].pose.position.x = 30.0
+            run.among_bodies = among(seen, Status.SOLVED)
         run.received = client.received
         run.exit_code = planner.stop(signal.SIGTERM)
         run.bag = read_bag(planner.bag)
@@ -552,24 +555,24 @@ def test_a_refused_value_is_told_to_programs_and_whether_to_ask_again(run: Run) 
     assert solved.retry == PlanStatus.NOTHING
 
 
-def test_bodies_on_their_topic_are_refused_until_there_are_none_but_not_beside_an_own_scene(
+def test_bad_bodies_on_their_topic_are_refused_until_good_ones_come_but_not_beside_an_own_scene(
     run: Run,
 ) -> None:
     refused = run.refusals["bodies on their topic"]
-    assert refused.status.field == "obstacle_bodies.bodies"
-    assert "it must be empty" in refused.status.allowed
-    for answer in (run.own_scene, run.no_bodies):
+    assert refused.status.field == "obstacle_bodies.bodies[0].primitive"
+    for answer in (run.own_scene, run.among_bodies):
         assert Status(answer.status.code) is Status.SOLVED, answer.status.message
-    own, none = run.own_scene.inputs, run.no_bodies.inputs
+    own, among = run.own_scene.inputs, run.among_bodies.inputs
     assert (own.obstacles_source, own.obstacle_bodies_source) == ("scene", "")
     assert own.obstacle_bodies_stamp == Time()
-    assert (none.obstacle_bodies_source, none.obstacle_bodies_stamp) == ("camera", Time(sec=12))
+    assert (among.obstacle_bodies_source, among.obstacle_bodies_stamp) == ("camera", Time(sec=12))
+    assert run.replayed[run.among_bodies.plan_id].verdict is Verdict.IDENTICAL
 
 
 def test_every_request_has_an_id_of_its_own(run: Run) -> None:
     ids = [
         answer.plan_id
-        for answer in (*run.refusals.values(), run.solved, run.own_scene, run.no_bodies)
+        for answer in (*run.refusals.values(), run.solved, run.own_scene, run.among_bodies)
     ]
     assert len(set(ids)) == len(ids)
 
@@ -590,7 +593,7 @@ def test_a_refusal_comes_again_from_the_bag_in_the_same_words(run: Run, name: st
 
 
 def test_what_is_planned_beside_bodies_comes_again_from_the_bag(run: Run) -> None:
-    for answer in (run.own_scene, run.no_bodies):
+    for answer in (run.own_scene, run.among_bodies):
         found = run.replayed[answer.plan_id]
         assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))
 

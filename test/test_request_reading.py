@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import Goal, Obstacle, PlanInputs, PlanRequest
+from ff_planner_msgs.msg import Goal, PlanInputs, PlanRequest
 from pages import SOURCE_TREE
 from ros_processes import FRAME, Scene
 
@@ -21,12 +21,11 @@ from ff_planner_ros.parameters.robot import LimitParameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.from_messages import _NOT_YET
 from ff_planner_ros.ros.messages.interfaces import entry_of
-from ff_planner_ros.ros.messages.to_messages import target_body_message, time_message
+from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import (
     Knowledge,
@@ -339,7 +338,7 @@ def test_what_the_definitions_call_unsupported_is_what_the_planner_refuses() -> 
         f"{at}{name}" for message, at in PLACES.items() for name in said_to_be_unsupported(message)
     }
     assert told == set(_NOT_YET)
-    assert said_to_be_unsupported("TargetBody") == ["bodies", "urdf"]
+    assert said_to_be_unsupported("TargetBody") == []
 
 
 @pytest.mark.parametrize("place", _NOT_YET)
@@ -406,18 +405,6 @@ def test_what_a_cancelled_action_leaves_is_nothing_or_the_best_until_then(
     ) as refused:
         asked(lemur_capture, request)
     assert (refused.value.status, refused.value.field) == (status, "on_cancel")
-
-
-@pytest.mark.parametrize("field", ["bodies", "urdf"])
-def test_shapes_of_a_target_body_are_refused_by_name(field: str) -> None:
-    problem = tumbling.problem("tumbling", 0)
-    assert problem.target_body is not None
-    request = Scene(problem).complete_request()
-    request.target_body = [target_body_message(problem.target_body, NOW, FRAME)]
-    asked(problem, request)
-    (body,) = request.target_body
-    setattr(body, field, [Obstacle()] if field == "bodies" else "<robot/>")
-    refuse_unsupported(problem, request, f"target_body.{field}")
 
 
 def test_wheels_that_a_robot_does_not_have_have_no_momenta(lemur_capture: PlanningProblem) -> None:

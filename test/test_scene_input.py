@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from copy import deepcopy
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +11,7 @@ import pytest
 from ff_planner_msgs.msg import Obstacle, ObstacleArray, ObstacleSphere, ObstacleSphereArray
 from ff_planner_msgs.msg import Scene as SceneMessage
 from rclpy.serialization import serialize_message
+from shape_msgs.msg import SolidPrimitive
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.problems import tumbling
@@ -115,28 +118,80 @@ def _bodies(*bodies: Obstacle, sec: int = 13) -> ObstacleArray:
     return message
 
 
+def _panel(name: str, turning: float = 0.0) -> Obstacle:
+    body = Obstacle(id=name)
+    body.primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 2.0, 0.1])]
+    body.twist.angular.z = turning
+    return body
+
+
 @pytest.mark.parametrize("serialised", [False, True])
-def test_bodies_are_refused_by_name_until_an_array_without_them_comes(
+def test_bodies_and_spheres_make_the_scene_together_and_each_replaces_its_own_part(
     scene_input: SceneInput, serialised: bool
 ) -> None:
-    """Left out of a plan, they would be hit; spheres come on a topic of their own."""
     scene_input.keep(_array(0.1))
     scene = scene_input.scene()
     assert (scene.bodies_stamp_ns, scene.bodies_source) == (0, ""), "nobody needs to publish them"
+    assert scene.bodies == ()
 
     def keep(message: ObstacleArray) -> None:
         told = serialize_message(message) if serialised else message
         scene_input.callbacks()["obstacle_bodies"](told)
 
-    keep(_bodies(Obstacle(id="panel"), Obstacle(id="mast")))
-    refusal = _refusal(scene_input)
-    assert (refusal.status, refusal.field) == (Status.UNSUPPORTED, "obstacle_bodies.bodies")
-    assert refusal.value == "2 bodies"
+    keep(_bodies(_panel("panel"), _panel("mast")))
+    for radius in (0.1, 0.2):
+        scene_input.keep(_array(radius))
+        scene = scene_input.scene()
+        assert [body.id for body in scene.bodies] == ["panel", "mast"]
+        assert [sphere.radius for sphere in scene.spheres] == [radius]
+        assert (scene.bodies_stamp_ns, scene.bodies_source) == (13 * SECOND, "mapper")
+        assert (scene.stamp_ns, scene.source) == (12 * SECOND, "vision")
     keep(_bodies(sec=15))
     scene = scene_input.scene()
-    assert [sphere.radius for sphere in scene.spheres] == [0.1]
-    assert (scene.bodies_stamp_ns, scene.bodies_source) == (15 * SECOND, "mapper")
-    assert (scene.stamp_ns, scene.source) == (12 * SECOND, "vision")
+    assert (scene.bodies, scene.bodies_stamp_ns) == ((), 15 * SECOND)
+    assert [sphere.radius for sphere in scene.spheres] == [0.2]
+
+
+def test_a_name_of_a_sphere_is_no_name_of_a_body(scene_input: SceneInput) -> None:
+    scene_input.keep(_array(0.1))
+    scene_input.callbacks()["obstacle_bodies"](_bodies(_panel("panel"), _panel("c0")))
+    refusal = _refusal(scene_input)
+    assert (refusal.status, refusal.field) == (Status.OUT_OF_RANGE, "obstacle_bodies.bodies[1].id")
+    own = SceneMessage(header=_array().header, spheres=_array(0.1).spheres, bodies=[_panel("c0")])
+    assert _refusal(scene_input, own).field == "scene.bodies[0].id"
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize(
+    ("sec", "turning", "status"),
+    [
+        *((96, 0.1, None), (94, 0.1, Status.STATE_TOO_OLD), (102, 0.1, Status.STATE_IN_FUTURE)),
+        *((94, 0.0, None), (1, 0.0, None)),
+    ],
+)
+def test_a_body_that_turns_needs_the_time_when_it_was_there_and_one_at_rest_may_be_of_any(
+    scene_input: SceneInput, own: bool, sec: int, turning: float, status: Status | None
+) -> None:
+    scene_input.keep(_array(0.1, sec=1))
+    array = _bodies(_panel("panel", turning), sec=sec)
+    if not own:
+        scene_input.callbacks()["obstacle_bodies"](array)
+    brought = SceneMessage(header=array.header, bodies=array.bodies) if own else None
+    asked = (brought, 100 * SECOND, 1.0, 5.0)
+    if status is None:
+        assert len(scene_input.moving_scene(*asked).bodies) == 1
+        return
+    with pytest.raises(InvalidInput) as refused:
+        scene_input.moving_scene(*asked)
+    field = f"{'scene' if own else 'obstacle_bodies'}.header.stamp"
+    assert (refused.value.status, refused.value.field) == (status, field)
+
+
+def test_a_body_that_moves_without_a_stamp_is_of_nobody_knows_when(scene_input: SceneInput) -> None:
+    scene_input.keep(_array(0.1))
+    scene_input.callbacks()["obstacle_bodies"](_bodies(_panel("panel", 0.1), sec=0))
+    with pytest.raises(InvalidInput, match="when the bodies that move were there"):
+        scene_input.moving_scene(None, 100 * SECOND, 1.0)
 
 
 def test_bodies_without_spheres_are_no_scene(scene_input: SceneInput) -> None:
@@ -312,8 +367,10 @@ class Published:
 
     def __init__(self, *names: str) -> None:
         self.names, self.unheard, self.told = list(names), list[str](), list[str]()
+        self.silent = ""  # topic that nobody publishes
         publishers: Any = SimpleNamespace(
-            heard=lambda _: self.names, unheard=lambda _: self.unheard
+            heard=lambda topic: [] if topic == self.silent else self.names,
+            unheard=lambda _: self.unheard,
         )
         self.now_ns = 1000 * SECOND
         self.input = SceneInput(FRAME, lambda: self.now_ns, publishers, self.told.append)
@@ -370,6 +427,54 @@ def test_two_publishers_of_obstacles_that_contradict_each_other_are_refused_by_n
         assert words in refusal.allowed
     published.names = ["/mapper"]
     assert len(published.ask().spheres) == 2
+
+
+def test_two_publishers_of_bodies_that_contradict_each_other_are_refused_by_name() -> None:
+    published = Published("/mapper", "/operator")
+    published.input.keep(_array(0.1), 1)
+    keep = published.input.callbacks()["obstacle_bodies"]
+    # Each tells where the panel is by then.
+    keep(_bodies(_panel("panel", 0.1), sec=900), 8)
+    turned = _panel("panel", 0.1)
+    turned.pose.orientation.z, turned.pose.orientation.w = math.sin(0.05), math.cos(0.05)
+    keep(_bodies(turned, sec=901), 1)
+    assert len(published.input.moving_scene(None, published.now_ns, 0.05).bodies) == 1, "they agree"
+    wide = deepcopy(turned)
+    wide.primitive[0].dimensions[1] += 0.3
+    for number, bodies, words in (
+        (2, (), "one of them alone has panel"),
+        (3, (wide,), "panel differs by 0.3 m"),
+        (4, (_panel("panel", 0.1),), "panel differs by 0.112"),
+        (5, (_ball("panel"),), "panel differs in its shape"),
+    ):
+        keep(_bodies(turned, sec=902), number + 7)
+        keep(_bodies(*bodies, sec=902), number)
+        refusal = published.refusal()
+        assert refusal.status is Status.CONTRADICTING_PUBLISHERS
+        assert refusal.field == "obstacle_bodies"
+        assert "/mapper and /operator" in str(refusal)
+        assert words in refusal.allowed
+
+
+def _ball(name: str) -> Obstacle:
+    body = Obstacle(id=name)
+    body.primitive = [SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[0.1])]
+    return body
+
+
+def test_bodies_older_than_the_last_or_stamped_ahead_are_refused_aloud() -> None:
+    published = Published("/mapper")
+    published.input.keep(_array(0.1), 1)
+    keep = published.input.callbacks()["obstacle_bodies"]
+    keep(_bodies(_panel("panel"), sec=999), 1)
+    assert published.ask().bodies_stamp_ns == 999 * SECOND
+    keep(_bodies(_panel("panel"), sec=998), 2)
+    refusal = published.refusal()
+    assert refusal.field == "obstacle_bodies.header.stamp"
+    assert refusal.value == "1.000 s before that of the message before"
+    assert str(refusal) in published.told[0]
+    keep(_bodies(_panel("panel"), sec=1001), 3)
+    assert published.refusal().status is Status.STATE_IN_FUTURE
 
 
 def test_two_publishers_that_have_published_once_contradict_each_other() -> None:
@@ -468,5 +573,10 @@ def test_latched_obstacles_may_come_as_long_as_discovery_takes(
         assert published.input.may_come() is may_come
     shown[0] = 1000.0
     published.input.keep(_array())
+    assert published.input.may_come(), "bodies have a publisher, too"
+    published.silent = "obstacle_bodies"
+    assert not published.input.may_come(), "nobody needs to publish them"
+    published.silent = ""
+    published.input.callbacks()["obstacle_bodies"](_bodies())
     assert not published.input.may_come()
     assert not SceneInput(FRAME).may_come(), "in a replay nothing comes"

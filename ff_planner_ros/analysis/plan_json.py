@@ -22,6 +22,7 @@ from ff_planner_ros.errors import Faults, FfPlannerError, InvalidInput, NoPlanFo
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, RobustReport, SolverReport, Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
+from ff_planner_ros.planning.problem.obstacles import with_mesh_read
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
@@ -264,7 +265,7 @@ def plan_document(answer: Any) -> PlanDocument:
 def _asked(problem: PlanningProblem, times: Array) -> dict[str, Any]:
     """Return what a scenario says of a problem, and where its target body is at some times."""
     values = {key: getattr(problem, one.name) for key, one in _KEYS.items()}
-    values["obstacles"] = [sphere for sphere in problem.obstacles if sphere.body is None]
+    values["obstacles"] = [one for one in problem.obstacles if one.body is None]
     asked = written(_KEYS, values)
     if problem.target_body is not None:
         motion = problem.target_body.motion(np.zeros(3), times)
@@ -289,6 +290,12 @@ def _asked_in(answer: Any) -> dict[str, Any]:
     faults = Faults()
     asked = read_keys(_KEYS, "", told, faults)
     faults.refuse()
+    if "obstacles" in asked:
+        # It carries the hulls of its meshes, and names no files.
+        asked["obstacles"] = tuple(
+            with_mesh_read(one, f"obstacles[{index}]", None)
+            for index, one in enumerate(asked["obstacles"])
+        )
     if {"obstacles", "target_body"} <= asked.keys():
         asked["obstacles"] += tuple(attached(asked["target_body"]))
     return asked

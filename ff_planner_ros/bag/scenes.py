@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.common.declared_messages import value_at, values_in
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.messages.obstacles import bodies_of
 from ff_planner_ros.messages.target_bodies import target_body_in
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import (
+    Obstacle,
     PlanningProblem,
     Sphere,
     TargetBody,
@@ -22,9 +24,10 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
 
 _OBSTACLES = "ff_planner_msgs/msg/ObstacleSphereArray"
+_OBSTACLE_BODIES = "ff_planner_msgs/msg/ObstacleArray"
 _TARGET_BODY = "ff_planner_msgs/msg/TargetBody"
 
-Spheres = tuple[Sphere, ...]
+Obstacles = tuple[Obstacle, ...]
 
 # What the bag does not hold, or what cannot be read, is None.
 
@@ -34,7 +37,7 @@ class AskedScene:
     """What a request says of the scene of its plan."""
 
     scene: Scene  # without obstacles and target body
-    obstacles: Spheres | None  # its own, at their stamp
+    obstacles: Obstacles | None  # its own, at their stamp
     captures: bool  # whether the target is a body
     body: TargetBody | None  # its own, at its stamp
 
@@ -43,17 +46,19 @@ class AskedScene:
 class Stamps:
     """The times of a plan, as its response says; zero: not known."""
 
-    obstacles_ns: int  # when they were seen [ns]
+    obstacles_ns: int  # when the spheres were seen, or all of the request [ns]
     target_body_ns: int  # when it was seen [ns]
     duration: float = 0.0  # to the capture [s]
+    bodies_ns: int = 0  # when the bodies of their topic were seen [ns]
 
 
 @dataclass(frozen=True, eq=False)
 class Received:
     """Obstacles and target bodies that were received, by their stamps [ns]."""
 
-    obstacles: Mapping[int, Spheres | None]
+    obstacles: Mapping[int, Obstacles | None]  # spheres
     bodies: Mapping[int, TargetBody | None]
+    obstacle_bodies: Mapping[int, Obstacles | None] = field(default_factory=dict)
 
 
 def asked_scene(request: Any) -> AskedScene:
@@ -68,7 +73,7 @@ def asked_scene(request: Any) -> AskedScene:
             **{name: value for name, value in told.items() if value is not None},
             capture_time=value_at(request, "duration", None),
         ),
-        obstacles=None if scene is None else spheres_in(scene),
+        obstacles=None if scene is None else obstacles_in(scene),
         captures=captures,
         body=None if body is None or not captures else _body_in(body),
     )
@@ -84,10 +89,10 @@ def _told(request: Any, name: str) -> Any:
 
 def stamps_of(answer: Any) -> Stamps:
     """Return the times in an answer; those of earlier versions tell fewer."""
-    names = ("obstacles_stamp", "target_body_stamp")
+    names = ("obstacles_stamp", "target_body_stamp", "obstacle_bodies_stamp")
     times = (value_at(answer, f"inputs.{name}", None) for name in names)
-    obstacles_ns, body_ns = (0 if time is None else nanoseconds(time) for time in times)
-    return Stamps(obstacles_ns, body_ns, value_at(answer, "plans[0].duration", 0.0))
+    spheres_ns, body_ns, bodies_ns = (0 if time is None else nanoseconds(time) for time in times)
+    return Stamps(spheres_ns, body_ns, value_at(answer, "plans[0].duration", 0.0), bodies_ns)
 
 
 def scene_at_start(
@@ -100,22 +105,28 @@ def scene_at_start(
         start_ns: Of the plan [ns].
     """
     told = asked or AskedScene(Scene(), None, captures=False, body=None)
-    spheres = told.obstacles
-    if spheres is None:
-        spheres = received.obstacles.get(stamps.obstacles_ns)
-    if spheres is None:
+    found = told.obstacles
+    if found is None:
+        found = received.obstacles.get(stamps.obstacles_ns)
+    if found is None:
         return None
-    spheres = carried(spheres, (start_ns - stamps.obstacles_ns) / NANOSECONDS)
+    found = carried(found, (start_ns - stamps.obstacles_ns) / NANOSECONDS)
+    if told.obstacles is None:
+        # Without a stamp there may have been none.
+        bodies = received.obstacle_bodies.get(stamps.bodies_ns, None if stamps.bodies_ns else ())
+        if bodies is None:
+            return None
+        found += carried(bodies, (start_ns - stamps.bodies_ns) / NANOSECONDS)
     # Answers of earlier versions do not tell: their duration was given.
     captured = stamps.duration or told.scene.capture_time
     if not told.captures:
-        return replace(told.scene, obstacles=spheres, capture_time=captured)
+        return replace(told.scene, obstacles=found, capture_time=captured)
     body = told.body or received.bodies.get(stamps.target_body_ns)
     if body is None:
         return None
     try:
         body = body.after((start_ns - stamps.target_body_ns) / NANOSECONDS)
-        obstacles = with_attached(spheres, body)
+        obstacles = with_attached(found, body)
     except InvalidInput:
         return None
     return replace(told.scene, obstacles=obstacles, target_body=body, capture_time=captured)
@@ -127,24 +138,27 @@ def received_scenes(bag: Bag) -> Received:
     Raises:
         BagError: The disk fails.
     """
-    obstacles: dict[int, Spheres | None] = {}
+    obstacles: dict[str, dict[int, Obstacles | None]] = {_OBSTACLES: {}, _OBSTACLE_BODIES: {}}
     bodies: dict[int, TargetBody | None] = {}
-    for message, scene in bag.decoded(_OBSTACLES, _TARGET_BODY):
+    for message, scene in bag.decoded(_OBSTACLES, _OBSTACLE_BODIES, _TARGET_BODY):
         try:
             stamp_ns = nanoseconds(scene.header.stamp)
-            if message.type_name == _OBSTACLES:
-                obstacles[stamp_ns] = spheres_in(scene)
-            else:
+            if message.type_name == _TARGET_BODY:
                 bodies[stamp_ns] = _body_in(scene)
+            else:
+                obstacles[message.type_name][stamp_ns] = obstacles_in(scene)
         except AttributeError as error:
             bag.note(f"what is around, on {message.topic}, cannot be understood: {error}")
-    return Received(obstacles, bodies)
+    return Received(obstacles[_OBSTACLES], bodies, obstacles[_OBSTACLE_BODIES])
 
 
-def spheres_in(scene: Any) -> Spheres | None:
-    """Return the obstacles in a message, at its stamp."""
+def obstacles_in(scene: Any) -> Obstacles | None:
+    """Return the obstacles in a message, at its stamp; those of earlier versions lack bodies."""
     try:
-        return tuple(Sphere(**values_in(Sphere, one)) for one in scene.spheres)
+        return (
+            *(Sphere(**values_in(Sphere, one)) for one in value_at(scene, "spheres", ())),
+            *bodies_of(scene, "scene"),
+        )
     except (AttributeError, InvalidInput):
         return None
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ff_planner_ros.common.arrays import finite_vector
-from ff_planner_ros.common.declared_messages import names_in, require_left_out, value_at, values_in
-from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.errors import fields_named
+from ff_planner_ros.messages.obstacles import attached_bodies_of, require_zero
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.scenario.body_file import with_urdf
 
 FIELD = "target_body"  # as topic and field of a request are called
 NAMED_AS = names_in(TargetBody, FIELD, FIELD)  # fields of the message, by those of a scenario
@@ -21,21 +22,22 @@ def target_body_in(message: Any) -> TargetBody:
         InvalidInput: It describes no body; the field is named as if the message's were
             `target_body`.
     """
-    _require_zero(message, "inertia.com", "the frame is at the centre of mass")
-    require_left_out(message, ("bodies", "urdf"), f"{FIELD}.")
+    require_zero(message, "inertia.com", "the frame is at the centre of mass", FIELD)
     names = dict(NAMED_AS)
     for index, sphere in enumerate(message.obstacles):
         place = f"{FIELD}.obstacles[{index}]"
-        _require_zero(sphere, "twist.linear", _FIXED, place)
-        _require_zero(sphere, "twist.angular", _FIXED, place)
+        require_zero(sphere, "twist.linear", _FIXED, place)
+        require_zero(sphere, "twist.angular", _FIXED, place)
         names |= names_in(AttachedSphere, f"{FIELD}.obstacles[{sphere.id}]", place)
+    bodies = attached_bodies_of(message, FIELD)
     with fields_named(names):
-        return TargetBody(**values_in(TargetBody, message, FIELD))
-
-
-def _require_zero(message: Any, path: str, why: str, field: str = FIELD) -> None:
-    vector = value_at(message, path)
-    numbers = finite_vector(f"{field}.{path}", (vector.x, vector.y, vector.z), 3)
-    if numbers.any():
-        allowed = f"it must be zero: {why}"
-        raise InvalidInput(Status.UNSUPPORTED, f"{field}.{path}", numbers.tolist(), allowed)
+        given = values_in(TargetBody, message, FIELD)
+        given["obstacles"] = (*given.get("obstacles", ()), *bodies)
+        urdf = value_at(message, "urdf", "")
+        if urdf:
+            # Its inertia counts where the message has none.
+            if not given["inertia"].any():
+                del given["inertia"]
+            # It comes from elsewhere, and names no file of this machine.
+            given = with_urdf(given, urdf, f"{FIELD}.urdf")
+        return TargetBody(**given)

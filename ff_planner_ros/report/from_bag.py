@@ -22,6 +22,7 @@ from ff_planner_ros.bag.scenes import asked_scene
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
+from ff_planner_ros.messages.obstacles import spheres_of
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.goal_words import GoalKind
@@ -46,7 +47,6 @@ from ff_planner_ros.ros.messages.from_messages import (
     metrics_from_message,
     plan_from_answer,
     solver_report_from_message,
-    spheres_from_message,
     target_body_from_message,
 )
 from ff_planner_ros.runs.installed import (
@@ -257,7 +257,7 @@ def _plan(
             told = replace(told, target_body=body)
     obstacles = None
     if spheres is not None:
-        obstacles = spheres_from_message(spheres, spheres.header.frame_id)
+        obstacles = spheres_of(spheres, OBSTACLES.name)
         obstacles = carried(obstacles, _since(answer.inputs.obstacles_stamp, answer))
         if body is not None:
             obstacles = spheres_in(with_attached(obstacles, body))

@@ -107,7 +107,7 @@ def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> P
         names = problem.robot.joint_names
         request.start_state = [state_message(problem.start, names, 0, frame)]
     if "obstacles" in bring:
-        request.scene = [scene_message(problem.spheres, 0, frame)]
+        request.scene = [scene_message(problem.obstacles, 0, frame)]
     if "target_body" in bring and problem.target_body is not None:
         request.target_body = [target_body_message(problem.target_body, 0, frame)]
     return request

@@ -190,10 +190,10 @@ class Session:
         except InvalidInput as error:
             if error.status is not Status.NO_STATE:
                 state_age, state_refusal = 0.0, str(error)
-        obstacles, obstacles_age, obstacles_refusal = None, 0.0, ""
+        obstacles, bodies, obstacles_age, obstacles_refusal = None, 0, 0.0, ""
         try:
             scene = self._scenes.scene()
-            obstacles = len(scene.spheres)
+            obstacles, bodies = len(scene.spheres), len(scene.bodies)
             obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
             limits = now.state_future_tolerance, now.obstacles_max_age
             self._scenes.moving_scene(None, clock.nanoseconds, *limits)
@@ -215,6 +215,7 @@ class Session:
             state_refusal=state_refusal,
             state_clock_offset=self._states.clock_offset(clock.nanoseconds),
             obstacles=obstacles,
+            obstacle_bodies=bodies,
             obstacles_age=obstacles_age,
             obstacles_refusal=obstacles_refusal,
             target_age=target_age,

@@ -29,6 +29,7 @@ from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
     answer_with_plan,
+    bodies_message,
     obstacles_message,
     plan_message,
     request_message,
@@ -72,11 +73,12 @@ def record_answer(
     state = state_message(problem.start, names, now, SCENARIO_FRAME)
     start_ns = now + round(task.ahead * NANOSECONDS)
     # As they are at the plan's first point, and so is the target body.
-    obstacles = obstacles_message(problem.spheres, start_ns, SCENARIO_FRAME)
+    obstacles = obstacles_message(problem.obstacles, start_ns, SCENARIO_FRAME)
+    bodies = bodies_message(problem.obstacles, start_ns, SCENARIO_FRAME)
     request = request_message(problem, SCENARIO_FRAME)
     request.search.effort = task.effort
     request.start_state = [state]
-    request.scene = [scene_message(problem.spheres, start_ns, SCENARIO_FRAME)]
+    request.scene = [scene_message(problem.obstacles, start_ns, SCENARIO_FRAME)]
     body = problem.target_body
     if body is not None:
         request.target_body = [target_body_message(body, start_ns, SCENARIO_FRAME)]
@@ -115,6 +117,8 @@ def record_answer(
         bag.add_record(PROVENANCE, provenance(method=method))
         put("/chaser_state", STATE_QOS, state)
         put("/obstacles", LATCHED_QOS, obstacles)
+        if bodies.bodies:
+            put("/obstacle_bodies", LATCHED_QOS, bodies)
         if body is not None:
             put("/target_body", LATCHED_QOS, *request.target_body)
         events = _events(request, response, now)

@@ -222,6 +222,8 @@ class ObstacleBody:
 
     def after(self, time: float) -> ObstacleBody:
         """Return one that is fixed to no body as it will be in a time [s]."""
+        if time == 0.0:
+            return self  # to the last bit
         rotations, positions = self.poses(np.array([time]))
         turned = pin.Quaternion(rotations[0]).coeffs() if self.turns else self.quaternion_xyzw
         return replace(self, position=positions[0], quaternion_xyzw=turned)
@@ -254,9 +256,14 @@ def with_mesh_read(one: InTheWay, told: str, directory: Path | None) -> InTheWay
     """
     if isinstance(one, ObstacleBody | AttachedBody) and isinstance(one.shape, MeshFile):
         one = replace(one, shape=one.shape.load(f"{told}.shape.mesh", directory))
-    if isinstance(one, ObstacleBody) and one.solid.kind == "sphere":
-        return Sphere(one.id, one.position, float(one.solid.sizes[0]), one.velocity)
-    return one
+    return simplest(one) if isinstance(one, ObstacleBody) else one
+
+
+def simplest(body: ObstacleBody) -> Obstacle:
+    """Return a body, or the sphere that it is."""
+    if body.solid.kind != "sphere":
+        return body
+    return Sphere(body.id, body.position, float(body.solid.sizes[0]), body.velocity)
 
 
 def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:

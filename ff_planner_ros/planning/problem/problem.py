@@ -213,6 +213,8 @@ class PlanningProblem:
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
         check_declared(self, "")
+        # In the order of messages, which have an array of each.
+        object.__setattr__(self, "obstacles", (*self.spheres, *self.obstacle_bodies))
         window = self.duration_range
         if window is not None and not window.minimum <= self.duration <= window.maximum:
             allowed = f"it must be from {window.minimum:g} s to {window.maximum:g} s"

@@ -180,7 +180,9 @@ class TargetBody:
         check_declared(self, "target_body")
         inertia = possible_inertia("target_body.inertia", self.inertia)
         object.__setattr__(self, "inertia", inertia)
-        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        bodies = [one for one in self.obstacles if isinstance(one, AttachedBody)]
+        # In the order of messages, which have an array of each.
+        object.__setattr__(self, "obstacles", (*self.spheres, *bodies))
         self._check_obstacles()
 
     def _check_obstacles(self) -> None:

@@ -35,6 +35,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, PlannerSettings
 from ff_planner_ros.planning.problem.target import require_enough_joints
+from ff_planner_ros.planning.scenario.body_file import TARGET_BODY, BodyFile
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -107,6 +108,7 @@ KEYS: DeclaredFields = {
     "robot": DeclaredField(part(RobotFile), "the robot", name="robot", since="0.1"),
     **declared(SystemState),
     **declared(PlanningProblem),
+    "target_body": replace(declared(PlanningProblem)["target_body"], form=TARGET_BODY),
     **declared(PlanningTask),
 }
 
@@ -179,7 +181,7 @@ def _built(path: Path, points: int, build: Callable[[Mapping[str, Any], Robot], 
 
 
 def _read_meshes(read: dict[str, Any], directory: Path, faults: Faults) -> None:
-    """Read the files of meshes that are in the way."""
+    """Read the files of what is in the way: meshes, and the URDF of the target body."""
 
     def loaded(told: str, entries: Sequence[InTheWay]) -> tuple[InTheWay, ...]:
         found = list[InTheWay]()
@@ -192,6 +194,11 @@ def _read_meshes(read: dict[str, Any], directory: Path, faults: Faults) -> None:
         read["obstacles"] = loaded("obstacles", read["obstacles"])
     if "target_body" in read:
         body = read["target_body"]
+        if isinstance(body, BodyFile):
+            with faults.gathered():
+                body = body.load(directory)
+        if isinstance(body, BodyFile):
+            return  # it is a fault
         fixed = loaded("target_body.obstacles", body.obstacles)
         read["target_body"] = replace(body, obstacles=fixed)
 

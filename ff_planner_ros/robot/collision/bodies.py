@@ -87,7 +87,7 @@ def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) 
             called = name if number == 1 else f"{name}#{number}"
             if not faults.vectors("link", name, "collision origin", collision.find("origin")):
                 continue
-            solid = _solid(name, collision, meshes, faults)
+            solid = collision_solid(name, collision, meshes, faults)
             if solid is not None:
                 place = frame.placement * placement(collision.find("origin"))
                 found.append(_body(called, name, frame.parentJoint, solid, place))
@@ -130,17 +130,17 @@ def radius_around(solid: coal.CollisionGeometry, center: Array) -> float:
     return float(np.linalg.norm(solid.points() - center, axis=1).max())
 
 
-def _solid(
+def collision_solid(
     link: str, collision: Element, meshes: Meshes, faults: Faults
 ) -> coal.CollisionGeometry | None:
-    """Return what a `<collision>` describes; None: a fault."""
+    """Return what a `<collision>` of a link describes; None: a fault, which `faults` takes."""
     shape = collision.find("geometry/*")
     if shape is None:
         allowed = f"it must be one of {listed(SIZES)}, mesh"
         faults.add("link", link, "collision", "without a geometry that is known", allowed)
         return None
     if shape.tag == "mesh":
-        return meshes.hull(link, shape, faults)
+        return meshes.hull(link, collision, faults)
     sizes = [
         size
         for name, count in SIZES[shape.tag].items()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -127,7 +127,8 @@ class MeshFile:
         except NoSolid as fault:
             allowed = str(fault)
             raise InvalidInput(Status.OUT_OF_RANGE, f"{told}.file", self.file, allowed) from None
-        return Solid(MESH, corners=corners * scale, hull_share=share)
+        # In the order of what is written of them, and read again.
+        return replace(hull_of_vertices(f"{told}.file", corners * scale), hull_share=share)
 
 
 def hull_of_vertices(told: str, vertices: Array) -> Solid:
@@ -150,6 +151,19 @@ def hull_of_vertices(told: str, vertices: Array) -> Solid:
         why = str(fault) if isinstance(fault, NoSolid) else "it has no convex hull"
         raise InvalidInput(Status.OUT_OF_RANGE, told, many, why) from None
     return Solid(MESH, corners=corners)
+
+
+def solid_of(geometry: coal.CollisionGeometry) -> Solid:
+    """Return what Coal holds as a solid."""
+    match geometry:
+        case coal.Sphere():
+            return Solid("sphere", np.array([geometry.radius]))
+        case coal.Box():
+            return Solid("box", 2.0 * np.array(geometry.halfSide))
+        case coal.Cylinder() | coal.Capsule() | coal.Cone():
+            kind = type(geometry).__name__.lower()
+            return Solid(kind, np.array([geometry.radius, 2.0 * geometry.halfLength]))
+    return hull_of_vertices(MESH, np.array(geometry.points()))
 
 
 def _read(told: str, value: object) -> Solid | MeshFile:

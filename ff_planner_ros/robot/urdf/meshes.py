@@ -34,6 +34,7 @@ class Meshes:
     def __init__(self, directory: Path | None) -> None:
         """Take the directory of the URDF; None: it is from elsewhere, and no file is read."""
         self.notes: list[str] = []  # on what was simplified
+        self.shares: dict[Element, float] = {}  # of a hull's volume, by its `<collision>`
         self._directory = directory
         self._sizes: dict[Path, int] = {}  # of the files that were read [bytes]
         self._reader = MeshProcess()
@@ -46,12 +47,15 @@ class Meshes:
         """End the process that reads."""
         self._reader.close()
 
-    def hull(self, link: str, mesh: Element, faults: Faults) -> coal.Convex | None:
+    def hull(self, link: str, collision: Element, faults: Faults) -> coal.Convex | None:
         """Return the convex hull of a `<mesh>`, and write it into the element; None: a fault."""
+        mesh = collision.find("geometry/mesh")
+        if mesh is None:
+            raise ValueError("the collision has another geometry")
         name = mesh.get("filename", "")
         try:
             scale = _scale(mesh.get("scale"))
-            points, hull, _ = self.convex(name, scale)
+            points, hull, self.shares[collision] = self.convex(name, scale)
         except NoSolid as fault:
             value = "embedded" if name.startswith("data:") else name or "without a filename"
             faults.add("link", link, "collision mesh", value, str(fault))

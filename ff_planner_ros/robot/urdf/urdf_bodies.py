@@ -86,6 +86,22 @@ def check_bodies(
     return notes
 
 
+def joint_weight(tree: Tree, places: dict[str, pin.SE3], faults: Faults) -> Weight:
+    """Return what all links weigh together where they are in the root's frame.
+
+    Each weight must be one that a link can have, and the whole one that a body can have.
+    """
+    weights = list[Weight]()
+    for name in tree.order:
+        weight = _placed(_weight_of_link(name, tree.links[name], faults), places[name])
+        wrong = None if weight is None else _no_link(weight)
+        if wrong:
+            faults.add("link", name, *wrong)
+        elif weight is not None:
+            weights.append(weight)
+    return _sum(weights)
+
+
 def _bodies(
     tree: Tree, placements: dict[str, pin.SE3 | None]
 ) -> dict[str, dict[str, pin.SE3 | None]]:

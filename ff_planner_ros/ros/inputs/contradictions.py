@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.problem import Sphere, TargetBody, carried
+from ff_planner_ros.planning.problem.problem import Obstacle, Sphere, TargetBody, carried
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_odometry import ChaserPart, JointPart
 
@@ -65,21 +66,42 @@ def of_bodies(before: TargetBody, after: TargetBody, time: float) -> str:
     return ""
 
 
-def of_spheres(before: Sequence[Sphere], after: Sequence[Sphere], time: float) -> str:
+def of_obstacles(before: Sequence[Obstacle], after: Sequence[Obstacle], time: float) -> str:
     """Say how two scenes differ; empty: they agree."""
     return next(_differences(before, after, time), "")
 
 
-def _differences(before: Sequence[Sphere], after: Sequence[Sphere], time: float) -> Iterator[str]:
-    there = {sphere.id: sphere for sphere in carried(tuple(before), time)}
-    here = {sphere.id: sphere for sphere in after}
+def _differences(
+    before: Sequence[Obstacle], after: Sequence[Obstacle], time: float
+) -> Iterator[str]:
+    there = {one.id: one for one in carried(tuple(before), time)}
+    here = {one.id: one for one in after}
     for name in sorted(there.keys() ^ here.keys()):
         yield f"one of them alone has {name}"
-    for name, sphere in here.items():
-        off = float(np.linalg.norm(sphere.center - there[name].center))
-        off += abs(sphere.radius - there[name].radius)
+    for name, one in here.items():
+        off = _apart(there[name], one)
         if off > _FURTHEST:
-            yield f"{name} differs by {off:.3g} m"
+            how = f"by {off:.3g} m" if math.isfinite(off) else "in its shape"
+            yield f"{name} differs {how}"
+
+
+def _apart(before: Obstacle, after: Obstacle) -> float:
+    """Return how far points of two obstacles are apart at most [m]; infinite: of other shapes."""
+    if isinstance(before, Sphere) and isinstance(after, Sphere):
+        off = float(np.linalg.norm(after.center - before.center))
+        return off + abs(after.radius - before.radius)
+    if isinstance(before, Sphere) or isinstance(after, Sphere):
+        return math.inf
+    one, other = before.solid, after.solid
+    if one.kind != other.kind or one.corners.shape != other.corners.shape:
+        return math.inf
+    turn = Rotation.from_quat(before.quaternion_xyzw).inv() * Rotation.from_quat(
+        after.quaternion_xyzw
+    )
+    off = float(np.linalg.norm(after.position - before.position))
+    off += float(turn.magnitude()) * one.reach
+    grown = np.linalg.norm(one.corners - other.corners, axis=1).max(initial=0.0)
+    return off + float(np.abs(one.sizes - other.sizes).max(initial=0.0) + grown)
 
 
 def _beyond(before: Array, after: Array, rate: Array, later_rate: Array, time: float) -> Array:

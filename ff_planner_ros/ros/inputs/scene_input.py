@@ -6,14 +6,24 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 from ff_planner_msgs.msg import ObstacleArray, ObstacleSphereArray
 from ff_planner_msgs.msg import Scene as SceneMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.problem import Sphere, TargetBody
-from ff_planner_ros.ros.inputs.contradictions import of_bodies, of_spheres
+from ff_planner_ros.planning.problem.obstacles import (
+    Obstacle,
+    Sphere,
+    bodies_in,
+    carried,
+    spheres_in,
+)
+from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.ros.inputs.contradictions import of_bodies, of_obstacles
 from ff_planner_ros.ros.inputs.input_topics import (
     OBSTACLE_BODIES,
     OBSTACLES,
@@ -30,6 +40,8 @@ from ff_planner_ros.ros.inputs.topic_memory import (
     unheard_words,
 )
 from ff_planner_ros.ros.messages.from_messages import (
+    bodies_from_message,
+    scene_from_message,
     spheres_from_message,
     target_body_from_message,
     time_in_ns,
@@ -50,8 +62,17 @@ class Scene:
     spheres: tuple[Sphere, ...]  # at the stamp
     stamp_ns: int  # when they were seen [ns]; zero: not known
     source: str  # of the message, or the request's field; may be empty
+    bodies: tuple[Obstacle, ...] = ()  # at their stamp, or else that of the spheres
     bodies_stamp_ns: int = 0  # of the message of bodies; zero: none was received, or not known [ns]
     bodies_source: str = ""  # as it says
+
+    def obstacles_at(self, time_ns: int) -> tuple[Obstacle, ...]:
+        """Return spheres and bodies as they will be at a time [ns]."""
+        bodies_ns = self.bodies_stamp_ns or self.stamp_ns
+        return (
+            *carried(self.spheres, (time_ns - self.stamp_ns) / NANOSECONDS),
+            *carried(self.bodies, (time_ns - bodies_ns) / NANOSECONDS),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,32 +104,40 @@ class SceneInput:
         self._inertial_frame, self._publishers, self._tell = inertial_frame, publishers, tell
         self._begun = time.monotonic()
         self._obstacles = NewestMessage(OBSTACLES, self._spheres, now_ns)
-        self._bodies = NewestMessage(OBSTACLE_BODIES, self._no_bodies, now_ns)
+        self._bodies = NewestMessage(OBSTACLE_BODIES, self._bodies_in, now_ns)
         self._target = NewestMessage(TARGET_BODY, self._seen_body, now_ns)
 
     def callbacks(self) -> dict[str, Callable[..., None]]:
         """Return what takes the next message of a topic, and its number, by the topic's name."""
         return {
             OBSTACLES.name: self.keep,
-            OBSTACLE_BODIES.name: self._bodies.keep,
+            OBSTACLE_BODIES.name: partial(self._keep, self._bodies),
             TARGET_BODY.name: self._target.keep,
         }
 
     def keep(self, message: ObstacleSphereArray | bytes, number: int | None = None) -> None:
         """Take the next obstacles, as they are or serialised: the newest count, valid or not."""
-        before = self._obstacles.late
-        self._obstacles.keep(message, number)
-        late = self._obstacles.late
+        self._keep(self._obstacles, message, number)
+
+    def _keep(self, topic: NewestMessage[Any], message: Any, number: int | None = None) -> None:
+        before = topic.late
+        topic.keep(message, number)
+        late = topic.late
         if late is not None and before is None:
             self._tell(f"left out: {late}")
 
     def may_come(self) -> bool:
         """Whether obstacles that were published before the node listened may be on their way."""
-        if self._publishers is None or self._obstacles.is_known:
+        if self._publishers is None:
             return False
         listens = time.monotonic() - self._begun
-        is_matched = listens < _MATCHED and bool(self._publishers.heard(OBSTACLES.name))
-        return is_matched or listens < _DISCOVERY
+        if not self._obstacles.is_known and listens < _DISCOVERY:
+            return True
+        # Nobody needs to publish bodies: it is not waited for somebody who does.
+        due = {OBSTACLES.name: self._obstacles, OBSTACLE_BODIES.name: self._bodies}
+        return listens < _MATCHED and any(
+            self._publishers.heard(name) for name, topic in due.items() if not topic.is_known
+        )
 
     def scene(self, own: SceneMessage | None = None) -> Scene:
         """Return the obstacles: those that a request brings (`own`), or else those of the topics.
@@ -130,7 +159,20 @@ class SceneInput:
         bodies = self._bodies.read()
         if bodies is None:
             return scene
-        return replace(scene, bodies_stamp_ns=bodies[0], bodies_source=bodies[1])
+        names = {one.id for one in scene.spheres}
+        for index, one in enumerate(bodies.bodies):
+            if one.id in names:
+                field, allowed = (
+                    f"{OBSTACLE_BODIES.name}.bodies[{index}].id",
+                    "a sphere has it, too",
+                )
+                raise InvalidInput(Status.OUT_OF_RANGE, field, repr(one.id), allowed)
+        return replace(
+            scene,
+            bodies=bodies.bodies,
+            bodies_stamp_ns=bodies.stamp_ns,
+            bodies_source=bodies.source,
+        )
 
     def moving_scene(
         self,
@@ -139,11 +181,11 @@ class SceneInput:
         max_lead: float,
         max_age: float = math.inf,
     ) -> Scene:
-        """Return what `scene` does; spheres that move have a stamp that is near enough to now.
+        """Return what `scene` does; what moves has a stamp that is near enough to now.
 
         Args:
-            max_lead: Of any stamp of the topic, and of spheres that move [s].
-            max_age: Of spheres that move [s].
+            max_lead: Of any stamp of the topics, and of obstacles that move [s].
+            max_age: Of obstacles that move [s].
 
         Raises:
             InvalidInput: As by `scene`, or they have not; what was heard last was stamped ahead of
@@ -152,18 +194,25 @@ class SceneInput:
         scene = self.scene(own)
         if own is None:
             self._require_sound(now_ns, max_lead)
-        if not any(sphere.moves for sphere in scene.spheres):
+        limits = now_ns, max_age, max_lead
+        if own is not None:
+            if any(one.moves for one in (*scene.spheres, *scene.bodies)):
+                stamp_ns = scene.stamp_ns or now_ns
+                require_current(f"{_OWN}.header.stamp", stamp_ns, *limits, _OF_SCENES)
+                return replace(scene, stamp_ns=stamp_ns)
             return scene
-        field = f"{OBSTACLES.name if own is None else _OWN}.header.stamp"
-        stamp_ns = scene.stamp_ns
-        if not stamp_ns and own is not None:
-            stamp_ns = now_ns
-        if not stamp_ns:
-            allowed = "it must say when the spheres that move were there"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, 0, allowed)
-        # Nothing moves uniformly for long: an old scene would be carried out of the way.
-        require_current(field, stamp_ns, now_ns, max_age, max_lead, _OF_SCENES)
-        return replace(scene, stamp_ns=stamp_ns)
+        for name, kind, obstacles, stamp_ns in (
+            (OBSTACLES.name, "spheres", scene.spheres, scene.stamp_ns),
+            (OBSTACLE_BODIES.name, "bodies", scene.bodies, scene.bodies_stamp_ns),
+        ):
+            if any(one.moves for one in obstacles):
+                field = f"{name}.header.stamp"
+                if not stamp_ns:
+                    allowed = f"it must say when the {kind} that move were there"
+                    raise InvalidInput(Status.OUT_OF_RANGE, field, 0, allowed)
+                # Nothing moves uniformly for long: an old scene would be carried out of the way.
+                require_current(field, stamp_ns, *limits, _OF_SCENES)
+        return scene
 
     def target_body(
         self, own: TargetBodyMessage | None, now_ns: int, max_age: float, max_lead: float
@@ -206,18 +255,16 @@ class SceneInput:
 
     def _require_sound(self, now_ns: int, max_lead: float) -> None:
         """Refuse obstacles of topics that came in another order or with another clock."""
-        self._obstacles.require_same_clock(now_ns, max_lead)
-        two = self._obstacles.last_two()
-        lately = two is not None and all(came_lately(one, now_ns) for one in two)
-        require_agreement(OBSTACLES.name, self._publishers, two, self._scenes_apart, lately=lately)
-        self._obstacles.require_in_order()
-
-    def _scenes_apart(self, before: HeardMessage[Scene], after: HeardMessage[Scene]) -> str:
-        spheres = [self._obstacles.sound(one) for one in (before, after)]
-        if spheres[0] is None or spheres[1] is None:
-            return ""
-        time = seconds_between(before, after)
-        return of_spheres(spheres[0].spheres, spheres[1].spheres, time)
+        for name, topic in (
+            (OBSTACLES.name, self._obstacles),
+            (OBSTACLE_BODIES.name, self._bodies),
+        ):
+            topic.require_same_clock(now_ns, max_lead)
+            two = topic.last_two()
+            lately = two is not None and all(came_lately(one, now_ns) for one in two)
+            apart = partial(_parts_apart, topic)
+            require_agreement(name, self._publishers, two, apart, lately=lately)
+            topic.require_in_order()
 
     def _bodies_apart(self, before: HeardMessage[SeenBody], after: HeardMessage[SeenBody]) -> str:
         bodies = [self._target.sound(one) for one in (before, after)]
@@ -226,28 +273,32 @@ class SceneInput:
         return of_bodies(bodies[0].body, bodies[1].body, seconds_between(before, after))
 
     def _spheres(self, message: ObstacleSphereArray) -> Scene:
-        stamp_ns = time_in_ns("obstacles.header.stamp", message.header.stamp)
+        stamp_ns = time_in_ns(f"{OBSTACLES.name}.header.stamp", message.header.stamp)
         spheres = spheres_from_message(message, self._inertial_frame)
         return Scene(spheres, stamp_ns, message.source)
 
+    def _bodies_in(self, message: ObstacleArray) -> Scene:
+        """Return the scene that bodies alone make: their stamp and source are its own."""
+        stamp_ns = time_in_ns(f"{OBSTACLE_BODIES.name}.header.stamp", message.header.stamp)
+        bodies = bodies_from_message(message, self._inertial_frame)
+        return Scene((), stamp_ns, message.source, bodies)
+
     def _own_scene(self, message: SceneMessage) -> Scene:
         stamp_ns = time_in_ns(f"{_OWN}.header.stamp", message.header.stamp)
-        return Scene(spheres_from_message(message, self._inertial_frame, _OWN), stamp_ns, _OWN)
-
-    def _no_bodies(self, message: ObstacleArray) -> tuple[int, str]:
-        """Return stamp and source of a message without bodies.
-
-        Raises:
-            InvalidInput: It has some: left out of a plan, they would be hit.
-        """
-        name = OBSTACLE_BODIES.name
-        if message.bodies:
-            allowed = "it must be empty: this version plans around spheres alone"
-            found = f"{len(message.bodies)} bodies"
-            raise InvalidInput(Status.UNSUPPORTED, f"{name}.bodies", found, allowed)
-        return time_in_ns(f"{name}.header.stamp", message.header.stamp), message.source
+        found = scene_from_message(message, self._inertial_frame)
+        return Scene(spheres_in(found), stamp_ns, _OWN, bodies_in(found))
 
     def _seen_body(self, message: TargetBodyMessage, otherwise_ns: int = 0) -> SeenBody:
         stamp_ns = time_in_ns("target_body.header.stamp", message.header.stamp) or otherwise_ns
         body = target_body_from_message(message, self._inertial_frame)
         return SeenBody(body, stamp_ns, message.source)
+
+
+def _parts_apart(
+    topic: NewestMessage[Scene], before: HeardMessage[Scene], after: HeardMessage[Scene]
+) -> str:
+    parts = [topic.sound(one) for one in (before, after)]
+    if None in parts:
+        return ""  # they are refused for another reason
+    there, here = ((*part.spheres, *part.bodies) for part in parts if part is not None)
+    return of_obstacles(there, here, seconds_between(before, after))

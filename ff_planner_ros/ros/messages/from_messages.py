@@ -16,6 +16,7 @@ from ff_planner_ros.common.declared_messages import names_in, require_left_out, 
 from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.messages.obstacles import bodies_of, scene_obstacles_of, spheres_of
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
 from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.parameters import NodeParameters
@@ -40,7 +41,7 @@ if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not
     from builtin_interfaces.msg import Time
     from ff_planner_msgs.msg import (
         ChaserState,
-        ObstacleSphere,
+        ObstacleArray,
         ObstacleSphereArray,
         PlanAnswer,
         PlanMetrics,
@@ -56,7 +57,7 @@ MAX_MESSAGE_SECONDS = 2**31 - 1
 _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
 # Fields of a request that this version refuses unless they are empty.
 _NOT_YET = (
-    *("payload", "then", "scene[0].bodies"),
+    *("payload", "then"),
     *("limits.grasp_force", "limits.grasp_torque", "limits.capture_impulse"),
 )
 # Of joints at fault: more than any arm has would bury the message.
@@ -228,25 +229,34 @@ def target_body_from_message(message: TargetBodyMessage, inertial_frame: str) ->
     return target_body_in(message)
 
 
-def spheres_from_message(
-    message: ObstacleSphereArray | Scene, inertial_frame: str, source: str = "obstacles"
-) -> tuple[Sphere, ...]:
-    """Read the spheres of the topic or field `source` at their stamp, in the inertial frame.
+def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> tuple[Sphere, ...]:
+    """Read the spheres of their topic at their stamp, in the inertial frame.
 
     Raises:
         InvalidInput: A field of the message cannot be used, two spheres share an id, or one turns.
     """
-    require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
-    first: dict[str, int] = {}
-    for i, sphere in enumerate(message.spheres):
-        if first.setdefault(sphere.id, i) != i:
-            raise InvalidInput(
-                Status.OUT_OF_RANGE,
-                f"{source}.spheres[{i}].id",
-                repr(sphere.id),
-                f"every id must be given once, and spheres[{first[sphere.id]}] has it already",
-            )
-    return tuple(_sphere(f"{source}.spheres[{i}]", s) for i, s in enumerate(message.spheres))
+    require_frame("obstacles.header.frame_id", message.header.frame_id, inertial_frame)
+    return spheres_of(message, "obstacles")
+
+
+def bodies_from_message(message: ObstacleArray, inertial_frame: str) -> tuple[Obstacle, ...]:
+    """Read the bodies of their topic at their stamp, in the inertial frame.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used, or two bodies share an id.
+    """
+    require_frame("obstacle_bodies.header.frame_id", message.header.frame_id, inertial_frame)
+    return bodies_of(message, "obstacle_bodies")
+
+
+def scene_from_message(message: Scene, inertial_frame: str) -> tuple[Obstacle, ...]:
+    """Read the spheres and bodies that a request brings, at their stamp, in the inertial frame.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used, or two obstacles share an id.
+    """
+    require_frame("scene.header.frame_id", message.header.frame_id, inertial_frame)
+    return scene_obstacles_of(message, "scene")
 
 
 def plan_from_answer(answer: PlanAnswer) -> Plan:
@@ -325,20 +335,6 @@ def _listed(names: list[str]) -> str:
     shown = ", ".join(names[:_NAMES_SHOWN])
     rest = len(names) - _NAMES_SHOWN
     return f"{shown} and {rest} more" if rest > 0 else shown
-
-
-def _sphere(field: str, message: ObstacleSphere) -> Sphere:
-    turning = finite_vector(f"{field}.twist.angular", xyz(message.twist.angular), 3)
-    if turning.any():
-        raise InvalidInput(
-            Status.UNSUPPORTED,
-            f"{field}.twist.angular",
-            turning.tolist(),
-            "it must be zero: nothing says what the sphere goes round; a body that turns, with all "
-            "that is fixed to it, is a target_body",
-        )
-    with fields_named(names_in(Sphere, f"obstacles[{message.id}]", field)):
-        return Sphere(**values_in(Sphere, message))
 
 
 def xyz(message: Point | Vector3) -> Array:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from ff_planner_msgs.msg import (
     ChaserState,
     Goal,
+    ObstacleArray,
     ObstacleSphere,
     ObstacleSphereArray,
     PlanAnswer,
@@ -19,11 +20,13 @@ from ff_planner_msgs.msg import (
     Scene,
     SolverReport,
 )
+from ff_planner_msgs.msg import Obstacle as ObstacleMessage
 from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
 from scipy.spatial.transform import Rotation
+from shape_msgs.msg import Mesh, SolidPrimitive
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -40,8 +43,17 @@ from ff_planner_ros.errors import (
     Status,
     retry_after,
 )
+from ff_planner_ros.messages.obstacles import PRIMITIVES, primitive_sizes
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, TargetBody
+from ff_planner_ros.planning.problem.obstacles import (
+    Obstacle,
+    ObstacleBody,
+    bodies_in,
+    spheres_in,
+)
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.robot.collision.solids import MESH, MeshFile
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import entry_of
 
@@ -72,23 +84,36 @@ def state_message(
 
 
 def obstacles_message(
-    spheres: Sequence[Sphere], stamp_ns: int, inertial_frame: str
+    obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str
 ) -> ObstacleSphereArray:
     """Write the spheres of a time [ns] as a message, without what is fixed to a target body."""
-    return ObstacleSphereArray(
-        header=_header(stamp_ns, inertial_frame), spheres=_sphere_messages(spheres)
-    )
+    header = _header(stamp_ns, inertial_frame)
+    return ObstacleSphereArray(header=header, spheres=_sphere_messages(obstacles))
 
 
-def scene_message(spheres: Sequence[Sphere], stamp_ns: int, inertial_frame: str) -> Scene:
+def bodies_message(
+    obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str
+) -> ObstacleArray:
+    """Write the bodies of a time [ns] as a message, without what is fixed to a target body."""
+    header = _header(stamp_ns, inertial_frame)
+    return ObstacleArray(header=header, bodies=_body_messages(obstacles))
+
+
+def scene_message(obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str) -> Scene:
     """Write a scene of a time [ns] as a message, without what is fixed to a target body."""
-    return Scene(header=_header(stamp_ns, inertial_frame), spheres=_sphere_messages(spheres))
+    return Scene(
+        header=_header(stamp_ns, inertial_frame),
+        spheres=_sphere_messages(obstacles),
+        bodies=_body_messages(obstacles),
+    )
 
 
 def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) -> TargetBodyMessage:
     """Write a target body of a time [ns] as a message, without loss."""
-    header = _header(stamp_ns, inertial_frame)
-    message: TargetBodyMessage = write_object(body, TargetBodyMessage(header=header), entry_of)
+    message = TargetBodyMessage(header=_header(stamp_ns, inertial_frame))
+    write_object(replace(body, obstacles=body.spheres), message, entry_of)
+    bodies = [one for one in body.obstacles if isinstance(one, AttachedBody)]
+    message.bodies = [_body_message(one) for one in bodies]
     return message
 
 
@@ -208,12 +233,27 @@ def _header(stamp_ns: int, frame_id: str) -> Header:
     return Header(stamp=time_message(stamp_ns), frame_id=frame_id)
 
 
-def _sphere_messages(spheres: Sequence[Sphere]) -> list[ObstacleSphere]:
-    return [
-        write_object(sphere, ObstacleSphere(), entry_of)
-        for sphere in spheres
-        if sphere.body is None
-    ]
+def _sphere_messages(obstacles: Sequence[Obstacle]) -> list[ObstacleSphere]:
+    free = [one for one in spheres_in(obstacles) if one.body is None]
+    return [write_object(one, ObstacleSphere(), entry_of) for one in free]
+
+
+def _body_messages(obstacles: Sequence[Obstacle]) -> list[ObstacleMessage]:
+    return [_body_message(one) for one in bodies_in(obstacles) if one.body is None]
+
+
+def _body_message(body: ObstacleBody | AttachedBody) -> ObstacleMessage:
+    message: ObstacleMessage = write_object(body, ObstacleMessage(), entry_of)
+    shape = body.shape
+    if isinstance(shape, MeshFile):
+        shape = shape.load(f"obstacles[{body.id}].shape.mesh", None)
+    if shape.kind == MESH:
+        corners = shape.corners.tolist()
+        message.mesh = [Mesh(vertices=[Point(x=x, y=y, z=z) for x, y, z in corners])]
+    else:
+        number, sizes = PRIMITIVES[shape.kind], primitive_sizes(shape)
+        message.primitive = [SolidPrimitive(type=number, dimensions=sizes)]
+    return message
 
 
 def _path(headers: Sequence[Header], positions: Array, quaternions_xyzw: Array) -> Path:

@@ -63,6 +63,7 @@ class NodeHealth:
     target_clock_offset: float | None = None
     # Words on publishers that the node cannot hear, by topic
     unheard: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    obstacle_bodies: int = 0  # in the scene, beside the spheres
     # Whether whoever published the obstacles may be there still
     obstacles_are_published: bool = True
     clock_still_for: float | None = (
@@ -126,8 +127,11 @@ def _obstacles(health: NodeHealth) -> _Part:
     values = {"spheres": str(health.obstacles), "age [s]": f"{health.obstacles_age:.1f}"}
     if health.obstacles_refusal:
         return ERROR, f"cannot be planned around: {health.obstacles_refusal}", values
-    spheres = f"{health.obstacles} sphere{'' if health.obstacles == 1 else 's'}"
-    message = f"{spheres}, {health.obstacles_age:.1f} s old"
+    told = f"{health.obstacles} sphere{'' if health.obstacles == 1 else 's'}"
+    if health.obstacle_bodies:
+        values["bodies"] = str(health.obstacle_bodies)
+        told += f" and {health.obstacle_bodies} bod{'y' if health.obstacle_bodies == 1 else 'ies'}"
+    message = f"{told}, {health.obstacles_age:.1f} s old"
     if not health.obstacles_are_published:
         return WARN, f"{message}: their publisher is gone, and nobody tells of changes", values
     return OK, message, values

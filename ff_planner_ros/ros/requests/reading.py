@@ -16,7 +16,7 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.goal_words import GoalKind
-from ff_planner_ros.planning.problem.problem import TargetBody, carried
+from ff_planner_ros.planning.problem.problem import TargetBody
 from ff_planner_ros.planning.problem.settings import PlannerSettings, a_search_depth
 from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -173,7 +173,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             request,
             knowledge.robot,
             measured.state,
-            carried(scene.spheres, (start_ns - scene.stamp_ns) / NANOSECONDS),
+            scene.obstacles_at(start_ns),
             parameters,
             None if seen is None else _carried(seen, start_ns),
             None if continued is None else continued.remaining,

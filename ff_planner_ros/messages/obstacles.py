@@ -1,0 +1,204 @@
+"""Obstacles of a message, as it is or decoded from a bag, as planning has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere, simplest
+from ff_planner_ros.planning.problem.target_body import AttachedBody
+from ff_planner_ros.robot.collision.solids import (
+    MAX_MESH_VERTICES,
+    SIZES,
+    Solid,
+    hull_of_vertices,
+)
+from ff_planner_ros.robot.urdf.convex_hull import enclosed_volume, hull_volume
+
+BODIES = "bodies"  # field of a scene, of an array of a topic, and of a target body
+# Numbers of shape_msgs/SolidPrimitive for each kind, and of ff_planner_msgs/Obstacle for a capsule.
+PRIMITIVES = {"box": 1, "sphere": 2, "cylinder": 3, "cone": 4, "capsule": 101}
+_PRISM = 5
+# A closed surface has twice as many triangles as vertices.
+MAX_TRIANGLES = 2 * MAX_MESH_VERTICES
+
+
+def spheres_of(message: Any, source: str) -> tuple[Sphere, ...]:
+    """Return the spheres of a scene or an array, at its stamp.
+
+    Args:
+        source: Topic or field of the message, in front of fields in errors.
+
+    Raises:
+        InvalidInput: One cannot be used, or turns, or two share an id.
+    """
+    _require_unique(source, {"spheres": message.spheres})
+    return tuple(_sphere(f"{source}.spheres[{i}]", one) for i, one in enumerate(message.spheres))
+
+
+def bodies_of(message: Any, source: str) -> tuple[Obstacle, ...]:
+    """Return the bodies of a scene or an array, at its stamp; round ones are spheres.
+
+    Args:
+        source: Topic or field of the message, in front of fields in errors.
+
+    Raises:
+        InvalidInput: One cannot be used, or two share an id.
+    """
+    _require_unique(source, {BODIES: value_at(message, BODIES, ())})
+    found = list[Obstacle]()
+    for index, one in enumerate(value_at(message, BODIES, ())):
+        place = f"{source}.{BODIES}[{index}]"
+        solid = solid_in(one, place)
+        with fields_named(names_in(ObstacleBody, f"obstacles[{one.id}]", place)):
+            body = ObstacleBody(shape=solid, **values_in(ObstacleBody, one))
+            found.append(simplest(body))
+    return tuple(found)
+
+
+def scene_obstacles_of(message: Any, source: str) -> tuple[Obstacle, ...]:
+    """Return spheres and bodies of a scene, at its stamp.
+
+    Raises:
+        InvalidInput: One cannot be used, or two share an id.
+    """
+    bodies = value_at(message, BODIES, ())
+    _require_unique(source, {"spheres": message.spheres, BODIES: bodies})
+    return (*spheres_of(message, source), *bodies_of(message, source))
+
+
+def attached_bodies_of(message: Any, source: str) -> tuple[AttachedBody, ...]:
+    """Return the bodies that are fixed to a target body, of its message.
+
+    Raises:
+        InvalidInput: One cannot be used, or moves by itself.
+    """
+    found = list[AttachedBody]()
+    for index, one in enumerate(value_at(message, BODIES, ())):
+        place = f"{source}.{BODIES}[{index}]"
+        for part in ("twist.linear", "twist.angular"):
+            require_zero(one, part, "what is fixed to a body moves with it", place)
+        solid = solid_in(one, place)
+        with fields_named(names_in(AttachedBody, f"target_body.obstacles[{one.id}]", place)):
+            found.append(AttachedBody(shape=solid, **values_in(AttachedBody, one)))
+    return tuple(found)
+
+
+def solid_in(message: Any, field: str) -> Solid:
+    """Return the shape of an `Obstacle`: its primitive, or the hull of its mesh.
+
+    Args:
+        field: Of the obstacle, in front of fields in errors.
+
+    Raises:
+        InvalidInput: It has neither or both, or one that cannot be planned with.
+    """
+    primitives, meshes = message.primitive, message.mesh
+    if len(primitives) + len(meshes) != 1:
+        found, allowed = "given twice" if len(primitives) else "missing", "give it or a mesh"
+        raise InvalidInput(Status.WRONG_SIZE, f"{field}.primitive", found, allowed)
+    if len(primitives):
+        return _primitive(primitives[0], f"{field}.primitive")
+    return _mesh(meshes[0], f"{field}.mesh")
+
+
+def primitive_sizes(solid: Solid) -> list[float]:
+    """Return a solid's dimensions in the order of messages: of round ones the length first."""
+    sizes: list[float] = solid.sizes.tolist()
+    return sizes if solid.kind == "box" else sizes[::-1]
+
+
+def require_zero(message: Any, path: str, why: str, field: str) -> None:
+    """Refuse a vector of a message that is not zero.
+
+    Raises:
+        InvalidInput: It is not; the field is in front of the path.
+    """
+    numbers = _vector(value_at(message, path), f"{field}.{path}")
+    if numbers.any():
+        allowed = f"it must be zero: {why}"
+        raise InvalidInput(Status.UNSUPPORTED, f"{field}.{path}", numbers.tolist(), allowed)
+
+
+def _vector(message: Any, field: str) -> Array:
+    return finite_vector(field, (message.x, message.y, message.z), 3)
+
+
+def _require_unique(source: str, arrays: dict[str, Iterable[Any]]) -> None:
+    first: dict[str, str] = {}
+    for name, entries in arrays.items():
+        for index, one in enumerate(entries):
+            place = f"{name}[{index}]"
+            if first.setdefault(one.id, place) != place:
+                raise InvalidInput(
+                    Status.OUT_OF_RANGE,
+                    f"{source}.{place}.id",
+                    repr(one.id),
+                    f"every id must be given once, and {first[one.id]} has it already",
+                )
+
+
+def _sphere(field: str, message: Any) -> Sphere:
+    turning = _vector(message.twist.angular, f"{field}.twist.angular")
+    if turning.any():
+        raise InvalidInput(
+            Status.UNSUPPORTED,
+            f"{field}.twist.angular",
+            turning.tolist(),
+            "it must be zero: nothing says what the sphere goes round; a body that turns, with all "
+            "that is fixed to it, is a target_body",
+        )
+    with fields_named(names_in(Sphere, f"obstacles[{message.id}]", field)):
+        return Sphere(**values_in(Sphere, message))
+
+
+def _primitive(message: Any, field: str) -> Solid:
+    kinds = {number: kind for kind, number in PRIMITIVES.items()}
+    kind = kinds.get(message.type)
+    if kind is None:
+        named = ", ".join(f"{number} ({word.upper()})" for word, number in PRIMITIVES.items())
+        found = "5 (PRISM)" if message.type == _PRISM else message.type
+        allowed = f"it must be one of {named}; another one is a mesh"
+        raise InvalidInput(Status.UNSUPPORTED, f"{field}.type", found, allowed)
+    told, count = f"{field}.dimensions", sum(SIZES[kind].values())
+    sizes = np.array(message.dimensions, np.float64)
+    if len(sizes) != count:
+        words = "x, y, z" if kind == "box" else ", ".join(reversed(list(SIZES[kind])))
+        allowed = f"a {kind} has {count}: {words}"
+        raise InvalidInput(Status.WRONG_SIZE, told, sizes.tolist(), allowed)
+    with fields_named({f"shape.{kind}": told}):
+        return Solid(kind, sizes if kind == "box" else sizes[::-1])
+
+
+def _mesh(message: Any, field: str) -> Solid:
+    corners: Sequence[Any] = message.vertices
+    # Before they are read: each is an object.
+    _require_few(f"{field}.vertices", len(corners), MAX_MESH_VERTICES)
+    _require_few(f"{field}.triangles", len(message.triangles), MAX_TRIANGLES)
+    vertices = np.array([(p.x, p.y, p.z) for p in corners], np.float64).reshape(-1, 3)
+    if not np.isfinite(vertices).all():
+        worst = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
+        _vector(corners[worst], f"{field}.vertices[{worst}]")
+    solid = hull_of_vertices(f"{field}.vertices", vertices)
+    if not len(message.triangles):
+        return solid
+    rows = np.array([one.vertex_indices for one in message.triangles], np.int64).reshape(-1, 3)
+    if rows.max() >= len(vertices):
+        index = int(np.flatnonzero(rows.max(axis=1) >= len(vertices))[0])
+        told, allowed = f"{field}.triangles[{index}]", f"there are {len(vertices)} vertices"
+        raise InvalidInput(Status.OUT_OF_RANGE, told, rows[index].tolist(), allowed)
+    volume = enclosed_volume(vertices[rows])
+    share = hull_volume(solid.corners) / volume if volume > 0.0 else 1.0
+    return replace(solid, hull_share=share)
+
+
+def _require_few(field: str, count: int, most: int) -> None:
+    if count > most:
+        allowed = f"it may have {most} at most"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, f"{count} entries", allowed)

@@ -1,0 +1,108 @@
+"""A target body from a URDF: of a file beside its scenario, or of a message."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pinocchio as pin
+
+from ff_planner_ros.common.declared import (
+    DeclaredField,
+    DeclaredFields,
+    declared,
+    fields_of,
+    read_keys,
+    schema_of,
+)
+from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.forms import TEXT, Form, Schema
+from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.errors import Faults
+from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.robot.collision.urdf_body import urdf_body
+from ff_planner_ros.robot.model import read_urdf
+
+_KEY = "urdf"
+_WITHOUT = part(TargetBody)
+_OF_URDF: DeclaredFields = {
+    **declared(TargetBody),
+    "inertia": replace(declared(TargetBody)["inertia"], optional=True),
+    _KEY: DeclaredField(
+        TEXT,
+        "path of a URDF of the body, relative to this file, or package://: its shapes move with "
+        "it, its axes are those of the root link, and it says an inertia that is left out; "
+        "default: none",
+        since="0.3",
+        optional=True,
+    ),
+}
+
+
+def with_urdf(
+    given: Mapping[str, Any], text: str, told: str, directory: Path | None = None
+) -> dict[str, Any]:
+    """Return the fields of a target body, with what its URDF says.
+
+    Its solids come first among what moves with it, named by their links. Its inertia is that of a
+    body to which nothing else gives one.
+
+    Args:
+        given: Of the fields, what is known beside.
+        text: The URDF. The body's axes are those of its root link.
+        told: What errors call the URDF.
+        directory: That its meshes are relative to; None: no file may be read.
+
+    Raises:
+        InvalidInput: It is no URDF of a body.
+    """
+    body = urdf_body(text, told, directory)
+    fixed = [
+        AttachedBody(
+            one.name,
+            one.solid,
+            one.place.translation,
+            pin.Quaternion(one.place.rotation).coeffs(),
+        )
+        for one in body.solids
+    ]
+    beside = given.get("obstacles", ())
+    return {"inertia": body.inertia, **given, "obstacles": (*fixed, *beside)}
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFile:
+    """A target body whose URDF is in a file."""
+
+    given: Mapping[str, Any]  # fields of the body
+    urdf: str
+
+    def load(self, directory: Path) -> TargetBody:
+        """Return the body; its path is relative to a directory.
+
+        Raises:
+            InvalidInput: The file cannot be read, or describes no body.
+        """
+        told = f"target_body.{_KEY}"
+        path = resolve_uri(self.urdf, directory, told)
+        text = read_urdf(path, told)
+        return TargetBody(**with_urdf(self.given, text, told, path.resolve().parent))
+
+
+def _read(field: str, value: object) -> TargetBody | BodyFile:
+    faults = Faults()
+    read = read_keys(_OF_URDF, field, value, faults)
+    if isinstance(value, dict) and not {"inertia", _KEY} & value.keys():
+        faults.add(f"{field}.inertia", "missing", f"give it or a {_KEY}")
+    faults.refuse()
+    given = fields_of(TargetBody, read)
+    return BodyFile(given, read[_KEY]) if _KEY in read else TargetBody(**given)
+
+
+def _schema() -> Schema:
+    return schema_of(_OF_URDF) | {"anyOf": [{"required": [key]} for key in ("inertia", _KEY)]}
+
+
+TARGET_BODY: Form = replace(_WITHOUT, read=_read, schema=_schema)

@@ -1,0 +1,116 @@
+"""A URDF as one rigid body: the solids of its links and what they weigh together.
+
+Its joints do not move: each is at zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.errors import InvalidInput, InvalidInputs, Status
+from ff_planner_ros.robot.collision.bodies import MAX_BODIES, collision_solid
+from ff_planner_ros.robot.collision.solids import Solid, solid_of
+from ff_planner_ros.robot.urdf.meshes import Meshes
+from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, joint_weight, placement
+from ff_planner_ros.robot.urdf.urdf_faults import Faults
+from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, tree_of
+from ff_planner_ros.robot.urdf.urdf_xml import read_elements, read_shapes
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedSolid:
+    """A solid of a body."""
+
+    name: str  # of its link; `link#2` for a link's second solid
+    solid: Solid
+    place: pin.SE3  # axes of the root link, from the body's centre of mass
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfBody:
+    """What a URDF is as one body."""
+
+    solids: tuple[PlacedSolid, ...]
+    inertia: Array  # about its centre of mass, axes of the root link; shape (3, 3) [kg m2]
+    mass: float  # [kg]
+
+
+def urdf_body(text: str, told: str, directory: Path | None = None) -> UrdfBody:
+    """Return a URDF as one body.
+
+    Args:
+        told: What errors call the URDF.
+        directory: Of its file, from which the paths of its meshes start. None: it is from
+            elsewhere, and no file is read.
+
+    Raises:
+        InvalidInput: It is no URDF, weighs nothing, or has a solid that cannot be read.
+    """
+    try:
+        return _read(text, directory)
+    except InvalidInput as error:
+        faults = [_of(told, one) for one in error.faults]
+        raise (faults[0] if len(faults) == 1 else InvalidInputs(faults)) from None
+
+
+def _of(told: str, error: InvalidInput) -> InvalidInput:
+    """Return an error of the URDF of a body, which is not the robot's."""
+    inside = error.field.removeprefix("robot.urdf")
+    field = f"{told} {inside}" if inside else told
+    return InvalidInput(Status.OUT_OF_RANGE, field, error.value, error.allowed)
+
+
+def _read(text: str, directory: Path | None) -> UrdfBody:
+    faults = Faults()
+    robot = read_elements(text)
+    tree = tree_of(robot, faults)
+    if len(tree.roots) > 1:
+        allowed = f"all links must hang on one: {', '.join(tree.roots[:5])} hang on none"
+        faults.add("robot.urdf", "", "", "more than one body", allowed)
+    places = _places(tree, faults)
+    weight = joint_weight(tree, places, faults)
+    faults.refuse_if_any()
+    if weight.mass < SMALLEST:
+        allowed = "it must have a mass: positions are from its centre"
+        raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", f"of {weight.mass:g} kg", allowed)
+    solids = list[PlacedSolid]()
+    shapes = read_shapes(text)
+    if (count := len(shapes.findall("link/collision"))) > MAX_BODIES:
+        told, allowed = f"there {count} times", f"it may be at most {MAX_BODIES} times"
+        raise InvalidInput(Status.BAD_ROBOT, "<collision>", told, allowed)
+    center = pin.SE3(np.eye(3), -weight.center)
+    with Meshes(directory) as meshes:
+        for link in shapes.findall("link"):
+            name = str(link.get("name"))
+            for number, collision in enumerate(link.findall("collision"), start=1):
+                if not faults.vectors("link", name, "collision origin", collision.find("origin")):
+                    continue
+                geometry = collision_solid(name, collision, meshes, faults)
+                if geometry is not None:
+                    called = name if number == 1 else f"{name}#{number}"
+                    place = center * places[name] * placement(collision.find("origin"))
+                    share = meshes.shares.get(collision, 1.0)
+                    solid = replace(solid_of(geometry), hull_share=share)
+                    solids.append(PlacedSolid(called, solid, place))
+    faults.refuse_if_any()
+    return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass))
+
+
+def _places(tree: Tree, faults: Faults) -> dict[str, pin.SE3]:
+    """Return where the links are in the frame of the root, with all joints at zero."""
+    places = dict[str, pin.SE3]()
+    for link in tree.order:
+        joint = tree.above.get(link)
+        if joint is None:
+            places[link] = pin.SE3.Identity()
+            continue
+        name, origin = joint.get("name", ""), joint.find("origin")
+        sound = faults.vectors("joint", name, "origin", origin)
+        carrier = places[link_of(joint, "parent")]
+        places[link] = carrier * placement(origin) if sound else carrier
+    return places

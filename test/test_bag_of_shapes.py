@@ -1,0 +1,122 @@
+"""Plans among bodies of every shape: in bags and files, and the same again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shaped_problems import SOLIDS, capture_among_bodies
+from test_tumbling import body_of
+
+from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.bag.export import export_npz
+from ff_planner_ros.bag.info import info
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.bag.recover import recover
+from ff_planner_ros.bag.robot_plans import robot_plans
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.digest import digest_of
+from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import tumbling
+from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
+
+SETTINGS = load_parameters().planner
+
+
+@pytest.fixture(scope="module")
+def problem() -> PlanningProblem:
+    return capture_among_bodies(tumbling.problem("tumbling", 0))
+
+
+@pytest.fixture(scope="module")
+def task(problem: PlanningProblem) -> PlanningTask:
+    return PlanningTask(problem, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def plan(task: PlanningTask) -> Plan:
+    return perform(task)
+
+
+@pytest.fixture(scope="module")
+def bag(task: PlanningTask, plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    bag = tmp_path_factory.mktemp("shapes") / "bag"
+    record_answer(bag, task, plan, 0.5)
+    return bag
+
+
+def test_a_bag_has_the_bodies_on_their_topic_and_replays_to_the_last_bit(
+    task: PlanningTask, bag: Path
+) -> None:
+    with open_bag(bag) as opened:
+        ((_, array),) = opened.decoded("ff_planner_msgs/msg/ObstacleArray")
+        (recorded,) = recorded_run(opened).requests
+    assert [one.id for one in array.bodies] == list(SOLIDS)
+    assert recorded.read_request().task.digest == task.digest
+    assert replay(recorded).verdict is Verdict.IDENTICAL
+
+
+@pytest.mark.parametrize("recovered", [False, True])
+def test_what_a_bag_says_of_its_plans_has_the_bodies_where_they_were(
+    problem: PlanningProblem, bag: Path, recovered: bool, tmp_path: Path
+) -> None:
+    if recovered:
+        recover(bag, tmp_path / "again")
+        bag = tmp_path / "again"
+    (scene,) = robot_plans(bag).scenes.values()
+    assert digest_of(scene.target_body) == digest_of(body_of(problem))
+    assert [one.id for one in scene.obstacle_bodies] == [one.id for one in problem.obstacle_bodies]
+    for found, wanted in zip(scene.obstacle_bodies, problem.obstacle_bodies, strict=True):
+        assert digest_of(found) == digest_of(wanted)
+        for time in (np.array([0.0]), np.array([7.0])):
+            for one, other in zip(found.poses(time), wanted.poses(time), strict=True):
+                assert one == pytest.approx(other, abs=1e-9)
+
+
+def test_a_bag_without_bodies_has_no_topic_of_them(tmp_path: Path) -> None:
+    task = PlanningTask(tumbling.problem("tumbling", 0), SETTINGS)
+    record_answer(tmp_path / "bag", task, perform(task), 0.5)
+    with open_bag(tmp_path / "bag") as opened:
+        assert "/obstacle_bodies" not in opened.topics
+
+
+def test_an_answer_in_a_file_has_the_bodies_of_its_task(
+    problem: PlanningProblem, task: PlanningTask, plan: Plan
+) -> None:
+    found = plan_document(json.loads(json.dumps(plan_dictionary(plan, task, 0.5))))
+    assert found.obstacles is not None
+    names = [one.id for one in found.obstacles]
+    assert sorted(names) == sorted(one.id for one in problem.obstacles)
+    assert {digest_of(one) for one in found.obstacles} == {
+        digest_of(one) for one in problem.obstacles
+    }
+    assert found.scene.target_body is not None
+    assert digest_of(found.scene.target_body) == digest_of(body_of(problem))
+
+
+def test_a_scenario_keeps_bodies_and_a_digest_tells_them_apart(
+    task: PlanningTask, problem: PlanningProblem, tmp_path: Path
+) -> None:
+    write_scenario(task, tmp_path / "again.yaml")
+    again = load_task(tmp_path / "again.yaml", Defaults(SETTINGS))
+    assert again.digest == task.digest
+    assert digest_of(scene_of(again.problem)) == digest_of(scene_of(problem))
+    digests = {digest_of(one) for one in problem.obstacle_bodies}
+    assert len(digests) == len(problem.obstacle_bodies)
+    assert not any(isinstance(one, Sphere) for one in problem.obstacle_bodies)
+
+
+def test_a_table_of_a_bag_with_bodies_is_as_of_any(bag: Path, tmp_path: Path) -> None:
+    export_npz(bag, tmp_path / "plans.npz")
+    with np.load(tmp_path / "plans.npz") as arrays:
+        assert any(name.startswith("bag/") for name in arrays)
+    assert any("/obstacle_bodies" in line for line in info(bag))
