@@ -7,14 +7,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Duration
-from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import (
     ChaserState,
     ObstacleSphereArray,
@@ -53,7 +51,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     state_from_message,
     target_body_from_message,
 )
-from ff_planner_ros.ros.messages.interfaces import ACTION
+from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.qos import EVENT_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
@@ -198,7 +196,7 @@ class Watcher:
 
     def tell_goal(self) -> None:
         """Tell that the planner was asked."""
-        self._events.goal_received(SimpleNamespace(goal_id=UUID(), request=PlanTrajectory.Goal()))
+        self._events.goal_received(SEND_GOAL.Request(goal_id=UUID()))
 
     def tell_result(self, status: Status, *plans: JointTrajectory, **inputs: Any) -> None:
         """Tell what the planner answered, and what that was made from."""
@@ -207,8 +205,7 @@ class Watcher:
             plans=[Plan(joint_trajectory=one) for one in plans],
             inputs=PlanInputs(**inputs),
         )
-        result = PlanTrajectory.Result(answer=answer)
-        self._events.result_sent(SimpleNamespace(goal_id=UUID(), status=4), result)
+        self._events.result_sent(GET_RESULT.Request(goal_id=UUID()), 4, answer)
 
     def state_number(self, number: int) -> ChaserState:
         """Return a state by its number, as soon as it has come."""
