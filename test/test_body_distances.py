@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import coal
@@ -321,3 +323,26 @@ def test_the_core_knows_where_spheres_are_that_are_fixed_to_a_tumbling_body(seed
         0.6,
         f"seed {seed}",
     )
+
+
+ASKED_FIRST = """
+import coal, numpy as np, pinocchio as pin, sys
+from ff_planner_ros.robot.collision import bodies
+def distance(one, other, turn):
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    request.gjk_tolerance = 1e-8
+    there = coal.Transform3s(turn, np.array([3.0, 2.0, 1.0]))
+    return coal.distance(one, coal.Transform3s(), other, there, request, result)
+box, tube = coal.Box(1.0, 1.0, 1.0), coal.Cylinder(0.2, 0.5)
+distance(tube, box, pin.rpy.rpyToMatrix(*map(float, sys.argv[1:])))
+print(distance(box, box, pin.rpy.rpyToMatrix(0.4, 0.5, 0.6)).hex())
+"""
+
+
+def test_what_was_asked_of_coal_first_changes_no_distance() -> None:
+    """In processes of their own: Coal keeps along which direction it first looked in a box."""
+    found = set()
+    for turn in (("0", "0", "0"), ("0.1", "0.2", "0.3")):
+        asked = [sys.executable, "-c", ASKED_FIRST, *turn]
+        found.add(subprocess.run(asked, capture_output=True, text=True, check=True).stdout)
+    assert len(found) == 1, found
