@@ -36,6 +36,7 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.messages.service_events import recorded_name
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
@@ -160,6 +161,19 @@ def _set(client: Client, name: str, value: object) -> None:
     assert future.result().results[0].successful
 
 
+# What bags hold as messages, by its own name.
+OF_EVENTS = {
+    recorded_name(name): name
+    for name in (
+        "ff_planner_msgs/srv/PlanTrajectory_Event",
+        "ff_planner_msgs/srv/PublishPlan_Event",
+        "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event",
+        "ff_planner_msgs/action/PlanTrajectory_GetResult_Event",
+        "ff_planner_msgs/action/PlanTrajectory_FeedbackMessage",
+    )
+}
+
+
 def copied(bag: Path, target: Path, change: Callable[[Message], bytes | None]) -> Path:
     """Copy a bag; messages are changed, or left out where the change is None."""
     with open_bag(bag) as source, BagWriter(target, flush_interval=0.0) as copy:
@@ -169,7 +183,7 @@ def copied(bag: Path, target: Path, change: Callable[[Message], bytes | None]) -
             if name != "rosbag2":
                 copy.add_record(name, record)
         for topic in source.topics.values():
-            copy.add_topic(topic.name, topic.type_name, [])
+            copy.add_topic(topic.name, OF_EVENTS.get(topic.type_name, topic.type_name), [])
         for message in source.messages():
             cdr = change(message)
             if cdr is not None:
