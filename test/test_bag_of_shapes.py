@@ -25,10 +25,13 @@ from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.ros.client import request_of_scenario
+from ff_planner_ros.ros.messages.from_messages import scene_from_message, target_body_from_message
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
+FRAME = "inertial"
 SETTINGS = load_parameters().planner
 
 
@@ -120,3 +123,15 @@ def test_a_table_of_a_bag_with_bodies_is_as_of_any(bag: Path, tmp_path: Path) ->
     with np.load(tmp_path / "plans.npz") as arrays:
         assert any(name.startswith("bag/") for name in arrays)
     assert any("/obstacle_bodies" in line for line in info(bag))
+
+
+def test_a_scenarios_bodies_are_brought_as_they_are(tmp_path: Path) -> None:
+    problem = capture_among_bodies(tumbling.problem("tumbling", 0))
+    write_scenario(PlanningTask(problem, SETTINGS), tmp_path / "capture.yaml")
+    bring = ("state", "obstacles", "target_body")
+    request = request_of_scenario(tmp_path / "capture.yaml", FRAME, bring)
+    found = scene_from_message(request.scene[0], FRAME)
+    free = [one for one in problem.obstacles if one.body is None]
+    assert [digest_of(one) for one in found] == [digest_of(one) for one in free]
+    body = target_body_from_message(request.target_body[0], FRAME)
+    assert digest_of(body) == digest_of(problem.target_body)

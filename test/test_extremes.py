@@ -72,7 +72,7 @@ def test_thousands_of_obstacles_are_measured_piece_by_piece(lemur: Robot) -> Non
     motion = drawn_plan(lemur, 2).trajectory
     found = distances(lemur, spheres, motion)
     few = distances(lemur, spheres[500:503], motion)
-    np.testing.assert_array_equal(found.of_sphere[:, 500:503], few.of_sphere)
+    np.testing.assert_array_equal(found.of_each[:, 500:503], few.of_each)
     assert found.closest.shape == found.time.shape
 
 

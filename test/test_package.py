@@ -68,7 +68,14 @@ FLOORS = (
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, FLOOR_OF["bench"]
 # Rooms and modules that talk to ROS; the others run where no ROS is installed.
-WITH_ROS = ("ros", "runs", "report.from_bag", "report.from_changes", "demo")
+WITH_ROS = (
+    "ros",
+    "runs",
+    "report.from_bag",
+    "report.received_scenes",
+    "report.from_changes",
+    "demo",
+)
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 ROOM_WITH_CLOCKS = "bench"
 # Files of a room, without __init__.py, and lines of a file.

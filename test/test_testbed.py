@@ -15,6 +15,7 @@ import rclpy
 from builtin_interfaces.msg import Duration
 from ff_planner_msgs.msg import (
     ChaserState,
+    ObstacleArray,
     ObstacleSphereArray,
     Plan,
     PlanAnswer,
@@ -42,11 +43,13 @@ from ff_planner_ros.demo.testbed import (
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.planning.motion.forward import carried_forward
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.messages.from_messages import (
+    bodies_from_message,
     spheres_from_message,
     state_from_message,
     target_body_from_message,
@@ -164,6 +167,7 @@ class Watcher:
         self._changed = threading.Condition()
         self.states: list[ChaserState] = []
         self.obstacles: list[ObstacleSphereArray] = []
+        self.obstacle_bodies: list[ObstacleArray] = []
         self.bodies: list[TargetBody] = []
         self.node.create_subscription(
             TargetBody, "target_body", self._keeper(self.bodies), STATE_QOS
@@ -174,6 +178,9 @@ class Watcher:
         )
         self.node.create_subscription(
             ObstacleSphereArray, "obstacles", self._keeper(self.obstacles), late
+        )
+        self.node.create_subscription(
+            ObstacleArray, "obstacle_bodies", self._keeper(self.obstacle_bodies), late
         )
         self.controller = self.node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 10)
         # What the planner tells of its action.
@@ -462,6 +469,27 @@ def test_a_target_body_waits_with_the_chaser_and_moves_from_where_it_was_seen() 
     (center,), (attitude,), _ = moved(target_body_from_message(seen, FRAME), np.array([since]))
     np.testing.assert_allclose(last.position, center, atol=1e-9)
     assert (Rotation.from_quat(last.quaternion_xyzw.copy()) * attitude.inv()).magnitude() < 1e-9
+
+
+def test_bodies_of_the_scene_wait_with_the_chaser_on_their_topic(
+    lemur_capture: PlanningProblem,
+) -> None:
+    panel = ObstacleBody(
+        "panel",
+        Solid("box", np.array([1.0, 2.0, 0.1])),
+        np.array([9.0, 0.0, 0.0]),
+        angular_velocity=np.array([0.0, 0.0, 0.1]),
+    )
+    among = replace(lemur_capture, obstacles=(panel, *lemur_capture.obstacles))
+    with running_testbed(among, epoch=None) as (watcher, _):
+        watcher.wait_until(lambda: len(watcher.obstacle_bodies) > 3)
+        (seen,) = bodies_from_message(watcher.obstacle_bodies[-1], FRAME)
+        spheres = spheres_from_message(watcher.obstacles[-1], FRAME)
+    assert isinstance(seen, ObstacleBody)
+    assert (seen.angular_velocity == panel.angular_velocity).all()
+    turned = Rotation.from_quat(seen.quaternion_xyzw.copy()).as_rotvec()
+    np.testing.assert_allclose(turned, [0.0, 0.0, -0.1 * LEAD], atol=1e-9)
+    assert len(spheres) == len(lemur_capture.obstacles)
 
 
 def test_moving_obstacles_wait_with_the_chaser(lemur_capture: PlanningProblem) -> None:

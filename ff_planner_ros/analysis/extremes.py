@@ -13,11 +13,23 @@ from ff_planner_ros.planning.distance.bodies import placed_bodies, radii
 from ff_planner_ros.planning.distance.body_certificate import centers_in_base
 from ff_planner_ros.planning.distance.body_distances import sphere_bounds, sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    obstacle_bounds,
+    obstacle_distances,
+    seen_from_chaser,
+)
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.pose_motion import poses_between
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.obstacles import (
+    Obstacle,
+    ObstacleBody,
+    Sphere,
+    bodies_in,
+    spheres_in,
+)
 from ff_planner_ros.planning.requirements.clearance import link_name
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
@@ -32,16 +44,16 @@ _MOST_DISTANCES = 500_000
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """How far the robot is from every sphere over time: its bodies, or else the arm's lines."""
+    """How far the robot is from every obstacle over time: its bodies, or else the arm's lines."""
 
     time: Array  # the motion's points, and times between them; shape (times,) [s]
-    of_sphere: Array  # from the nearest segment or body; shape (times, spheres) [m]
-    nearest: NDArray[np.intp]  # which one that is; shape (times, spheres)
+    of_each: Array  # from the nearest segment or body; shape (times, obstacles) [m]
+    nearest: NDArray[np.intp]  # which one that is; shape (times, obstacles)
 
     @property
     def closest(self) -> Array:
-        """Distance to the nearest sphere; infinite without any. Shape (times,) [m]."""
-        least: Array = self.of_sphere.min(axis=1, initial=np.inf)
+        """Distance to the nearest obstacle; infinite without any. Shape (times,) [m]."""
+        least: Array = self.of_each.min(axis=1, initial=np.inf)
         return least
 
 
@@ -62,22 +74,43 @@ class Nearest:
         return f"{1e3 * self.distance:.1f} mm to {name} at {self.time:.2f} s"
 
 
-def distances(robot: Robot, obstacles: Sequence[Sphere], motion: Trajectory) -> Distances:
+def distances(robot: Robot, obstacles: Sequence[Obstacle], motion: Trajectory) -> Distances:
     """Return the distances of a motion, between its points, too."""
     time, q = _between_points(robot, motion)
     starts = np.arange(len(robot.bodies)) if robot.bodies else segments(arm_points(robot, q))
+    whole, spheres, bodies = with_bodies(robot), spheres_in(obstacles), bodies_in(obstacles)
     rows = max(1, _MOST_DISTANCES // max(1, len(starts) * len(obstacles)))
     found, which = [], []
     for k in range(0, len(time), rows):
         part = slice(k, k + rows)
         if robot.bodies:
-            distance = _of_bodies(robot, obstacles, time[part], q[part])
+            distance = _of_bodies(robot, spheres, time[part], q[part])
         else:
             lines = arm_points(robot, q[part])
-            distance = clearances(lines, time[part], starts, obstacles).distance
-        found.append(distance.min(axis=1))
-        which.append(starts[distance.argmin(axis=1)])
-    return Distances(time, np.concatenate(found), np.concatenate(which))
+            distance = clearances(lines, time[part], starts, spheres).distance
+        others = _of_shapes(whole, bodies, time[part], q[part])
+        found.append(np.hstack([distance.min(axis=1), others.min(axis=1)]))
+        which.append(np.hstack([starts[distance.argmin(axis=1)], others.argmin(axis=1)]))
+    # From spheres and bodies to the order of the obstacles
+    is_body = np.array([not isinstance(one, Sphere) for one in obstacles], bool)
+    order = np.argsort(np.argsort(is_body, kind="stable"), kind="stable")
+    return Distances(time, np.concatenate(found)[:, order], np.concatenate(which)[:, order])
+
+
+def _of_shapes(robot: Robot, obstacles: Sequence[ObstacleBody], time: Array, q: Array) -> Array:
+    """Return distances of bodies from obstacles; infinite where another body is nearer for certain.
+
+    Shape (times, bodies, obstacles) [m].
+    """
+    placed = placed_bodies(robot, q[:, 7:])
+    lowest = obstacle_bounds(robot, placed, q, time, obstacles)
+    around = np.array([one.solid.radius for one in obstacles])
+    highest = lowest + 2.0 * (radii(robot)[:, None] + around)
+    distance = np.full(lowest.shape, np.inf)
+    rows = np.nonzero(lowest <= highest.min(axis=1, keepdims=True))
+    poses = seen_from_chaser(q, time, obstacles)
+    distance[rows] = obstacle_distances(robot, placed, poses, obstacles, rows).distance
+    return distance
 
 
 def _of_bodies(robot: Robot, obstacles: Sequence[Sphere], time: Array, q: Array) -> Array:
@@ -96,18 +129,22 @@ def _of_bodies(robot: Robot, obstacles: Sequence[Sphere], time: Array, q: Array)
 
 
 def nearest(
-    robot: Robot, obstacles: Sequence[Sphere], found: Distances, sphere: int | None = None
+    robot: Robot, obstacles: Sequence[Obstacle], found: Distances, number: int | None = None
 ) -> Nearest:
     """Return where the robot comes nearest to any obstacle, or to the one of that number."""
-    if sphere is None:
-        sphere = int(found.of_sphere.min(axis=0).argmin())
-    time = int(found.of_sphere[:, sphere].argmin())
-    which = int(found.nearest[time, sphere])
+    if number is None:
+        number = int(found.of_each.min(axis=0).argmin())
+    time = int(found.of_each[:, number].argmin())
+    which, one = int(found.nearest[time, number]), obstacles[number]
+    if robot.bodies or not isinstance(one, Sphere):
+        link = with_bodies(robot).bodies[which].name
+    else:
+        link = link_name(robot, which)
     return Nearest(
-        distance=float(found.of_sphere[time, sphere]),
+        distance=float(found.of_each[time, number]),
         time=float(found.time[time]),
-        obstacle=obstacles[sphere].id,
-        link=robot.bodies[which].name if robot.bodies else link_name(robot, which),
+        obstacle=one.id,
+        link=link,
     )
 
 

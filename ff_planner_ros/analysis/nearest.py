@@ -13,7 +13,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, Sphere
 from ff_planner_ros.robot.model import Robot
 
 
@@ -32,32 +32,38 @@ class Nearest:
         return f"{self.pair}, {self.distance * 1e3:.1f} mm at {self.time:.2f} s"
 
 
-def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Sphere]) -> Nearest | None:
+def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Obstacle]) -> Nearest | None:
     """Return the least distance at the points of a plan; None: the robot has no bodies."""
     if not robot.bodies:
         return None
     q, _ = from_trajectory(robot, motion)
     times = motion.time - motion.time[0]
     data, placed, balls = robot.model.createData(), [], []
-    for centers, q_i in zip(centers_at(times, obstacles), q, strict=True):
+    others = [_places(one, times) for one in obstacles]
+    middles = [np.zeros(3) if isinstance(one, Sphere) else one.solid.center for one in obstacles]
+    for row, q_i in enumerate(q):
         pin.forwardKinematics(robot.model, data, q_i)
         places = [data.oMi[body.joint] * body.placement_in_joint for body in robot.bodies]
-        places += [pin.SE3(np.eye(3), center) for center in centers]
-        placed.append(places)
+        there = [each[row] for each in others]
+        placed.append([*places, *there])
         balls.append(
             [data.oMi[body.joint].act(body.center_in_joint) for body in robot.bodies]
-            + [place.translation for place in places[len(robot.bodies) :]]
+            + [place.act(middle) for place, middle in zip(there, middles, strict=True)]
         )
     count = len(robot.bodies)
     pairs = [*robot.pairs, *((a, count + b) for a in range(count) for b in range(len(obstacles)))]
     if not pairs:
         return None
     solids = [body.solid for body in robot.bodies]
-    solids += [coal.Sphere(sphere.radius) for sphere in obstacles]
-    names = [body.name for body in robot.bodies] + [sphere.id for sphere in obstacles]
+    names = [body.name for body in robot.bodies] + [one.id for one in obstacles]
     radii = np.array(
-        [body.radius for body in robot.bodies] + [sphere.radius for sphere in obstacles]
+        [body.radius for body in robot.bodies]
+        + [one.radius if isinstance(one, Sphere) else one.solid.radius for one in obstacles]
     )
+    solids += [
+        coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
+        for one in obstacles
+    ]
     first, second = np.array(pairs).T
     around = np.array(balls)
     apart = np.linalg.norm(around[:, first] - around[:, second], axis=-1)
@@ -73,6 +79,13 @@ def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Sphere]) -> Ne
         if found is None or distance < found.distance:
             found = Nearest(f"{names[a]}/{names[b]}", float(times[row]), distance, ends)
     return found
+
+
+def _places(one: Obstacle, times: Array) -> list[pin.SE3]:
+    """Return where an obstacle is at some times [s]."""
+    if isinstance(one, Sphere):
+        return [pin.SE3(np.eye(3), center) for center in centers_at(times, [one])[:, 0]]
+    return [pin.SE3(*pose) for pose in zip(*one.poses(times), strict=True)]
 
 
 def _measured(

@@ -22,10 +22,9 @@ from ff_planner_ros.errors import Faults, FfPlannerError, InvalidInput, NoPlanFo
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, RobustReport, SolverReport, Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
-from ff_planner_ros.planning.problem.obstacles import with_mesh_read
+from ff_planner_ros.planning.problem.obstacles import Obstacle, with_mesh_read
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
-    Sphere,
     attached,
     lasting,
 )
@@ -61,7 +60,7 @@ class PlanDocument:
     # Of joint path length, chaser attitude and duration; None: the dictionary does not tell
     weights: tuple[float, ...] | None
     # What was planned around; None: the dictionary does not tell
-    obstacles: tuple[Sphere, ...] | None
+    obstacles: tuple[Obstacle, ...] | None
     scene: Scene  # as far as the dictionary tells
 
 

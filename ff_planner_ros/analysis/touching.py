@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, Sphere
 from ff_planner_ros.robot.model import Robot
 
 RATE = 1000.0  # [Hz]
 
 
-def touching(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Sphere]) -> set[str]:
+def touching(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Obstacle]) -> set[str]:
     """Return the pairs that touch somewhere along a plan: "body/body" or "body/obstacle".
 
     Args:
@@ -29,11 +29,10 @@ def touching(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Sphere]) 
     data, placed = robot.model.createData(), geometry.createData()
     found: set[str] = set()
     for time, q in configurations(robot, trajectory):
-        for sphere in obstacles:
-            if sphere.velocity.any():
-                number = geometry.getGeometryId(_obstacle(sphere))
-                center = sphere.center + time * sphere.velocity
-                geometry.geometryObjects[number].placement.translation = center
+        for one in obstacles:
+            if one.moves:
+                number = geometry.getGeometryId(_obstacle(one))
+                geometry.geometryObjects[number].placement = _place(one, time)
         pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
         if pin.computeCollisions(geometry, placed, False):
             found |= {
@@ -68,27 +67,34 @@ def configurations(robot: Robot, trajectory: Trajectory) -> Iterator[tuple[float
     )
 
 
-def _geometry(robot: Robot, obstacles: Sequence[Sphere]) -> tuple[pin.GeometryModel, list[str]]:
+def _geometry(robot: Robot, obstacles: Sequence[Obstacle]) -> tuple[pin.GeometryModel, list[str]]:
     """Return Pinocchio's model of all solids, and what its pairs are called."""
     geometry = pin.GeometryModel()
     for number, body in enumerate(robot.bodies):
         geometry.addGeometryObject(
             pin.GeometryObject(f"body {number}", body.joint, body.placement_in_joint, body.solid)
         )
-    for sphere in obstacles:
-        place = pin.SE3(np.eye(3), sphere.center)
-        ball = coal.Sphere(sphere.radius)
-        geometry.addGeometryObject(pin.GeometryObject(_obstacle(sphere), 0, place, ball))
+    for one in obstacles:
+        solid = coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
+        place = _place(one, 0.0)
+        geometry.addGeometryObject(pin.GeometryObject(_obstacle(one), 0, place, solid))
     bodies = len(robot.bodies)
     pairs = [
         *robot.pairs,
         *((body, bodies + one) for body in range(bodies) for one in range(len(obstacles))),
     ]
-    told = [body.name for body in robot.bodies] + [sphere.id for sphere in obstacles]
+    told = [body.name for body in robot.bodies] + [one.id for one in obstacles]
     for first, second in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
     return geometry, [f"{told[first]}/{told[second]}" for first, second in pairs]
 
 
-def _obstacle(sphere: Sphere) -> str:
-    return f"obstacle {sphere.id}"
+def _place(one: Obstacle, time: float) -> pin.SE3:
+    if isinstance(one, Sphere):
+        return pin.SE3(np.eye(3), one.center + one.way(time))
+    rotations, origins = one.poses(np.array([time]))
+    return pin.SE3(rotations[0], origins[0])
+
+
+def _obstacle(one: Obstacle) -> str:
+    return f"obstacle {one.id}"

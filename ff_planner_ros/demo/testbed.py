@@ -9,7 +9,13 @@ from functools import partial
 
 import numpy as np
 import pinocchio as pin
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanAnswer, TargetBody
+from ff_planner_msgs.msg import (
+    ChaserState,
+    ObstacleArray,
+    ObstacleSphereArray,
+    PlanAnswer,
+    TargetBody,
+)
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
@@ -27,6 +33,7 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE
 from ff_planner_ros.ros.messages.from_messages import joint_order
 from ff_planner_ros.ros.messages.to_messages import (
+    bodies_message,
     obstacles_message,
     state_message,
     target_body_message,
@@ -102,8 +109,13 @@ class SimulatedTestbed:
         self._system = FreeFloatingSystem(self._true, self._first, self._begin)
 
         self._obstacles = node.create_publisher(ObstacleSphereArray, "obstacles", LATCHED_QOS)
+        self._obstacle_bodies = None  # nobody needs to publish that there are none
+        if any(one.body is None for one in scenario.obstacle_bodies):
+            self._obstacle_bodies = node.create_publisher(
+                ObstacleArray, "obstacle_bodies", LATCHED_QOS
+            )
         self._publish_obstacles()
-        if any(sphere.moves for sphere in scenario.obstacles):
+        if any(one.moves for one in scenario.obstacles):
             node.create_timer(1.0 / _BODY_RATE, self._hold_obstacles)
         self._states = node.create_publisher(ChaserState, CHASER_STATE.name, STATE_QOS)
         node.create_timer(1.0 / state_rate, self._publish_state)
@@ -121,10 +133,12 @@ class SimulatedTestbed:
 
     def _publish_obstacles(self) -> None:
         stamp_ns = self._clock.now().nanoseconds
-        free = tuple(sphere for sphere in self._scenario.spheres if sphere.body is None)
+        free = tuple(one for one in self._scenario.obstacles if one.body is None)
         since_epoch = self._begin if self._stands_still() else self._seconds(stamp_ns)
         there = carried(free, since_epoch)
         self._obstacles.publish(obstacles_message(there, stamp_ns, SCENARIO_FRAME))
+        if self._obstacle_bodies is not None:
+            self._obstacle_bodies.publish(bodies_message(there, stamp_ns, SCENARIO_FRAME))
 
     def _hold_obstacles(self) -> None:
         if self._stands_still():

@@ -2,37 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from ff_planner_msgs.msg import ObstacleSphereArray, PlanAnswer, PlanRequest
-from ff_planner_msgs.msg import Scene as SceneMessage
-from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.analysis.drawing.tracking import deviations, measured_motion
 from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.publications import publications
-from ff_planner_ros.bag.reader import Bag, Message, open_bag
+from ff_planner_ros.bag.reader import Bag, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.bag.scenes import asked_scene
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
-from ff_planner_ros.messages.obstacles import spheres_of
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.goal_words import GoalKind
-from ff_planner_ros.planning.problem.obstacles import spheres_in
 from ff_planner_ros.planning.problem.problem import (
     TargetBody,
-    carried,
     with_attached,
 )
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.report.received_scenes import (
+    SCENE_TOPICS,
+    heard_on,
+    obstacles_at_start,
+    since_stamp,
+)
 from ff_planner_ros.report.run_report import (
     Report,
     ReportedPlan,
@@ -42,7 +43,9 @@ from ff_planner_ros.report.run_report import (
     robot_facts,
 )
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, InputTopic
+from ff_planner_ros.ros.inputs.input_topics import (
+    TARGET_BODY,
+)
 from ff_planner_ros.ros.messages.from_messages import (
     metrics_from_message,
     plan_from_answer,
@@ -57,7 +60,6 @@ from ff_planner_ros.runs.installed import (
     with_motion,
 )
 from ff_planner_ros.runs.measured import Window, fill_windows
-from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 
 _UNPUBLISHED = "It was asked for with plan_only, and never published: nobody executed it."
@@ -110,16 +112,17 @@ def _plans(
     plans: dict[int, ReportedPlan] = {}
     windows: dict[int, Window] = {}
     waiting: dict[int, ReportedPlan] = {}
-    scenes, unpublished = _heard(bag, found, drawn, OBSTACLES), never_published(bag, found)
-    bodies = _heard(bag, found, drawn, TARGET_BODY)
+    heard_of = {topic: heard_on(bag, found, drawn, topic) for topic in SCENE_TOPICS}
+    unpublished = never_published(bag, found)
     executed = [one for one in found if one.response and one.response.plan_id not in unpublished]
     for k in drawn:
         try:
-            scene, body = (
-                as_installed(bag.decode(heard_of[k]), topic.message_type) if k in heard_of else None
-                for heard_of, topic in ((scenes, OBSTACLES), (bodies, TARGET_BODY))
-            )
-            plans[k] = _plan(found[k], robot, scene, body)
+            received = {
+                topic.name: as_installed(bag.decode(messages[k]), topic.message_type)
+                for topic, messages in heard_of.items()
+                if k in messages
+            }
+            plans[k] = _plan(found[k], robot, received)
             if found[k] in executed:
                 windows[k] = _window(executed, executed.index(found[k]))
             else:
@@ -195,45 +198,8 @@ def reported_request(
     return found
 
 
-def _heard(
-    bag: Bag, found: Sequence[PlanExchange], drawn: Sequence[int], topic: InputTopic
-) -> dict[int, Message]:
-    """Return what was received on a topic, for the plans whose requests do not bring it."""
-    scenes: dict[int, Message] = {}
-    asked = {
-        k: found[k]
-        for k in drawn
-        for request in (found[k].request,)
-        if topic.is_used_by(PlanRequest() if request is None else request)
-    }
-    for namespace in dict.fromkeys(one.namespace for one in asked.values()):
-        here = {k: one for k, one in asked.items() if one.namespace == namespace}
-        try:
-            topics = {topic.name: input_topic(bag, topic.name, namespace)}
-        except BagError:
-            continue  # the plan says that its obstacles are not known
-        moments = [_moment(exchange, topic) for exchange in here.values()]
-        for k, what in zip(here, heard(bag, topics, moments), strict=True):
-            for message in what.get(topic.name, ()):
-                scenes[k] = message
-    return scenes
-
-
-def _moment(exchange: PlanExchange, topic: InputTopic) -> Moment:
-    stamp_ns = (
-        nanoseconds(value_at(exchange.response.inputs, topic.stamp)) if exchange.response else 0
-    )
-    stamps_ns = {topic.name: stamp_ns} if stamp_ns else {}
-    return Moment(exchange.logged_ns, stamps_ns, (topic.name,))
-
-
-def _plan(
-    exchange: PlanExchange,
-    robot: Robot,
-    spheres: ObstacleSphereArray | SceneMessage | None,
-    body_message: TargetBodyMessage | None,
-) -> ReportedPlan:
-    """Return a plan with its scene."""
+def _plan(exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]) -> ReportedPlan:
+    """Return a plan with its scene; received: messages of topics by their names."""
     answer = exchange.response
     if answer is None or not answer.plans:
         raise BagError("the bag holds no plan of it")
@@ -246,28 +212,19 @@ def _plan(
     request, told = exchange.request, Scene()
     body: TargetBody | None = None
     if request is not None:
-        spheres = request.scene[0] if request.scene else spheres
+        body_message = received.get(TARGET_BODY.name)
         body_message = request.target_body[0] if request.target_body else body_message
         told = asked_scene(request).scene
         if plan.duration:  # answers of earlier versions do not tell: their duration was given
             told = replace(told, capture_time=plan.duration)
         if request.goal.kind == GoalKind.CAPTURE and body_message is not None:
             body = target_body_from_message(body_message, body_message.header.frame_id)
-            body = body.after(_since(answer.inputs.target_body_stamp, answer))
+            body = body.after(since_stamp(answer.inputs.target_body_stamp, answer))
             told = replace(told, target_body=body)
-    obstacles = None
-    if spheres is not None:
-        obstacles = spheres_of(spheres, OBSTACLES.name)
-        obstacles = carried(obstacles, _since(answer.inputs.obstacles_stamp, answer))
-        if body is not None:
-            obstacles = spheres_in(with_attached(obstacles, body))
+    obstacles = obstacles_at_start(request, answer, received)
+    if obstacles is not None and body is not None:
+        obstacles = with_attached(obstacles, body)
     return reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told)
-
-
-def _since(stamp: Time, answer: PlanAnswer) -> float:
-    """Return the time from a stamp to the start of the plan in an answer [s]."""
-    start_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)
-    return (start_ns - nanoseconds(stamp)) / NANOSECONDS
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:

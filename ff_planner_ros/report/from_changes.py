@@ -56,7 +56,7 @@ def _plan(robot: Robot, one: ChangedAnswer) -> ReportedPlan | None:
     if not motions:
         return None
     problem = next(_problems(one))
-    return reported_plan(robot, motions, problem.spheres, scene_of(problem))
+    return reported_plan(robot, motions, problem.obstacles, scene_of(problem))
 
 
 def _motion(robot: Robot, answer: PlanAnswer) -> Trajectory:

@@ -18,7 +18,7 @@ from ff_planner_ros.analysis.extremes import (
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Orientation, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Sphere, Target
 from ff_planner_ros.report.html import element, row, table, when
 from ff_planner_ros.report.run_report import ReportedPlan
 from ff_planner_ros.robot.model import Robot
@@ -28,7 +28,7 @@ from ff_planner_ros.robot.rotation import euler_from_rotation
 _MOST_LISTED = 20
 # Of a vector's numbers that are shown.
 _DECIMALS = 6
-_OBSTACLE_COLUMNS = ("obstacle", "centre [m]", "radius [m]", "velocity [m/s]")
+_OBSTACLE_COLUMNS = ("obstacle", "place [m]", "radius or shape [m]", "velocity [m/s]")
 _NEAREST_COLUMNS = ("least distance [mm]", "at", "from")
 _JOINT_COLUMNS = ("joint", "start", "end", "margin to limits", "largest rate", "largest torque")
 
@@ -114,10 +114,10 @@ def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> El
     return table(_JOINT_COLUMNS, rows)
 
 
-def obstacle_table(robot: Robot, obstacles: Sequence[Sphere], motion: Trajectory) -> Element:
+def obstacle_table(robot: Robot, obstacles: Sequence[Obstacle], motion: Trajectory) -> Element:
     """Return a table of the obstacles that the arm comes nearest to."""
     found = distances(robot, obstacles, motion)
-    listed = np.argsort(found.of_sphere.min(axis=0), kind="stable")[:_MOST_LISTED]
+    listed = np.argsort(found.of_each.min(axis=0), kind="stable")[:_MOST_LISTED]
     rows = [row(_obstacle(robot, obstacles, found, int(sphere))) for sphere in sorted(listed)]
     made = table((*_OBSTACLE_COLUMNS, *_NEAREST_COLUMNS), rows)
     if len(listed) < len(obstacles):
@@ -134,19 +134,26 @@ def _joints_at_worst(
 
 
 def _obstacle(
-    robot: Robot, obstacles: Sequence[Sphere], found: Distances, number: int
+    robot: Robot, obstacles: Sequence[Obstacle], found: Distances, number: int
 ) -> Iterator[str | Element]:
-    sphere, least = obstacles[number], nearest(robot, obstacles, found, number)
-    yield sphere.id
-    yield _vector(sphere.center, ".3f")
-    yield f"{sphere.radius:g}"
-    yield _vector(sphere.velocity, ".4g") if sphere.velocity.any() else "at rest"
+    one, least = obstacles[number], nearest(robot, obstacles, found, number)
+    yield one.id
+    moving = _vector(one.velocity, ".4g") if one.velocity.any() else "at rest"
+    if isinstance(one, Sphere):
+        yield _vector(one.center, ".3f")
+        yield f"{one.radius:g}"
+    else:
+        yield _vector(one.position, ".3f")
+        yield one.solid.words
+        if one.angular_velocity.any():
+            moving += f", turning {_vector(np.rad2deg(one.angular_velocity), '.4g')} deg/s"
+    yield moving
     yield f"{1e3 * least.distance:.1f}"
     yield when(least.time)
     yield least.link
 
 
-def _obstacles(obstacles: Sequence[Sphere] | None) -> str:
+def _obstacles(obstacles: Sequence[Obstacle] | None) -> str:
     if obstacles is None:
         return "not known"
     if not obstacles:

@@ -17,7 +17,7 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import SolverReport, Trajectory
-from ff_planner_ros.planning.problem.problem import Sphere, Target
+from ff_planner_ros.planning.problem.problem import Obstacle, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 
@@ -28,7 +28,7 @@ class ReportedPlan:
 
     robot: Robot
     motions: Mapping[Method, Trajectory]  # as planned; or as recorded, as changed, or both
-    obstacles: tuple[Sphere, ...] | None  # None: not known
+    obstacles: tuple[Obstacle, ...] | None  # None: not known
     scene: Scene  # as far as it is known
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
     deviations: Deviations | None = None  # of the measured motion
@@ -137,7 +137,7 @@ def report_of_answer(file: Path) -> Report:
 def reported_plan(
     robot: Robot,
     motions: Mapping[Method, Trajectory],
-    obstacles: tuple[Sphere, ...] | None,
+    obstacles: tuple[Obstacle, ...] | None,
     scene: Scene,
 ) -> ReportedPlan:
     """Return a plan without measured motion; obstacles are None where they are not known."""

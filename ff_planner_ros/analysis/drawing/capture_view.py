@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Polygon
 
+from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface, outline, placed
 from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
@@ -22,6 +23,7 @@ from ff_planner_ros.planning.problem.target_body import TargetBody
 
 # So many times the arm is drawn between the start and the capture.
 _POSES = 5
+_AROUND = 48  # corners of a circle
 _GRASP = "tab:red"
 _AT_START: dict[str, Any] = {"fill": False, "linestyle": "--", "edgecolor": "0.7"}
 _AT_CAPTURE: dict[str, Any] = {"facecolor": "0.75", "edgecolor": "0.5"}
@@ -87,6 +89,12 @@ def _draw_view(
             circle = Circle(tuple(begin), sphere.radius, label=labels[0], **_AT_START)
             axes.add_patch(circle)
         axes.add_patch(Circle(tuple(end), sphere.radius, label=labels[1], **_AT_CAPTURE))
+    for one in problem.obstacle_bodies:
+        corners, _ = obstacle_surface(one, _AROUND)
+        begin, end = _seen(body, moments, placed(one, corners, moments), rides)[..., here]
+        if not rides or one.body is None:
+            axes.add_patch(Polygon(outline(begin), **_AT_START))
+        axes.add_patch(Polygon(outline(end), **_AT_CAPTURE))
     for method, motion in motions.items():
         _draw_motion(axes, problem, body, method, motion, here, rides)
     times = np.linspace(0.0, problem.duration, 50)

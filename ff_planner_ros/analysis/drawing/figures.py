@@ -95,10 +95,10 @@ def clearance_figure(problem: PlanningProblem, motions: Mapping[Method, Trajecto
     """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
-    panel = clearance_panel(problem.robot, problem.spheres, motions)
+    panel = clearance_panel(problem.robot, problem.obstacles, motions)
     _draw_panel(axes, panel)
     axes.set_xlabel("time [s]")
-    if problem.spheres:
+    if problem.obstacles:
         bottom, top = axes.get_ylim()
         bottom, top = min(bottom, -0.05 * top), max(top, -0.05 * bottom)
         axes.axhspan(bottom, 0.0, color=_FORBIDDEN, label="inside an obstacle", zorder=0)

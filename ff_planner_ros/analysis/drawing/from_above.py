@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Polygon
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface, outline, placed
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory
@@ -19,6 +20,7 @@ from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 # So many times the arm is drawn between the start and the end of a motion.
 _POSES = 6
 _OBSTACLE, _TARGET = "0.75", "tab:red"
+_AROUND = 48  # corners of a circle
 _HEADING = 0.15  # length of the line that shows the heading of chaser and target [m]
 
 
@@ -33,6 +35,14 @@ def view_from_above(problem: PlanningProblem, motions: Mapping[Method, Trajector
             end = sphere.center + way
             axes.add_patch(Circle(tuple(end[:2]), sphere.radius, fill=False, ls="--", ec=_OBSTACLE))
         axes.annotate(sphere.id, tuple(sphere.center[:2]), ha="center", va="center", fontsize=8)
+    for body in problem.obstacle_bodies:
+        corners, _ = obstacle_surface(body, _AROUND)
+        begin, end = placed(body, corners, np.array([0.0, problem.duration]))[..., :2]
+        axes.add_patch(Polygon(outline(begin), color=_OBSTACLE))
+        if body.moves:
+            axes.add_patch(Polygon(outline(end), fill=False, ls="--", ec=_OBSTACLE))
+        middle = begin.mean(axis=0)
+        axes.annotate(body.id, tuple(middle), ha="center", va="center", fontsize=8)
     for method, motion in motions.items():
         _draw_motion(axes, problem, method, motion)
     target = problem.target

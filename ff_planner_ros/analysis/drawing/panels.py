@@ -13,7 +13,7 @@ from ff_planner_ros.analysis.extremes import distances, nearest
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
@@ -112,7 +112,7 @@ CHASER_VELOCITY = (  # Fig. 5
 
 
 def clearance_panel(
-    robot: Robot, obstacles: Sequence[Sphere], motions: Mapping[Method, Trajectory]
+    robot: Robot, obstacles: Sequence[Obstacle], motions: Mapping[Method, Trajectory]
 ) -> Panel:
     """Return the distance of the arm's centre lines to the closest obstacle, the least marked.
 

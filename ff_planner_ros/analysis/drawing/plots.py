@@ -27,7 +27,7 @@ from ff_planner_ros.analysis.drawing.panels import (
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
@@ -62,7 +62,7 @@ def joint_plot(robot: Robot, motions: Mapping[Method, Trajectory]) -> go.Figure:
 
 
 def clearance_plot(
-    robot: Robot, obstacles: Sequence[Sphere], motions: Mapping[Method, Trajectory]
+    robot: Robot, obstacles: Sequence[Obstacle], motions: Mapping[Method, Trajectory]
 ) -> go.Figure:
     """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
     panel = clearance_panel(robot, obstacles, motions)

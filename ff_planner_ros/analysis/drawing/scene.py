@@ -27,7 +27,7 @@ from ff_planner_ros.analysis.drawing.surroundings import (
     drawn_goal,
     drawn_obstacles,
     near_arm,
-    sphere_at,
+    obstacle_at,
     with_gaps,
     xyz,
 )
@@ -37,7 +37,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem, Target
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
@@ -58,7 +58,7 @@ def save_scene(
     path: Path,
 ) -> None:
     """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
-    figure = scene_figure(problem.robot, problem.spheres, problem.target, motions, shown)
+    figure = scene_figure(problem.robot, problem.obstacles, problem.target, motions, shown)
     first = next(iter(motions.values()))
     figure.add_traces(list(drawn_constraints(scene_of(problem), problem.robot, first)))
     save_page(figure, ", ".join(method.label for method in motions), path)
@@ -66,7 +66,7 @@ def save_scene(
 
 def scene_figure(
     robot: Robot,
-    obstacles: Sequence[Sphere],
+    obstacles: Sequence[Obstacle],
     goal: Target,
     motions: Mapping[Method, Trajectory],
     shown: Collection[Method],
@@ -92,8 +92,8 @@ def scene_figure(
     figure = go.Figure(
         [*drawn_obstacles(near, len(obstacles)), *drawn_goal(goal, drawn[0].axis_length)]
     )
-    passing = [sphere for sphere in near if sphere.moves]
-    moving = [number for number, sphere in enumerate(near) if sphere.moves]
+    passing = [one for one in near if one.moves]
+    moving = [number for number, one in enumerate(near) if one.moves]
     for motion in drawn:
         bodies = list(_bodies(motion))
         moving += range(len(figure.data), len(figure.data) + len(bodies))
@@ -107,7 +107,7 @@ def scene_figure(
         {
             "name": f"{time:.{digits}f}",
             "data": [
-                *({"type": "mesh3d", **sphere_at(one, time, len(near))} for one in passing),
+                *({"type": "mesh3d", **obstacle_at(one, time, len(near))} for one in passing),
                 *({"type": of, **xyz(at)} for motion in drawn for of, at in _places(motion, frame)),
             ],
             "traces": moving,
@@ -149,7 +149,7 @@ class _Motion:
 
 def _motion(
     robot: Robot,
-    obstacles: Sequence[Sphere],
+    obstacles: Sequence[Obstacle],
     surface: RobotSurface,
     method: Method,
     trajectory: Trajectory,

@@ -1,4 +1,4 @@
-"""Surfaces of triangles: of spheres, boxes, cylinders, capsules and hulls, and of a whole robot.
+"""Surfaces of triangles: of spheres, boxes, cylinders, capsules, cones, hulls, and a whole robot.
 
 Corners have shape (corners, 3) [m], triangles shape (triangles, 3) with the numbers of corners.
 """
@@ -82,6 +82,15 @@ def capsule(radius: float, length: float, around: int) -> tuple[Array, Triangles
     return radius * corners + ends, triangles
 
 
+def cone(radius: float, length: float, around: int) -> tuple[Array, Triangles]:
+    """Return a cone about the z axis, its middle in the origin and its apex at +z."""
+    corners, triangles = cylinder(radius, length, around)
+    corners[around : 2 * around] = corners[-1]
+    # The upper rim is the apex: what had two corners there is none.
+    apex = (triangles >= around) & (triangles != 2 * around)
+    return corners, triangles[apex.sum(axis=1) < 2]
+
+
 def hull(solid: coal.Convex) -> tuple[Array, Triangles]:
     """Return the surface of a convex solid."""
     corners = np.array(solid.points())
@@ -113,7 +122,7 @@ def robot_surface(robot: Robot) -> RobotSurface:
 def _solids(robot: Robot) -> Iterator[tuple[tuple[Array, Triangles], pin.SE3, int]]:
     """Yield surfaces, their places in the joints that carry them, and these joints."""
     for body in robot.bodies:
-        yield _of_body(body.solid), body.placement_in_joint, body.joint
+        yield surface_of(body.solid), body.placement_in_joint, body.joint
     for shape in () if robot.bodies else link_shapes(robot.drawn_urdf):
         frame = robot.model.frames[robot.model.getFrameId(shape.link, pin.FrameType.BODY)]
         in_link = pin.SE3(np.array(shape.rotation_to_link), np.array(shape.position_in_link))
@@ -148,14 +157,19 @@ def _of_shape(shape: Shape) -> tuple[Array, Triangles]:
     return shape.sizes[0] * corners, triangles
 
 
-def _of_body(solid: coal.CollisionGeometry) -> tuple[Array, Triangles]:
+def surface_of(
+    solid: coal.CollisionGeometry, around: int = _AROUND_LINK
+) -> tuple[Array, Triangles]:
+    """Return the surface of a solid, in its own frame; around: corners of a circle."""
     if isinstance(solid, coal.Box):
         return box(tuple((2.0 * np.asarray(solid.halfSide)).tolist()))
     if isinstance(solid, coal.Cylinder):
-        return cylinder(solid.radius, 2.0 * solid.halfLength, _AROUND_LINK)
+        return cylinder(solid.radius, 2.0 * solid.halfLength, around)
     if isinstance(solid, coal.Capsule):
-        return capsule(solid.radius, 2.0 * solid.halfLength, _AROUND_LINK)
+        return capsule(solid.radius, 2.0 * solid.halfLength, around)
+    if isinstance(solid, coal.Cone):
+        return cone(solid.radius, 2.0 * solid.halfLength, around)
     if isinstance(solid, coal.Sphere):
-        corners, triangles = sphere(_AROUND_LINK)
+        corners, triangles = sphere(around)
         return solid.radius * corners, triangles
     return hull(solid)

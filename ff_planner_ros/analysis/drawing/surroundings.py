@@ -12,14 +12,18 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.drawing.solids import sphere
+from ff_planner_ros.analysis.drawing.obstacle_surfaces import (
+    around_obstacles,
+    obstacle_surface,
+    obstacle_words,
+    placed,
+)
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.problem.camera import Camera
-from ff_planner_ros.planning.problem.problem import Orientation, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Sphere, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 
@@ -37,7 +41,7 @@ _AXIS_COLOURS = ("#e41a1c", "#4daf4a", "#377eb8")
 _FAR = 2.0
 
 
-def near_arm(obstacles: Sequence[Sphere], times: Array, arms: Array) -> Sequence[Sphere]:
+def near_arm(obstacles: Sequence[Obstacle], times: Array, arms: Array) -> Sequence[Obstacle]:
     """Return the obstacles that are drawn: those near some poses of the arm, not too many.
 
     Args:
@@ -45,36 +49,37 @@ def near_arm(obstacles: Sequence[Sphere], times: Array, arms: Array) -> Sequence
         arms: Joints and end effector. Shape (poses, joints + 1, 3) [m].
     """
     length = np.linalg.norm(np.diff(arms[0], axis=0), axis=1).sum()
-    away = centers_at(times, obstacles)[:, None] - arms[:, :, None]
-    radii = np.array([one.radius for one in obstacles])
+    centers, radii = around_obstacles(obstacles, times)
+    away = centers[:, None] - arms[:, :, None]
     gaps = (np.linalg.norm(away, axis=-1) - radii).min(axis=(0, 1))
     nearest = np.argsort(gaps, kind="stable")[:_MOST_OBSTACLES]
     return [obstacles[k] for k in sorted(nearest) if gaps[k] <= _FAR * length]
 
 
-def drawn_obstacles(drawn: Sequence[Sphere], count: int) -> list[go.Mesh3d]:
-    """Draw spheres, of so many that there are."""
-    _, triangles = sphere(_meridians(len(drawn)))
+def drawn_obstacles(drawn: Sequence[Obstacle], count: int) -> list[go.Mesh3d]:
+    """Draw obstacles, of so many that there are."""
+    surfaces = [obstacle_surface(one, _meridians(len(drawn))) for one in drawn]
     left_out = f" (the nearest {len(drawn)} of {count})" if len(drawn) < count else ""
     return [
         go.Mesh3d(
-            **sphere_at(one, 0.0, len(drawn)),
+            **xyz(placed(one, corners, np.zeros(1))[0]),
             **dict(zip("ijk", triangles.T, strict=True)),
             color=_OBSTACLE,
             opacity=0.55,
             name=f"obstacles{left_out}",
             legendgroup="obstacles",
             showlegend=number == 0,
-            hovertemplate=f"{html.escape(one.id)}, radius {one.radius:g} m<extra></extra>",
+            hovertemplate=f"{html.escape(obstacle_words(one))}<extra></extra>",
+            flatshading=not isinstance(one, Sphere),
         )
-        for number, one in enumerate(drawn)
+        for number, (one, (corners, triangles)) in enumerate(zip(drawn, surfaces, strict=True))
     ]
 
 
-def sphere_at(one: Sphere, time: float, drawn: int) -> dict[str, NDArray[np.floating]]:
-    """Return the points of a sphere's surface at a time [s], one of so many that are drawn."""
-    corners, _ = sphere(_meridians(drawn))
-    return xyz(one.center + one.way(time) + one.radius * corners)
+def obstacle_at(one: Obstacle, time: float, drawn: int) -> dict[str, NDArray[np.floating]]:
+    """Return the points of an obstacle's surface at a time [s], one of so many that are drawn."""
+    corners, _ = obstacle_surface(one, _meridians(drawn))
+    return xyz(placed(one, corners, np.array([time]))[0])
 
 
 def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:

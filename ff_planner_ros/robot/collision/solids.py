@@ -68,6 +68,13 @@ class Solid:
         object.__setattr__(self, "sizes", sizes)
         object.__setattr__(self, "corners", frozen(self.corners))
 
+    @property
+    def words(self) -> str:
+        """Kind and sizes, or number of corners [m]."""
+        if self.kind == MESH:
+            return f"mesh of {len(self.corners)} corners"
+        return f"{self.kind} {' x '.join(format(size, 'g') for size in self.sizes.tolist())}"
+
     @cached_property
     def geometry(self) -> coal.CollisionGeometry:
         """The solid as Coal holds it."""

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_poses, obstacle_surface
 from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
 from ff_planner_ros.analysis.drawing.surroundings import constraint_lines
 from ff_planner_ros.analysis.nearest import Nearest, nearest
@@ -16,6 +17,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, attached
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.box import uniform_box
@@ -35,6 +37,7 @@ _CHASER_PATH = (0.0, 0.62, 0.45, 1.0)
 _ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
 _BODIES, _NEAREST = (0.80, 0.47, 0.65), (0.84, 0.0, 0.0, 1.0)
 _TEXT_HEIGHT = 0.08  # [m]
+_AROUND = 24  # corners of a circle
 
 
 def plan_markers(
@@ -47,14 +50,14 @@ def plan_markers(
 
     The first marker deletes all that were drawn before. Namespaces: `obstacles`,
     `end_effector_path`, `chaser_path`, `arm` and `chaser`; ids count from 0 in each, in the order
-    of the spheres and of time. A robot with shapes has `bodies`, too, instead of the chaser's box
+    of the obstacles and of time. A robot with shapes has `bodies`, too, instead of the chaser's box
     if the chaser has one of them; and `nearest`, a line and words where they come nearest. An
     obstacle that moves is drawn where it is at the first point, and its way is `obstacle_path`. Of
-    a body that is captured there are `grasp_path`, and in `target_body` the spheres that are fixed
-    to it, at the times of the arm. What the end effector keeps on its way to the goal has the
+    a body that is captured there are `grasp_path`, and in `target_body` what is fixed to it, at
+    the times of the arm. What the end effector keeps on its way to the goal has the
     namespaces of `constraint_lines`.
     """
-    obstacles, body = scene.spheres, scene.target_body
+    obstacles, body = scene.obstacles, scene.target_body
     motion, end = plan.trajectory, float(plan.trajectory.time[-1])
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
     opacities = np.linspace(_FAINT, _SOLID, SNAPSHOTS).tolist()
@@ -70,14 +73,15 @@ def plan_markers(
     markers = [
         Marker(action=Marker.DELETEALL),
         *(
-            _solid("obstacles", Marker.SPHERE, s.center.tolist(), [2 * s.radius] * 3, _OBSTACLE)
-            for s in obstacles
-            if s.body is None
+            marker
+            for one in obstacles
+            if one.body is None
+            for marker in _obstacle("obstacles", one, np.zeros(1), [_OBSTACLE])
         ),
         *(
-            _line("obstacle_path", np.array([s.center, s.center + s.way(end)]), _PATH_WIDTH, _WAY)
-            for s in obstacles
-            if s.body is None and s.moves
+            _line("obstacle_path", obstacle_poses(one, np.array([0.0, end]))[1], _PATH_WIDTH, _WAY)
+            for one in obstacles
+            if one.body is None and one.moves
         ),
         *(_target_body(body, motion.time, shown, opacities) if body is not None else ()),
         *(_lines(name, lines) for name, lines in constraint_lines(scene, robot, motion).items()),
@@ -111,11 +115,28 @@ def _target_body(
 ) -> Iterator[Marker]:
     """Draw the way of a body's grasp, and what is fixed to it at some of the times."""
     yield _line("grasp_path", body.grasp(times).positions, _PATH_WIDTH, _GRASP_PATH)
-    centers = np.array([sphere.center for sphere in body.spheres]).reshape(-1, 3)
-    for places, opacity in zip(body.places(centers, times[shown]), opacities, strict=True):
-        for sphere, place in zip(body.spheres, places.tolist(), strict=True):
-            colour, edges = (*_TARGET, opacity), [2 * sphere.radius] * 3
-            yield _solid("target_body", Marker.SPHERE, place, edges, colour)
+    colours = [(*_TARGET, opacity) for opacity in opacities]
+    drawn = [list(_obstacle("target_body", one, times[shown], colours)) for one in attached(body)]
+    for at_one_time in zip(*drawn, strict=True):
+        yield from at_one_time
+
+
+def _obstacle(
+    namespace: str, one: Obstacle, times: Array, colours: Sequence[Sequence[float]]
+) -> Iterator[Marker]:
+    """Draw an obstacle at some times."""
+    rotations, origins = obstacle_poses(one, times)
+    turns = Rotation.from_matrix(rotations).as_quat().tolist()
+    for place, turn, colour in zip(origins.tolist(), turns, colours, strict=True):
+        if isinstance(one, Sphere):
+            yield _solid(namespace, Marker.SPHERE, place, [2 * one.radius] * 3, colour)
+        elif one.solid.kind == "box":
+            yield _solid(namespace, Marker.CUBE, place, one.solid.sizes, colour, turn)
+        else:
+            corners, triangles = obstacle_surface(one, _AROUND)
+            marker = _surface(namespace, corners[triangles], colour)
+            marker.pose = pose_message(place, turn)
+            yield marker
 
 
 def _lines(namespace: str, lines: Array) -> Marker:
