@@ -20,15 +20,18 @@ from rclpy.action import CancelResponse, GoalResponse
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
-from ros_processes import Scene, private_domain
+from ros_processes import FRAME, Scene, private_domain
 from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.motion.watch import Budget
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.interfaces import SEND_GOAL
+from ff_planner_ros.ros.messages.to_messages import bodies_message
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.requests.planning_service import PlanningService
@@ -253,3 +256,36 @@ def test_the_first_request_waits_for_obstacles_that_may_come_and_no_longer(
 
         monkeypatch.setattr(scenes, "may_come", comes)
         assert answer(answering, request).status.code == Status.COLLISION
+
+
+def test_the_first_request_waits_for_bodies_that_are_on_their_way_but_not_beside_its_own_scene(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody needs to publish them: planned without, those that come a moment later are hit."""
+    request, asked = Scene(lemur_capture).complete_request(), list[str]()
+    panel = ObstacleBody("panel", Solid("box", np.ones(3)), np.array([30.0, 0.0, 0.0]))
+    with service(lemur_capture, monkeypatch) as (answering, worker, _):
+        worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
+        scenes = answering._scenes
+        scenes.keep(Scene(lemur_capture).obstacles())
+
+        def bodies_may_come() -> bool:
+            asked.append("bodies")
+            return len(asked) < 3
+
+        monkeypatch.setattr(scenes, "bodies_may_come", bodies_may_come)
+        assert answer(answering, request).status.code == Status.COLLISION
+        assert asked == []
+        request.scene = []
+
+        def may_come() -> bool:
+            array = bodies_message((panel,), 0, FRAME)
+            scenes.callbacks()["obstacle_bodies"](array)
+            asked.append("may")
+            return False
+
+        monkeypatch.setattr(scenes, "may_come", may_come)
+        assert answer(answering, request).status.code == Status.COLLISION
+        assert asked == ["bodies", "may", "bodies"]
+        task = worker.solve.call_args.args[0]
+        assert [one.id for one in task.problem.obstacle_bodies] == ["panel"]

@@ -43,6 +43,7 @@ def plan_rows(
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
         *([] if plan.robust is None else [("robust", plan.robust.told(metrics.joint_path_length))]),
         *([("parametrisation", plan.family)] if plan.family else []),
+        *(("note", note) for note in plan.notes),
         ("solver", solver.stop_reason),
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),

@@ -96,14 +96,14 @@ class Plan:
     # The step at which the search was ended: with it, a task gives this plan again; zero: the
     # search came to its end
     effort: int = 0
+    notes: tuple[str, ...] = ()  # on what it was made among
 
     @property
     def message(self) -> str:
-        """Why the search ended, and what a robust plan keeps back at which price."""
-        reason = self.solver.stop_reason
-        if self.robust is None:
-            return reason
-        return f"{reason}; {self.robust.told(self.metrics.joint_path_length)}"
+        """Why the search ended, what a robust plan keeps back at which price, and notes."""
+        robust = self.robust
+        kept = [] if robust is None else [robust.told(self.metrics.joint_path_length)]
+        return "; ".join([self.solver.stop_reason, *kept, *self.notes])
 
     def __post_init__(self) -> None:
         """Make the decision variables read-only."""

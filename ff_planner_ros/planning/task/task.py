@@ -35,6 +35,7 @@ from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
 from ff_planner_ros.planning.task.controller_rules import Command, Controller, require_acceptable
 from ff_planner_ros.planning.task.digest import digest_of
+from ff_planner_ros.planning.task.notes import hull_notes
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour, with_tail
 from ff_planner_ros.robot.state import SystemState
 
@@ -211,7 +212,8 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
     steps = Steps(watch, task.effort)
     try:
         found = _performed(task, problem, steps, method, guess)
-        return frame.plan_seen_by_user(replace(found, effort=steps.ended_at))
+        notes = hull_notes(task.problem.obstacle_bodies)
+        return frame.plan_seen_by_user(replace(found, effort=steps.ended_at, notes=notes))
     except OutOfTime as end:
         refused = end.refusal or out_of_time(end)
     except NoPlanFound as found_none:

@@ -133,11 +133,18 @@ class SceneInput:
         listens = time.monotonic() - self._begun
         if not self._obstacles.is_known and listens < _DISCOVERY:
             return True
-        # Nobody needs to publish bodies: it is not waited for somebody who does.
-        due = {OBSTACLES.name: self._obstacles, OBSTACLE_BODIES.name: self._bodies}
-        return listens < _MATCHED and any(
-            self._publishers.heard(name) for name, topic in due.items() if not topic.is_known
-        )
+        is_matched = listens < _MATCHED and bool(self._publishers.heard(OBSTACLES.name))
+        return (is_matched and not self._obstacles.is_known) or self.bodies_may_come()
+
+    def bodies_may_come(self) -> bool:
+        """Whether bodies that were published before the node listened may be on their way.
+
+        Nobody needs to publish them: it is not waited for somebody who does.
+        """
+        if self._publishers is None or self._bodies.is_known:
+            return False
+        listens = time.monotonic() - self._begun
+        return listens < _MATCHED and bool(self._publishers.heard(OBSTACLE_BODIES.name))
 
     def scene(self, own: SceneMessage | None = None) -> Scene:
         """Return the obstacles: those that a request brings (`own`), or else those of the topics.

@@ -204,10 +204,13 @@ class PlanningService:
         """Read a request; the first one waits for obstacles that were published before."""
         while True:
             try:
-                return read_request(request, knowledge), knowledge.parameters
+                found = read_request(request, knowledge)
             except RequestRefused as refused:
                 if refused.status is not Status.NO_OBSTACLES or not self._scenes.may_come():
                     raise
+            else:
+                if request.scene or not self._scenes.bodies_may_come():
+                    return found, knowledge.parameters
             while self._scenes.may_come():
                 job.check()
                 time.sleep(_POLL)
@@ -310,13 +313,14 @@ class PlanningService:
     def _log_solved(self, plan: Plan, answer: PlanAnswer, what: str, requester: str) -> None:
         metrics, solver, path = answer.metrics[0], answer.solver, plan.metrics.joint_path_length
         robust = "" if plan.robust is None else f"{plan.robust.told(path)}, "
+        notes = "".join(f"{in_log(note)}, " for note in plan.notes)
         near = ", ".join(f"{label} {words}" for label, words in _clearances(answer).items())
         self._logger.info(
             f"{answer.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest Euler angle {math.degrees(metrics.max_chaser_euler):.2f} deg, "
             f"rotation {math.degrees(metrics.max_chaser_rotation):.2f} deg, "
-            f"{in_log(near)}, {robust}{solver.iterations} iterations, {solver.solve_time:.2f} s; "
-            f"{what} by {requester}"
+            f"{in_log(near)}, {robust}{notes}{solver.iterations} iterations, "
+            f"{solver.solve_time:.2f} s; {what} by {requester}"
         )
 
 
