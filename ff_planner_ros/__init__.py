@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.motion.plan import Trajectory as Trajectory
     from ff_planner_ros.planning.problem.approach import Approach as Approach
     from ff_planner_ros.planning.problem.camera import Camera as Camera
+    from ff_planner_ros.planning.problem.obstacles import ObstacleBody as ObstacleBody
     from ff_planner_ros.planning.problem.problem import DurationRange as DurationRange
     from ff_planner_ros.planning.problem.problem import Limits as Limits
     from ff_planner_ros.planning.problem.problem import Objective as Objective
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.problem.problem import Target as Target
     from ff_planner_ros.planning.problem.problem import with_capture_target as with_capture_target
     from ff_planner_ros.planning.problem.settings import PlannerSettings as PlannerSettings
+    from ff_planner_ros.planning.problem.target_body import AttachedBody as AttachedBody
     from ff_planner_ros.planning.problem.target_body import AttachedSphere as AttachedSphere
     from ff_planner_ros.planning.problem.target_body import TargetBody as TargetBody
     from ff_planner_ros.planning.scenario.scenario import Defaults as Defaults
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.task.task import PlanningTask as PlanningTask
     from ff_planner_ros.planning.task.task import perform as perform
     from ff_planner_ros.robot.collision.geometry import Geometry as Geometry
+    from ff_planner_ros.robot.collision.solids import Solid as Solid
     from ff_planner_ros.robot.model import Robot as Robot
     from ff_planner_ros.robot.model import load_robot as load_robot
     from ff_planner_ros.robot.state import SystemState as SystemState
@@ -51,9 +54,11 @@ _MODULES = {
         "DurationRange",
         "with_capture_target",
     ),
+    "planning.problem.obstacles": ("ObstacleBody",),
+    "robot.collision.solids": ("Solid",),
     "planning.problem.approach": ("Approach",),
     "planning.problem.camera": ("Camera",),
-    "planning.problem.target_body": ("TargetBody", "AttachedSphere"),
+    "planning.problem.target_body": ("TargetBody", "AttachedSphere", "AttachedBody"),
     "robot.model": ("Robot", "load_robot"),
     "robot.collision.geometry": ("Geometry",),
     "robot.state": ("SystemState",),

@@ -17,6 +17,7 @@ from campaigns import study, study_file
 from quick_capture import quick_capture
 from robots import LEMUR_SCENARIO, LEMUR_URDF
 from scipy.stats import binomtest
+from test_target_urdf import scenario_with_urdf, tetrahedron
 
 from ff_planner_ros.campaign.cases import Case, cases, require_sound
 from ff_planner_ros.campaign.changes import Change, changed
@@ -171,6 +172,24 @@ def test_a_source_is_the_task_of_its_file_without_the_file(name: str, defaults: 
     source = written(path, name, defaults)
     digest = load_task(path, defaults).digest
     assert task_of(*content(source, defaults), defaults).digest == digest == source.digest
+
+
+def test_a_source_carries_the_meshes_and_the_urdf_that_its_file_names(
+    tmp_path: Path, defaults: Defaults
+) -> None:
+    path = scenario_with_urdf(tmp_path)
+    tetrahedron(tmp_path / "client.stl")
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    mesh = {"id": "hull", "shape": {"mesh": {"file": "client.stl"}}, "position": [30.0, 0.0, 0.0]}
+    document["obstacles"].append(mesh)
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    digest = load_task(path, defaults).digest
+    source = written(path, "client", defaults)
+    for name in ("client.stl", "client/client.urdf"):
+        (tmp_path / name).unlink()
+    task = task_of(*content(source, defaults), defaults)
+    assert task.digest == digest == source.digest
+    assert [one.id for one in task.problem.obstacle_bodies][:2] == ["hull", "bus"]
 
 
 def test_a_row_tells_what_perform_answers(tmp_path: Path, defaults: Defaults) -> None:

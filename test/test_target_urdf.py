@@ -171,7 +171,7 @@ def test_a_urdf_without_mass_has_no_centre() -> None:
         _read(light, body_alone().inertia)
 
 
-def _scenario(directory: Path, **more: Any) -> Path:
+def scenario_with_urdf(directory: Path, **more: Any) -> Path:
     """Write a capture whose body has a URDF beside it."""
     task = PlanningTask(tumbling.problem("tumbling", 0), SETTINGS)
     path = directory / "capture.yaml"
@@ -187,7 +187,7 @@ def _scenario(directory: Path, **more: Any) -> Path:
     return path
 
 
-def _tetrahedron(path: Path) -> None:
+def tetrahedron(path: Path) -> None:
     """Write an STL of which the hull has more than it: a corner is cut into it."""
     points = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0.1, 0.1, 0.1)], "<f4")
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 4), (2, 3, 4), (3, 1, 4)]
@@ -199,7 +199,7 @@ def _tetrahedron(path: Path) -> None:
 def test_a_scenarios_body_has_the_shapes_of_its_urdf_and_is_written_with_them(
     tmp_path: Path,
 ) -> None:
-    scenario = _scenario(tmp_path)
+    scenario = scenario_with_urdf(tmp_path)
     body = body_of(load_scenario(scenario))
     assert [one.id for one in body.obstacles] == ["bus", "bus#2", "panel", "antenna"]
     assert body.inertia == pytest.approx(_by_pinocchio(URDF)[2].inertia, abs=1e-9)
@@ -216,11 +216,11 @@ def test_a_scenarios_body_has_the_shapes_of_its_urdf_and_is_written_with_them(
 
 
 def test_a_scenarios_urdf_may_name_meshes_beside_it(tmp_path: Path) -> None:
-    scenario = _scenario(tmp_path)
+    scenario = scenario_with_urdf(tmp_path)
     urdf = tmp_path / "client/client.urdf"
     mesh = '<mesh filename="bus.stl" scale="0.5 -0.7 0.9"/>'
     urdf.write_text(URDF.replace('<box size="1 0.8 0.6"/>', mesh), encoding="utf-8")
-    _tetrahedron(tmp_path / "client/bus.stl")
+    tetrahedron(tmp_path / "client/bus.stl")
     body = body_of(load_scenario(scenario))
     (bus,) = [one for one in body.obstacles if one.id == "bus"]
     assert isinstance(bus, AttachedBody)
@@ -255,13 +255,13 @@ def test_a_scenarios_urdf_that_cannot_be_read_is_told(
     tmp_path: Path, more: dict[str, Any], field: str, words: str
 ) -> None:
     with pytest.raises(InvalidInput) as refused:
-        load_scenario(_scenario(tmp_path, **more))
+        load_scenario(scenario_with_urdf(tmp_path, **more))
     assert any(one.field.startswith(field) for one in refused.value.faults), str(refused.value)
     assert words in str(refused.value)
 
 
 def test_without_a_urdf_the_inertia_must_be_there(tmp_path: Path) -> None:
-    scenario = _scenario(tmp_path)
+    scenario = scenario_with_urdf(tmp_path)
     document = yaml.safe_load(scenario.read_text(encoding="utf-8"))
     del document["target_body"]["urdf"]
     scenario.write_text(yaml.safe_dump(document), encoding="utf-8")

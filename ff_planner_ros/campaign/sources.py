@@ -16,7 +16,7 @@ import yaml
 from ff_planner_ros.common.yaml_file import located, read_yaml
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
-from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.scenario.scenario_writer import described_problem, write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems import bodies, scenarios
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -26,6 +26,8 @@ KINDS = (*scenarios.KINDS, BODIES)
 
 # Arms with fewer joints cannot reach a pose, those with more are for nobody.
 _ROBOT = re.compile(r"lemur|canadarm2|off7|arm([6-9]|[12][0-9]|30)")
+# Blocks of a scenario that may name files, and the keys that do.
+_IN_THE_WAY, _OF_FILES = ("obstacles", "target_body"), frozenset({"file", "urdf"})
 _MOST_FILES = 10_000  # that a pattern stands for
 # How a scenario and its URDF are called in a directory of their own.
 SCENARIO, URDF = "scenario.yaml", "scenario.urdf"
@@ -114,11 +116,20 @@ def written(path: Path, name: str, defaults: Defaults) -> Written:
     document["robot"] = {"urdf": URDF, **entry}
     if robot.geometry is Geometry.SHAPES:
         document["robot"]["geometry"] = robot.geometry.value
+    told = described_problem(task.problem)
+    document |= {key: told[key] for key in _IN_THE_WAY if _names_files(document.get(key))}
     digest = task.digest
     if task_of(document, robot.drawn_urdf, defaults).digest != digest:
         allowed = "its URDF alone must describe its robot"
         raise InvalidInput(Status.UNSUPPORTED, f"{path}: robot", "of another kind", allowed)
     return Written(name, document, robot.drawn_urdf, digest)
+
+
+def _names_files(value: Any) -> bool:
+    """Tell whether a block of a scenario names a mesh or a URDF, which no worker has."""
+    if isinstance(value, dict):
+        return not _OF_FILES.isdisjoint(value) or any(map(_names_files, value.values()))
+    return isinstance(value, list) and any(map(_names_files, value))
 
 
 def scenario_paths(field: str, named: str, directory: Path) -> list[Path]:

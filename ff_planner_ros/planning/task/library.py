@@ -114,9 +114,9 @@ class Library:
 def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     """Return what a task shares with its neighbours, and where it lies among them.
 
-    The kind is a hash of robot, objective, parametrisation, what the target leaves open, and how
-    many obstacles there are. Limits, margins and what the arm does at the end are none of it: a
-    path that breaks them is as good to begin with as another.
+    The kind is a hash of robot, objective, parametrisation, what the target leaves open, how many
+    obstacles there are, and the shapes of bodies among them. Limits, margins and what the arm does
+    at the end are none of it: a path that breaks them is as good to begin with as another.
     """
     _, problem = as_it_begins(task.problem, task.ahead, task.running)
     target, reach = problem.target, _reach(problem.robot)
@@ -127,6 +127,8 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
         target.free_axis_in_ee,
         len(problem.obstacles),
     ]
+    if problem.obstacle_bodies:
+        shared.append([one.shape for one in problem.obstacle_bodies])
     parts_of_kind = [_canonical_robot(problem.robot), *map(b"".join, map(canonical, shared))]
     kind = hashlib.sha256(b"".join(parts_of_kind)).hexdigest()[:_DIGITS]
     window, lasts = problem.durations, problem.duration
@@ -143,6 +145,12 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     for sphere in problem.spheres:
         parts += [sphere.center / reach, np.array([sphere.radius / reach])]
         parts.append(sphere.velocity * lasts / reach)
+    now = np.zeros(1)
+    for one in problem.obstacle_bodies:
+        (axes,), (origin,) = one.poses(now)
+        (twist,) = one.twists(now)
+        parts += [origin / reach, axes.ravel() / np.sqrt(2.0)]
+        parts += [twist[:3] * lasts / reach, twist[3:] * lasts]
     return kind, np.concatenate(parts)
 
 
