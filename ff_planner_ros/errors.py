@@ -209,6 +209,10 @@ class NoPlanFound(FfPlannerError):
         self.attempt = attempt  # the best, a `Plan` that is not to be executed; None: none
         self.failures = tuple(failures)  # of the best attempt; empty where they are not known
         self.effort = effort  # the step of the search that was ended; zero: it came to its end
+        # Within a search: how many candidates met each requirement, and the one that the refusal
+        # begins with, by name; empty: not known
+        self.met: Mapping[str, int] = {}
+        self.requirement = ""
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         """Pickle by constructor arguments, so that the error crosses processes."""

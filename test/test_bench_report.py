@@ -49,6 +49,7 @@ def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, 
     assert set(solved) == set(tumbling.KINDS)
     assert {row["status"] for row in figures["free moments"]} == {"SOLVED"}
     assert max(row["of_witness"] for row in figures["free moments"]) < 1.02
+    assert {row["status"] for row in figures["all features"]} == {"SOLVED"}
     assert {row["belief"] for row in figures["executions"]} == set(BELIEFS)
     assert all(
         row["shortest"] >= row["steadiest"] >= 0.9 * row["best_known"]

@@ -24,7 +24,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.search import best_moment, free_moment
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
 from ff_planner_ros.planning.search.free_moment import SOONER, moments_to_begin_at
-from ff_planner_ros.planning.search.free_search import Moment
+from ff_planner_ros.planning.search.free_search import Entrant, Moment
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 from ff_planner_ros.planning.search.planner import NOBODY
 
@@ -51,7 +51,7 @@ class Asked:
         return replace(self.plan, metrics=metrics, duration=problem.duration, family=SPLINE.value)
 
     def best(self, monkeypatch: pytest.MonkeyPatch, *promising: Moment) -> Plan:
-        monkeypatch.setattr(best_moment, "moments", lambda *_: list(promising))
+        monkeypatch.setattr(best_moment, "rounds", lambda *_: iter([list(promising)]))
         return plan_at_best_moment(self.problem, SETTINGS, NOBODY, None, self)
 
 
@@ -116,9 +116,7 @@ def test_where_a_moment_has_no_plan_the_next_one_that_has_is_found_within_a_hund
     asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch, possible_from: float
 ) -> None:
     """Later ones in larger and larger steps, none beyond the longest, then what lies between."""
-    planner = asked(
-        lambda duration: 1.0 if duration >= possible_from else math.nan, Objective(1.0, 0.0)
-    )
+    planner = asked(lambda duration: 1.0 if duration >= possible_from else math.nan)
     found = planner.best(monkeypatch, moment(8.0, 0.0))
     assert possible_from <= duration_of(found) <= 1.0101 * possible_from
     assert max(planner.tried) <= 20.0
@@ -131,10 +129,30 @@ def test_where_no_moment_promises_a_plan_the_range_is_tried_the_shortest_first(
     assert duration_of(planner.best(monkeypatch)) == 12.0
     assert planner.tried == [4.0, 8.0, 12.0]
     hopeless = asked(lambda _: math.nan)
-    with pytest.raises(NoPlanFound, match="lasts 4, 8, 12, 16, 20 s; with the last,") as refused:
+    with pytest.raises(NoPlanFound, match="lasts 4, 8, 12, 16, 20 s, nor") as refused:
         hopeless.best(monkeypatch)
     assert hopeless.tried == [4.0, 8.0, 12.0, 16.0, 20.0]
     assert "no plan of 20 s" in refused.value.constraint
+
+
+def test_the_refusal_of_a_range_begins_with_what_the_fewest_candidates_met(
+    asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A limit that one candidate in all met is harder than obstacles that eleven met."""
+    planner = asked(steps)
+
+    def refuse(problem: PlanningProblem, *_: Any) -> Plan:
+        is_short = problem.duration < 6.0
+        status = Status.COLLISION if is_short else Status.LIMIT_VIOLATED
+        refused = NoPlanFound(status, "what it lacks")
+        refused.requirement = "clearance" if is_short else "chaser_attitude"
+        refused.met = {"clearance": 10 if is_short else 1, "chaser_attitude": int(is_short)}
+        raise refused
+
+    monkeypatch.setattr(best_moment, "rounds", lambda *_: iter([]))
+    with pytest.raises(NoPlanFound, match=r"hardest to meet, with 8 s: what it lacks") as refused:
+        plan_at_best_moment(planner.problem, SETTINGS, NOBODY, None, refuse)
+    assert refused.value.status is Status.LIMIT_VIOLATED
 
 
 def test_a_search_that_is_ended_says_so(
@@ -150,19 +168,73 @@ def test_a_search_begins_all_over_the_range(asked: Callable[..., Asked]) -> None
     assert moments_to_begin_at(asked(steps, longest=4.0).problem) == [4.0]
 
 
-def test_only_moments_that_nearly_keep_everything_are_promising_and_the_best_come_first(
+class Racing:
+    """A search whose paths are worth, and violate, what its only number says after each stage."""
+
+    family = SimpleNamespace(name=SPLINE.value)
+
+    def __init__(self, *stages: tuple[float, float], duration: float = 10.0) -> None:
+        self.stages, self.begun_at, self.looked_at = list(stages), duration, 0
+
+    def duration(self, _: Any) -> float:
+        return self.begun_at
+
+    def entrant(self) -> Any:
+        return Entrant(self, np.zeros(1), 1.0)  # type: ignore[arg-type]
+
+    def further(self, entrant: Entrant, *_: Any) -> Entrant | None:
+        objective, violation = self.stages[min(self.looked_at, len(self.stages) - 1)]
+        self.looked_at += 1
+        at_x: Any = SimpleNamespace(objective=objective, violation=violation)
+        return None if math.isinf(objective) else replace(entrant, at_x=at_x)
+
+    def optimum_ahead_of(self, *_: Any) -> Moment:
+        self.looked_at += 100
+        objective, violation = self.stages[-1]
+        return moment(self.begun_at, objective, violation)
+
+
+def race(*searches: Racing) -> list[list[Moment]]:
+    entrants = [search.entrant() for search in searches]
+    return list(free_moment._race(entrants, NOBODY, best_moment.Effort()))
+
+
+def test_of_a_race_only_those_that_lead_are_brought_to_an_end_the_best_first() -> None:
+    far = Racing((0.1, 1.0))
+    worst, best, second = Racing((3.0, 0.0)), Racing((1.0, 0.0)), Racing((2.0, 0.0))
+    singular = Racing((math.inf, 0.0))
+    rounds = race(far, worst, best, singular, second)
+    assert [[one.objective for one in few] for few in rounds] == [[1.0], [2.0]]
+    assert far.looked_at == singular.looked_at == 1
+    assert worst.looked_at == 2
+
+
+def test_of_a_race_no_other_is_brought_to_an_end_before_it_is_asked_for() -> None:
+    best, second = Racing((1.0, 0.0)), Racing((2.0, 0.0))
+    entrants = [search.entrant() for search in (second, best)]
+    rounds = free_moment._race(entrants, NOBODY, best_moment.Effort())
+    assert next(rounds)[0].objective == 1.0
+    assert (best.looked_at, second.looked_at) == (102, 2)
+
+
+def test_of_a_race_paths_on_one_way_are_run_once_and_broken_ones_promise_nothing() -> None:
+    same, again = Racing((1.0, 0.0)), Racing((1.001, 0.0), duration=10.05)
+    later = Racing((1.001, 0.0), duration=12.0)
+    assert [few[0].duration for few in race(same, again, later)] == [10.0, 12.0]
+    assert race(Racing((1.0, 2.0 * PROMISING_VIOLATION))) == []
+    assert len(race(Racing((1.0, PROMISING_VIOLATION)))) == 1
+
+
+def test_where_only_the_duration_counts_what_nearly_keeps_everything_is_promising(
     asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = [
-        moment(9.0, 3.0),
-        moment(6.0, 1.0, 2.0 * PROMISING_VIOLATION),
-        moment(12.0, 2.0, PROMISING_VIOLATION),
-    ]
+    found = [moment(6.0, 1.0, 2.0 * PROMISING_VIOLATION), moment(12.0, 2.0, PROMISING_VIOLATION)]
     monkeypatch.setattr(free_moment, "_in_family", lambda *_: iter(found))
+    monkeypatch.setattr(free_moment, "_earlier", lambda *_: [moment(11.0, 1.5)])
     monkeypatch.setattr(free_moment, "require_plannable", lambda *_: None)
-    problem, effort = asked(steps, Objective(1.0, 0.0)).problem, best_moment.Effort()
-    chosen = free_moment.moments(problem, SETTINGS, NOBODY, None, effort)
-    assert [one.duration for one in chosen] == [12.0, 9.0]
+    problem, effort = asked(steps, SHORTEST).problem, best_moment.Effort()
+    (chosen,) = free_moment.rounds(problem, SETTINGS, NOBODY, None, effort)
+    assert [one.duration for one in chosen] == [11.0, 12.0, 12.0]
 
 
 def test_what_is_sooner_keeps_the_range_and_the_velocity_of_its_target(

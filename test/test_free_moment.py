@@ -261,6 +261,30 @@ def test_the_plan_is_the_one_that_is_made_if_its_duration_is_given(
         assert np.abs(there - here).max() < 2e-2, quantity
 
 
+def test_where_the_chaser_is_held_back_both_families_compete_for_a_free_duration(
+    resting: PlanningProblem,
+) -> None:
+    """The paper's paths alone take twice as long a joint path."""
+    limits = replace(resting.limits, chaser_attitude=np.deg2rad(8.0))
+    problem = free(replace(resting, limits=limits), 10.0, 14.0, Objective(1.0, 0.0))
+    papers = replace(problem, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
+    made, alone = (perform(PlanningTask(one, SETTINGS)) for one in (problem, papers))
+    assert made.family == Parametrisation.JOINT_SPLINE
+    assert made.metrics.joint_path_length < 0.98 * alone.metrics.joint_path_length
+    assert made.duration is not None
+    require_sound(lasting(problem, made.duration), made, SETTINGS)
+
+
+def test_the_refusal_of_a_range_says_what_is_hardest_to_meet(resting: PlanningProblem) -> None:
+    """Not the obstacles, which candidates of some durations were clear of."""
+    limits = replace(resting.limits, chaser_attitude=0.005)
+    problem = free(replace(resting, limits=limits), 11.0, 13.0, Objective(1.0, 0.0))
+    with pytest.raises(NoPlanFound, match=r"lasts 11, 11\.5, 12, 12\.5, 13 s") as refused:
+        perform(PlanningTask(problem, replace(SETTINGS, starts=4)))
+    assert refused.value.status is Status.LIMIT_VIOLATED
+    assert "hardest to meet" in refused.value.constraint
+
+
 def test_a_higher_weight_of_the_duration_never_makes_it_longer(resting: PlanningProblem) -> None:
     papers = replace(resting, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
     asked = [free(papers, 3.0, 15.0, Objective(1.0, 0.0, weight)) for weight in (0.0, 0.05, 1.0)]

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.bench import (
+    all_features,
     attitude,
     beliefs,
     captures,
@@ -48,6 +49,8 @@ _GEOMETRIES = 60
 _CAPTURES = 60
 # Of which the planner chooses the duration, in each range; a sweep over durations follows.
 _FASTEST = 20
+# Problems that ask for everything at once.
+_EVERYTHING = 100
 # Scenarios of each class whose plans are executed: as many as in a published check by others.
 _EXECUTED = 40
 
@@ -103,6 +106,7 @@ def _measurements(
     yield "captures", captures.measurement(count, settings)
     fastest = min(scenarios, _FASTEST)
     yield "free moments", captures.fastest_measurement(fastest, settings, quick=quick)
+    yield "all features", all_features.measurement(min(scenarios, _EVERYTHING), settings)
     yield "steadiness", attitude.measurement(1 if quick else len(attitude.BEST_KNOWN), settings)
     count = 1 if quick else min(scenarios, _EXECUTED)
     yield "executions", beliefs.measurement(count, settings)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -80,8 +82,9 @@ _SHORTEST, _LONGEST, _OFF = 0.1, 0.3, 0.3
 _FEWEST, _MOST, _SMALLEST, _LARGEST = 6, 14, 0.06, 0.3
 _CLEAR, _FROM_CHASER, _EXTENT = 0.02, 0.8, 0.5
 _AROUND = 0.2  # so far beyond the grasp there are some, too [m]
-# How fast spheres move by themselves, each way [m/s].
-_PASSING = 0.03
+# How fast spheres move by themselves, each way [m/s]. So many times as many are drawn beside the
+# arm's lines, where bodies leave no room for some of them.
+_PASSING, _TO_CHOOSE_FROM = 0.03, 4
 _CANDIDATES = 80
 _POINTS = 50
 
@@ -99,12 +102,19 @@ def problem(kind: str, number: int) -> PlanningProblem:
     robot = bench_robot(asked.robots[number % len(asked.robots)], asked.geometry)
     rng = np.random.default_rng([*kind.encode(), number])
     while True:
-        drawn = _drawn(robot, asked, rng)
+        drawn = drawn_capture(robot, asked, rng)
         if drawn is not None:
-            return drawn
+            return drawn.problem
 
 
-def _drawn(robot: Robot, kind: Kind, rng: np.random.Generator) -> PlanningProblem | None:
+class Capture(NamedTuple):
+    """A problem and what solves it."""
+
+    problem: PlanningProblem
+    witness: Witness
+
+
+def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Capture | None:
     """Draw a system, a body and a motion; None: the motion violates what a plan must keep."""
     start = _start(robot, rng)
     duration = float(rng.uniform(8.0, 15.0))
@@ -125,7 +135,11 @@ def _drawn(robot: Robot, kind: Kind, rng: np.random.Generator) -> PlanningProble
     spheres = _attached(robot, witness, swept, kind.lever[1], rng)
     if len(spheres) < _FEWEST:
         return None
-    passing = spheres_beside(robot, witness.way, witness.times, kind.passing, _PASSING, rng)
+    wanted = _TO_CHOOSE_FROM * kind.passing if swept else kind.passing
+    passing = spheres_beside(robot, witness.way, witness.times, wanted, _PASSING, rng)
+    if swept:
+        beside = (_beside_bodies(swept, one, witness.times) for one in passing)
+        passing = tuple(islice((one for one in beside if one is not None), kind.passing))
     asked = PlanningProblem(
         robot=robot,
         start=start,
@@ -137,7 +151,19 @@ def _drawn(robot: Robot, kind: Kind, rng: np.random.Generator) -> PlanningProble
         limits=Limits(joint_velocities=True),
         approach=approach,
     )
-    return with_capture_target(replace(witness.body, obstacles=spheres), asked)
+    whole = with_capture_target(replace(witness.body, obstacles=spheres), asked)
+    return Capture(whole, witness)
+
+
+def _beside_bodies(swept: Swept, passing: Sphere, times: Array) -> Sphere | None:
+    """Return a sphere that moves by itself, as large as the bodies on their way leave room for.
+
+    None: they leave too little.
+    """
+    centers = passing.center + times[:, None] * passing.velocity
+    room = sphere_gap(swept, passing, _CLEAR, centers) - _CLEAR
+    radius = passing.radius + min(room, 0.0)
+    return replace(passing, radius=radius) if radius >= _SMALLEST else None
 
 
 def _start(robot: Robot, rng: np.random.Generator) -> SystemState:
@@ -227,7 +253,7 @@ def _attached(
         swept: The robot's bodies along the witness; None: it has none.
         lever: Of the grasp at most [m]: beyond that the arm's way is beside the body.
     """
-    way, times, body = witness
+    way, times, body = witness.way, witness.times, witness.body
     points = arm_points(robot, way)
     starts, count = segments(points), int(rng.integers(_FEWEST, _MOST + 1))
     motion = body.motion(np.zeros(3), times)

@@ -71,6 +71,7 @@ class Witness(NamedTuple):
     way: Array  # configurations; shape (times, 7 + joints)
     times: Array  # shape (times,) [s]
     body: TargetBody  # at the first time
+    torques: Array  # the largest of each joint; shape (joints,) [N m]
 
 
 def witness_to_grip(
@@ -108,10 +109,10 @@ def witness_to_grip(
         else:
             return None
     way, twists = way[::finer], twists[::finer]
-    torques = joint_torques(robot, way, twists, changes)
-    if (np.abs(torques) > _OF_LIMITS * robot.effort_limits).any():
+    torques = np.abs(joint_torques(robot, way, twists, changes)).max(axis=0)
+    if (torques > _OF_LIMITS * robot.effort_limits).any():
         return None
-    return Witness(way, times, grip.body(tip(robot, way[-1])).after(-duration))
+    return Witness(way, times, grip.body(tip(robot, way[-1])).after(-duration), torques)
 
 
 def witness_along_corridor(
@@ -163,15 +164,16 @@ def witness_along_corridor(
         way.append(q)
         twists.append(velocity(2 * step + 2, q))
     rows, v = np.array(way), np.array(twists)
-    torques = joint_torques(robot, rows, v, np.gradient(v[:, 6:], dt, axis=0))
+    torques = np.abs(joint_torques(robot, rows, v, np.gradient(v[:, 6:], dt, axis=0))).max(axis=0)
     if (
         not _within_limits(robot, rows[:, 7:], v[:, 6:])
-        or (np.abs(torques) > _OF_LIMITS * robot.effort_limits).any()
+        or (torques > _OF_LIMITS * robot.effort_limits).any()
         or smallest_singular_values(robot, rows).min() < _REGULAR
     ):
         return None
     times = np.concatenate([first.times, duration - last + dt * np.arange(1, _LAST_STEPS + 1)])
-    return Witness(np.concatenate([first.way, rows[1:]]), times, body)
+    torques = np.maximum(first.torques, torques)
+    return Witness(np.concatenate([first.way, rows[1:]]), times, body, torques)
 
 
 def tip(robot: Robot, q: Array) -> pin.SE3:

@@ -19,9 +19,18 @@ _SAMPLES = np.linspace(0.0, 1.0, 50)
 _UNITS = [np.tile(row, (COMPONENTS, 1)) for row in np.eye(FREE_TERMS)]
 
 
-def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
-    """Return the same physics in another inertial frame, in which the first one is `frame`."""
+def seen_from(
+    problem: PlanningProblem, frame: pin.SE3, velocity: Array | None = None
+) -> PlanningProblem:
+    """Return the same physics in another inertial frame, in which the first one is `frame`.
+
+    Args:
+        velocity: Of the first frame in the other; `frame` is where it is at the first point of
+            the plan. Shape (3,) [m/s]. None: it rests.
+    """
     start, target, rotation = problem.start, problem.target, frame.rotation
+    drift = np.zeros(3) if velocity is None else velocity
+    window = problem.duration_range
 
     def turned(quaternion_xyzw: Array) -> Array:
         quaternion: Array = (pin.Quaternion(rotation) * pin.Quaternion(quaternion_xyzw)).coeffs()
@@ -33,23 +42,27 @@ def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
             start,
             position_chaser_in_inertial=frame.act(start.position_chaser_in_inertial),
             quaternion_chaser_to_inertial_xyzw=turned(start.quaternion_chaser_to_inertial_xyzw),
-            linear_velocity_chaser_in_inertial=rotation @ start.linear_velocity_chaser_in_inertial,
+            linear_velocity_chaser_in_inertial=rotation @ start.linear_velocity_chaser_in_inertial
+            + drift,
             angular_velocity_chaser_in_inertial=rotation
             @ start.angular_velocity_chaser_in_inertial,
         ),
         target=replace(
             target,
-            position=frame.act(target.position),
+            position=frame.act(target.position) + problem.duration * drift,
             quaternion_xyzw=turned(target.quaternion_xyzw),
-            linear_velocity=rotation @ target.linear_velocity,
+            linear_velocity=rotation @ target.linear_velocity + drift,
             angular_velocity=rotation @ target.angular_velocity,
             linear_acceleration=rotation @ target.linear_acceleration,
             angular_acceleration=rotation @ target.angular_acceleration,
         ),
         obstacles=tuple(
-            replace(s, center=frame.act(s.center), velocity=rotation @ s.velocity)
+            replace(s, center=frame.act(s.center), velocity=rotation @ s.velocity + drift)
             for s in problem.spheres
         ),
+        duration_range=None
+        if window is None
+        else replace(window, target_velocity=rotation @ window.target_velocity + drift),
     )
     body = problem.target_body
     if body is None:
@@ -58,7 +71,7 @@ def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
         body,
         position=frame.act(body.position),
         quaternion_xyzw=turned(body.quaternion_xyzw),
-        linear_velocity=rotation @ body.linear_velocity,
+        linear_velocity=rotation @ body.linear_velocity + drift,
         angular_velocity=rotation @ body.angular_velocity,
     )
     return with_capture_target(moved, seen)

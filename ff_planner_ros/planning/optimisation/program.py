@@ -210,12 +210,15 @@ class PathProgram:
         return self if margins == self.margins else replace(self, margins=margins)
 
     def met(self, at_x: PathLinearisation) -> frozenset[str]:
-        """Return the names of the requirements that a regular path keeps, margins included."""
+        """Return the names of the requirements that a regular path keeps, margins included.
+
+        Of those on demand, which have no rows yet, nothing is known.
+        """
         violated = at_x.names[at_x.constraints < -FEASIBILITY_TOLERANCE] // _NAMES
         return frozenset(
             required.name
             for number, required in enumerate(self.requirements)
-            if number not in violated
+            if number not in violated and required.name not in self.on_demand
         )
 
     def with_requirements(self, violated: frozenset[str]) -> PathProgram:

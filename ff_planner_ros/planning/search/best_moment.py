@@ -21,14 +21,20 @@ from ff_planner_ros.planning.optimisation.objectives import duration_of, plan_co
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.effort import Effort
-from ff_planner_ros.planning.search.free_moment import SOONER, moments, moments_to_begin_at
+from ff_planner_ros.planning.search.families import is_held
+from ff_planner_ros.planning.search.free_moment import (
+    SOONER,
+    moment_in_another_family,
+    moments_to_begin_at,
+    rounds,
+)
 from ff_planner_ros.planning.search.free_search import Moment
 
 # Plans a problem whose duration is given.
 Planner: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | None], Plan]
 
 # Where there is no plan at a moment, those are tried that are later by these parts of the duration.
-_LATER = (0.0, 0.005, 0.02, 0.08, 0.3, 1.0, 4.0, math.inf)
+_SOON, _LATER = (0.0, 0.02, 0.08), (0.3, 1.0, 4.0, math.inf)
 # Iterations on all points, where only the duration counts.
 _ENOUGH = 20
 # A shortest duration is known to this part of it.
@@ -89,8 +95,16 @@ def plan_at_best_moment(
     """
     effort = Effort()
     asked = _Asked(problem, settings, watch, plan, effort)
-    promising = moments(problem, settings, watch, first_guess, effort)
-    best, moment = _best_of(asked, promising)
+    best, moment, known = None, None, list[Moment]()
+    for promising in rounds(problem, settings, watch, first_guess, effort):
+        best, moment = _best_of(asked, promising, _SOON)
+        if best is not None:
+            break
+        known += promising
+    if best is None and known:
+        best, moment = _best_of(asked, known, _LATER)
+    if best and not problem.objective.only_duration and is_held(problem, settings, best):
+        best, moment = _better_in_another_family(asked, best, moment)
     if best is None:
         best = _any(asked)
     elif problem.objective.duration > 0.0 and not (
@@ -100,8 +114,28 @@ def plan_at_best_moment(
     return replace(best, solver=effort.report(best.solver))
 
 
-def _best_of(asked: _Asked, promising: Sequence[Moment]) -> tuple[Plan | None, Moment | None]:
-    """Return the best plan near moments that promise one, and its moment; the best come first."""
+def _better_in_another_family(
+    asked: _Asked, best: Plan, moment: Moment | None
+) -> tuple[Plan, Moment | None]:
+    """Return the plan that another one leads to in the family that can do more, if it is better.
+
+    Where a limit holds the chaser back, its paths are much shorter.
+    """
+    other = moment_in_another_family(asked.problem, asked.settings, asked.watch, best, asked.effort)
+    found = None if other is None else _near(asked, other, _SOON[:1])
+    if found is None or asked.worth(found) >= asked.worth(best):
+        return best, moment
+    return found, other
+
+
+def _best_of(
+    asked: _Asked, promising: Sequence[Moment], parts: Sequence[float]
+) -> tuple[Plan | None, Moment | None]:
+    """Return the best plan near moments that promise one, and its moment; the best come first.
+
+    Args:
+        parts: See `_near`.
+    """
     best: Plan | None = None
     chosen: Moment | None = None
     tried = list[Moment]()
@@ -111,19 +145,25 @@ def _best_of(asked: _Asked, promising: Sequence[Moment]) -> tuple[Plan | None, M
         if any(moment.is_like(other, _KNOWN) for other in tried):
             continue
         tried.append(moment)
-        found = _near(asked, moment)
+        found = _near(asked, moment, parts)
         if found is not None and (best is None or asked.worth(found) < asked.worth(best)):
             best, chosen = found, moment
     return best, chosen
 
 
-def _near(asked: _Asked, moment: Moment) -> Plan | None:
-    """Return the plan at a moment, or else at the next one that has a plan, if there is any."""
+def _near(asked: _Asked, moment: Moment, parts: Sequence[float]) -> Plan | None:
+    """Return the plan at a moment, or else at the next one that has a plan, if there is any.
+
+    Args:
+        parts: How much later than the moment those are that are tried, in parts of its duration.
+    """
     window = asked.problem.durations
     plan: Plan | None = None
     too_short, duration = 0.0, moment.duration
+    if parts[0]:
+        too_short = min(moment.duration * (1.0 + _SOON[-1]), window.maximum)
     alone = asked.problem.objective.only_duration and not moment.is_certain
-    for part in _LATER[:1] if alone else _LATER:
+    for part in parts[:1] if alone else parts:
         duration = min(moment.duration * (1.0 + part), window.maximum)
         found = asked.at(duration, moment.family, moment.x, 1)
         if isinstance(found, Plan):
@@ -132,7 +172,8 @@ def _near(asked: _Asked, moment: Moment) -> Plan | None:
         too_short = duration
         if duration == window.maximum:
             break
-    while plan is not None and too_short and duration > (1.0 + _KNOWN) * too_short:
+    counts = asked.problem.objective.duration > 0.0
+    while plan and counts and too_short and duration > (1.0 + _KNOWN) * too_short:
         between = math.sqrt(too_short * duration)
         found = asked.at(between, moment.family, plan.coefficients, 1)
         if isinstance(found, Plan):
@@ -154,9 +195,28 @@ def _any(asked: _Asked) -> Plan:
         if isinstance(found, Plan):
             return found
         refusals.append(found)
-    tried = ", ".join(f"{duration:g}" for duration in moments_to_begin_at(asked.problem))
-    last, why = refusals[-1], f"no plan was found that lasts {tried} s; with the last,"
-    raise NoPlanFound(last.status, f"{why} {last.constraint}", last.attempt, last.failures)
+    raise _refusal(asked, refusals)
+
+
+def _refusal(asked: _Asked, refusals: Sequence[NoPlanFound]) -> NoPlanFound:
+    """Return the error of a range without a plan: what was searched, and what is hardest to meet.
+
+    Of the refusals that is the one, of all durations, whose requirement the fewest candidates met.
+    """
+    met = asked.effort.met.copy()
+    for one in refusals:
+        met.update(one.met)
+    durations = moments_to_begin_at(asked.problem)
+    known = [pair for pair in zip(durations, refusals, strict=True) if pair[1].requirement]
+    duration, hardest = min(
+        known or [(durations[-1], refusals[-1])], key=lambda pair: met[pair[1].requirement]
+    )
+    tried = ", ".join(f"{each:g}" for each in durations)
+    why = (
+        f"no plan was found that lasts {tried} s, nor from there on with the duration free; the "
+        f"hardest to meet, with {duration:g} s: {hardest.constraint}"
+    )
+    return NoPlanFound(hardest.status, why, hardest.attempt, hardest.failures)
 
 
 def _shorten(asked: _Asked, best: Plan) -> Plan:

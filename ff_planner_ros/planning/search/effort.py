@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import Counter
+from dataclasses import dataclass, field, replace
 
 from ff_planner_ros.planning.motion.plan import SolverReport
 
@@ -14,6 +15,8 @@ class Effort:
     starts: int = 0  # initial guesses
     iterations: int = 0
     rollouts: int = 0
+    # How many paths that a solve began at met each requirement, by its name
+    met: Counter[str] = field(default_factory=Counter)
 
     def add(self, report: SolverReport) -> None:
         """Count what led to a plan."""

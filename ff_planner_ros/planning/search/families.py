@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
+import numpy as np
+
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.end_effector_polynomial import (
     PAPERS_JOINTS,
     applies,
@@ -15,9 +18,14 @@ from ff_planner_ros.planning.paths.joint_spline import joint_splines
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import Orientation, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
+from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.requirements.singular_values import is_regular
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base
+
+# A plan is held back by a limit from which it is no further away than so many times the margin.
+_AT_LIMIT = 2.0
 
 
 @lru_cache(maxsize=2)
@@ -66,3 +74,16 @@ def require_papers_paths(problem: PlanningProblem, field: str, value: str, advic
     for reason, holds in reasons.items():
         if holds:
             raise InvalidInput(Status.UNSUPPORTED, field, value, f"with {reason} {advice}")
+
+
+def is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> bool:
+    """Tell whether a plan would turn the chaser further if it might."""
+    limits, metrics = problem.limits, plan.metrics
+    return any(
+        limit - reached <= _AT_LIMIT * required.margin(problem, settings)
+        for required, limit, reached in (
+            (ChaserAttitude(), limits.chaser_attitude, metrics.max_chaser_euler),
+            (ChaserRotation(), limits.chaser_rotation, metrics.max_chaser_rotation),
+        )
+        if limit < np.inf
+    )

@@ -15,19 +15,44 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
+from typing import NamedTuple
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.optimisation.objectives import duration_of
 from ff_planner_ros.planning.paths.path_family import PathFamily
-from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, lasting
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Parametrisation,
+    PlanningProblem,
+    lasting,
+)
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.families import path_families
-from ff_planner_ros.planning.search.free_search import FreeSearch, Moment
+from ff_planner_ros.planning.search.free_search import Entrant, FreeSearch, Moment
+from ff_planner_ros.planning.search.grid_solver import SMALL_VIOLATION
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 
+
+class RaceStage(NamedTuple):
+    """How many iterations each entrant takes, and how many of them go on."""
+
+    iterations: int
+    go_on: int
+
+
+# Splines have their goal to find first.
+RACES = {
+    Parametrisation.END_EFFECTOR_POLYNOMIAL: (RaceStage(6, 4), RaceStage(10, 2)),
+    Parametrisation.JOINT_SPLINE: (RaceStage(12, 3), RaceStage(12, 2)),
+}
+# Entrants whose duration and objective differ by less than these parts are one.
+_ALIKE = 1e-2
 # Moments of the range that the search begins at, as parts of it: the shortest first.
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 # So many moments that are promising are enough to choose from.
@@ -40,14 +65,16 @@ _GLANCED_AT = 0.6
 _ANOTHER = 0.9
 
 
-def moments(
+def rounds(
     problem: PlanningProblem,
     settings: PlannerSettings,
     watch: Watch,
     first_guess: Array | None,
     effort: Effort,
-) -> list[Moment]:
-    """Return moments of the range that promise a plan, the best first.
+) -> Iterator[list[Moment]]:
+    """Yield moments of the range that promise a plan, round by round, the best of a round first.
+
+    Where only the duration counts there is one round: all that is found.
 
     Args:
         first_guess: Tried at every moment, in the family that has as many variables.
@@ -59,24 +86,134 @@ def moments(
         OutOfTime: By the watch.
     """
     begun = _plannable(problem, settings)
+    families = range(len(path_families(begun[0], settings)))
+    if problem.objective.only_duration:
+        yield _fastest(problem, begun, settings, watch, first_guess, effort)
+        return
+    lanes = [_Lane(problem, begun, number, settings, first_guess) for number in families]
+    for turn in range(max(lane.turns for lane in lanes)):
+        for lane in lanes:
+            if turn < lane.turns:
+                yield from _race(lane.entrants(), watch, effort)
+
+
+def moment_in_another_family(
+    problem: PlanningProblem, settings: PlannerSettings, watch: Watch, plan: Plan, effort: Effort
+) -> Moment | None:
+    """Return where a plan's path and duration lead to in the family that can do the most.
+
+    None: nowhere, or it is the plan's own.
+
+    Raises:
+        OutOfTime: By the watch.
+    """
+    fixed = lasting(problem, duration_of(plan))
+    groups = path_families(fixed, settings)
+    family = groups[-1][0]
+    if plan.family == family.name:
+        return None
+    q, _ = from_trajectory(problem.robot, plan.trajectory)
+    effort.starts += 1
+    search = FreeSearch(problem, fixed, family, settings)
+    moment = search.optimum(family.near(q), watch, effort)
+    return moment if moment and moment.violation <= PROMISING_VIOLATION else None
+
+
+class _Lane:
+    """Searches of one family from all moments to begin at, and the first guesses of each."""
+
+    def __init__(
+        self,
+        problem: PlanningProblem,
+        begun: Sequence[PlanningProblem],
+        number: int,
+        settings: PlannerSettings,
+        first_guess: Array | None,
+    ) -> None:
+        searches = [
+            FreeSearch(problem, fixed, way, settings)
+            for fixed in begun
+            for way in _ways(fixed, number, settings)
+        ]
+        self._guesses = [(search, _guesses(search, first_guess)) for search in searches]
+        self.turns = max(1, settings.starts // max(len(searches), 1))
+
+    def entrants(self) -> list[Entrant]:
+        """Return the next first guess of each search."""
+        return [
+            search.entrant(guess)
+            for search, guesses in self._guesses
+            for guess in islice(guesses, 1)
+        ]
+
+
+def _race(entrants: Sequence[Entrant], watch: Watch, effort: Effort) -> Iterator[list[Moment]]:
+    """Yield what promises a plan of those that lead after a few iterations each, the best first.
+
+    Those behind the first are only looked at if the caller asks for another one.
+
+    Raises:
+        OutOfTime: By the watch.
+    """
+    effort.starts += len(entrants)
+    for stage in RACES[Parametrisation(entrants[0].search.family.name)]:
+        further = [one.search.further(one, stage.iterations, watch, effort) for one in entrants]
+        leading = sorted((one for one in further if one is not None), key=_lead)
+        entrants = _unlike(leading)[: stage.go_on]
+    for one in entrants:
+        moment = one.search.optimum_ahead_of(one, watch, effort)
+        if moment is not None and moment.violation <= PROMISING_VIOLATION:
+            yield [moment]
+
+
+def _lead(entrant: Entrant) -> tuple[bool, float]:
+    """Return a key to sort by, the best first; what nearly keeps all counts as keeping it."""
+    at_x = entrant.at_x
+    if at_x is None:
+        return True, math.inf
+    is_far = not at_x.violation <= SMALL_VIOLATION
+    return is_far, at_x.violation if is_far else at_x.objective
+
+
+def _unlike(entrants: Sequence[Entrant]) -> list[Entrant]:
+    """Return entrants without those that are on the way of one before them."""
+    found = list[Entrant]()
+    for one in entrants:
+        if not any(_are_alike(one, other) for other in found):
+            found.append(one)
+    return found
+
+
+def _are_alike(one: Entrant, other: Entrant) -> bool:
+    """Tell whether two paths and their durations hardly differ."""
+    if one.at_x is None or other.at_x is None:
+        return False
+    scale = abs(other.at_x.objective)
+    return (
+        abs(one.duration - other.duration) <= _ALIKE * other.duration
+        and abs(one.at_x.objective - other.at_x.objective) <= _ALIKE * scale
+    )
+
+
+def _fastest(
+    problem: PlanningProblem,
+    begun: list[PlanningProblem],
+    settings: PlannerSettings,
+    watch: Watch,
+    first_guess: Array | None,
+    effort: Effort,
+) -> list[Moment]:
+    """Return moments that promise a plan, the soonest first."""
     found = list[Moment]()
-    only_duration = problem.objective.only_duration
-    numbers = range(len(path_families(begun[0], settings)))
     # The later a family comes, the more it can do: begin there, and give the others one chance.
-    for number in reversed(numbers) if only_duration else numbers:
-        few = replace(settings, starts=1) if found and only_duration else settings
+    for number in reversed(range(len(path_families(begun[0], settings)))):
+        few = replace(settings, starts=1) if found else settings
         in_family = _in_family(problem, begun, number, few, watch, first_guess, effort)
         promising = (moment for moment in in_family if moment.violation <= PROMISING_VIOLATION)
-        if only_duration:
-            found += islice(promising, 1)
-        else:
-            found += promising
-        # Where only the path counts, families come in the order in which they are tried.
-        if found and problem.objective.duration == 0.0:
-            break
-        if only_duration and any(one.duration == problem.durations.minimum for one in found):
+        found += islice(promising, 1)
+        if any(one.duration == problem.durations.minimum for one in found):
             break  # there is no better one
-    if found and only_duration:
+    if found:
         found += _earlier(problem, min(found, key=_worth), settings, watch, effort)
     return sorted(found, key=_worth)
 

@@ -59,6 +59,22 @@ class Moment:
 
 
 @dataclass(frozen=True, eq=False)
+class Entrant:
+    """A path and a duration on their way from a first guess to where both are at their best."""
+
+    search: FreeSearch
+    along: Array  # of path and duration, as the solver sees them
+    radius: float  # of the trust region, to go on with
+    curvature: Array | None = None  # that the solver knows until then
+    at_x: PathLinearisation | None = None  # None: not looked at yet
+
+    @property
+    def duration(self) -> float:
+        """The duration until then [s]."""
+        return self.search.duration(self.along)
+
+
+@dataclass(frozen=True, eq=False)
 class FreeSearch:
     """The search for path and duration together, from one duration and in one family."""
 
@@ -76,6 +92,11 @@ class FreeSearch:
         """Unit of the duration, as the solver sees it [s]."""
         window = self.problem.durations
         return _STRIDE * (window.maximum - window.minimum) / self._radius
+
+    def duration(self, along: Array) -> float:
+        """Return the duration that the solver's variables stand for [s]."""
+        window = self.problem.durations
+        return float(np.clip(along[-1] * self._unit, window.minimum, window.maximum))
 
     def guesses(self) -> Iterator[Array]:
         """Yield first guesses without end."""
@@ -110,16 +131,51 @@ class FreeSearch:
                 return None
         return along[:-1]
 
+    def entrant(self, guess: Array) -> Entrant:
+        """Return a first guess on its way."""
+        return Entrant(self, self._along(guess), self._radius)
+
     def optimum(self, guess: Array, watch: Watch, effort: Effort) -> Moment | None:
         """Return where path and duration together lead to from a first guess; None: nowhere."""
-        along, program, stages = self._along(guess), self._program(), list(COARSE)
+        return self.optimum_ahead_of(self.entrant(guess), watch, effort)
+
+    def further(
+        self, entrant: Entrant, iterations: int, watch: Watch, effort: Effort
+    ) -> Entrant | None:
+        """Return where a few iterations on the fewest points lead to; None: nowhere."""
+        stage, free = COARSE[0], self._free(self._program(), COARSE[0])
+        solution = minimise(
+            _watched(free, watch, effort),
+            entrant.along,
+            iterations,
+            stage.optimality,
+            stage.progress,
+            entrant.radius,
+            entrant.curvature,
+        )
+        effort.iterations += solution.iterations
+        if not solution.at_x.is_defined:
+            return None
+        return Entrant(self, solution.x, solution.radius, solution.curvature, solution.at_x)
+
+    def optimum_ahead_of(self, entrant: Entrant, watch: Watch, effort: Effort) -> Moment | None:
+        """Return where path and duration together lead to; None: nowhere."""
+        along, program, stages = entrant.along, self._program(), list(COARSE)
+        radius, curvature = entrant.radius, entrant.curvature
         while stages:
             stage = stages[0]
             free = self._free(program, stage)
             linearise = _watched(free, watch, effort)
             solution = minimise(
-                linearise, along, stage.iterations, stage.optimality, stage.progress, self._radius
+                linearise,
+                along,
+                stage.iterations,
+                stage.optimality,
+                stage.progress,
+                radius,
+                curvature,
             )
+            radius, curvature = self._radius, None
             effort.iterations += solution.iterations
             if not solution.at_x.is_defined:
                 return None
@@ -143,10 +199,15 @@ def _watched(
     free: FreeProgram, watch: Watch, effort: Effort
 ) -> Callable[[Array], PathLinearisation]:
     """Return what linearises while the watch looks on."""
+    is_initial = True
 
     def linearise(along: Array) -> PathLinearisation:
+        nonlocal is_initial
         watch.require_time()
         at_x = free.linearise(along)
+        if is_initial and at_x.is_defined:
+            effort.met.update(free.program.met(at_x))
+            is_initial = False
         effort.rollouts += 1
         watch.report(
             Progress(SEARCHING, effort.starts, effort.rollouts, at_x.objective, at_x.violation)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TypeAlias
@@ -56,7 +55,6 @@ class GridSolver:
         self.effort = Effort() if effort is None else effort
         self._solved: list[PathSolution] = []
         self._on_all_points: list[PathSolution] = []
-        self._met = Counter[str]()  # how many paths that a solve began at met each requirement
         self._best_visited: PathLinearisation | None = None
 
     @property
@@ -196,12 +194,13 @@ class GridSolver:
         if found.at_x.is_defined:
             self._on_all_points.append(found)
 
-    def best_attempt(self) -> tuple[Plan | None, list[Failure], float]:
+    def best_attempt(self) -> tuple[Plan | None, list[tuple[str, Failure]], float]:
         """Return the plan along the best path so far, and what it violates.
 
         Returns:
-            The plan, None where there is no path yet or all are singular; its failures, first what
-            the fewest initial paths met; and the time at which the best path is singular [s].
+            The plan, None where there is no path yet or all are singular; its failures with the
+            names of their requirements, first what the fewest initial paths met; and the time at
+            which the best path is singular [s].
         """
         attempts = self._on_all_points or self._solved
         if not attempts:
@@ -211,8 +210,8 @@ class GridSolver:
             return None, [], best.at_x.motion.singular_at
         plan = self._plan_along(best, None)
         named = named_failures(self.problem, plan, self.settings)
-        hardest_first = sorted(named, key=lambda one: self._met[one[0]])
-        return plan, [failure for _, failure in hardest_first], 0.0
+        hardest_first = sorted(named, key=lambda one: self.effort.met[one[0]])
+        return plan, hardest_first, 0.0
 
     def report(self, solution: PathSolution) -> SolverReport:
         """Return how a solution was found, with the effort of all until now."""
@@ -256,7 +255,7 @@ class GridSolver:
             at_x = grid.linearise(along)
             if at_x.is_defined:
                 if is_initial:
-                    self._met.update(grid.program.met(at_x))
+                    self.effort.met.update(grid.program.met(at_x))
                     is_initial = False
                 self.effort.rollouts += 1
                 progress = self._progress(phase, at_x)

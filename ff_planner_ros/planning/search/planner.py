@@ -7,8 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
-import numpy as np
-
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.check import out_of_time, refusal
@@ -27,13 +25,11 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target import conditions_of, too_many_conditions
-from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
-from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
 from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
 from ff_planner_ros.planning.search.effort import Effort
-from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.families import is_held, path_families
 from ff_planner_ros.planning.search.grid_solver import GridSolver
 from ff_planner_ros.planning.search.guided_search import Allowance, plans_from
 from ff_planner_ros.planning.search.multi_start import plans
@@ -48,8 +44,6 @@ FirstGuess: TypeAlias = Array | Remainder
 
 NOBODY = Watch()
 
-# A plan is held back by a limit from which it is no further away than so many times the margin.
-_AT_LIMIT = 2.0
 # Initial guesses towards a goal with more conditions than the arm can meet at once.
 _STARTS_OF_A_POOR_ARM = 3
 
@@ -191,7 +185,7 @@ def _plan_in_time(
             continue
         if problem.objective.chaser_attitude > 0.0:
             return _least_attitude(problem, settings, groups[-1], watch, guess, found)
-        if len(groups) > 1 and any(_is_held(problem, settings, one.plan) for one in found):
+        if len(groups) > 1 and any(is_held(problem, settings, one.plan) for one in found):
             found = [*found, *_in_family_of_more(problem, settings, groups[-1][0], watch, found)]
         return min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics)).plan
     if too_many:
@@ -247,27 +241,19 @@ def _first_plan(solver: GridSolver, first_guess: Array | None) -> Plan:
     try:
         found = next(plans(solver, first_guess), None)
     except OutOfTime as end:
-        end.refusal = out_of_time(end, *solver.best_attempt()[:2])
+        attempt, violated, _ = solver.best_attempt()
+        end.refusal = out_of_time(end, attempt, [failure for _, failure in violated])
         raise
     if found is not None:
         return found
     attempt, violated, singular_at = solver.best_attempt()
     if attempt is None:
-        raise singular_refusal(singular_at, solver.problem.duration)
-    raise refusal(attempt, violated)
-
-
-def _is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> bool:
-    """Tell whether a plan would turn the chaser further if it might."""
-    limits, metrics = problem.limits, plan.metrics
-    return any(
-        limit - reached <= _AT_LIMIT * required.margin(problem, settings)
-        for required, limit, reached in (
-            (ChaserAttitude(), limits.chaser_attitude, metrics.max_chaser_euler),
-            (ChaserRotation(), limits.chaser_rotation, metrics.max_chaser_rotation),
-        )
-        if limit < np.inf
-    )
+        refused = singular_refusal(singular_at, solver.problem.duration)
+    else:
+        refused = refusal(attempt, [failure for _, failure in violated])
+        refused.requirement = violated[0][0]
+    refused.met = solver.effort.met
+    raise refused
 
 
 def _in_family_of_more(
