@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from ff_planner_msgs.msg import PlanRequest
+from rclpy.clock import ROSClock
 from ros_processes import FRAME, Scene
 from test_planning_service import answer, service
 from test_takeover import state_on
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.errors import Status
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.ros.messages.to_messages import state_message
+from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
+from ff_planner_ros.ros.requests.lead_times import Deadline, LeadTimes
 from ff_planner_ros.ros.requests.planning_service import PlanningService
 
 NOW = 1_000 * NANOSECONDS
@@ -90,6 +96,17 @@ def test_a_plan_that_comes_too_late_for_its_start_is_none(
     assert clock.searched_on is (part < 0.0 or not asks)
     if part > 0.0:
         assert found.status.code == Status.TOO_LATE, found.status
+        assert found.status.message.startswith(
+            "the handover from run.0, 0.200 s after the request (parameter replanning.lead_time, "
+            "0.2 s), less 0.05 s for the controller (replanning.handover), was missed by 0.001 s: "
+            if continues
+            else "the start of the plan, 0.200 s after the request (parameter planning_lead_time, "
+            "0.2 s), was missed by 0.001 s: "
+        )
+        assert " s to read the request, " in found.status.message
+        assert " s to search" in found.status.message
+        name = "replanning.lead_time" if continues else "planning_lead_time"
+        assert f"; raise {name} first" in found.status.message
         assert waiting == {}
         return
     assert found.status.code == Status.SOLVED, found.status
@@ -119,3 +136,94 @@ def test_the_plan_that_runs_is_the_one_that_joints_follow_until_a_new_one_of_the
     assert waiting["run.1"].previous_plan_id == "run.0"
     assert (task.running_goal, task.ahead) == (None, pytest.approx(1.0))
     assert task.running.time[0] == pytest.approx(-4.0)
+
+
+def test_what_was_asked_for_a_time_of_its_own_is_told_to_ask_for_a_later_one(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with service(lemur_capture, monkeypatch) as (answering, worker, _):
+        clock = Clock(answering)
+        worker.solve.side_effect = solving(clock, lemur_plan, 3.5, asks=True)
+        request = request_at(lemur_capture, lemur_plan, continues=False)
+        request.start_time = time_message(NOW + 3 * NANOSECONDS)
+        found = answer(answering, request)
+    assert found.status.code == Status.TOO_LATE
+    assert found.status.message.startswith(
+        "the start of the plan, at the start_time asked for, 3.000 s after the request, was missed "
+        "by 0.500 s: "
+    )
+    assert found.status.message.endswith("; ask for a later start_time first")
+
+
+def test_where_answers_take_longer_than_the_lead_time_requests_are_answered_all_the_same(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a machine that does something else, too: each of nine was late."""
+    codes, delays = [], []
+    with service(lemur_capture, monkeypatch, **WHEN) as (answering, worker, _):
+        clock = Clock(answering)
+        begun_ns = NOW - 4 * NANOSECONDS
+        answering._output.published = PublishedPlan("run.0", lemur_plan.trajectory, begun_ns)
+        request = request_at(lemur_capture, lemur_plan, continues=True)
+        for seconds in (0.16, 0.19, 0.17, 0.18, 0.16, 0.19, 0.17, 0.18, 0.16):
+            clock.after(0.0)
+            worker.solve.side_effect = solving(clock, lemur_plan, seconds, asks=True)
+            found = answer(answering, request)
+            codes.append(found.status.code)
+            delays.append(found.inputs.handover_delay)
+    assert codes == [Status.TOO_LATE] + 8 * [Status.SOLVED]
+    assert delays[0] == ALLOWANCE
+    assert max(delays) < 0.6
+
+
+def test_the_lead_time_follows_the_share_of_answers_within_its_bounds() -> None:
+    allowed, lead = load_parameters().replanning, LeadTimes()
+    assert lead.lead_time(allowed) == allowed.lead_time
+    lead.add(0.01, Status.SOLVED)
+    assert lead.lead_time(allowed) == allowed.lead_time
+    for _ in range(20):
+        lead.add(0.4, Status.COLLISION)
+    assert lead.lead_time(allowed) == pytest.approx(1.25 * 0.4 + allowed.handover)
+    for status in (Status.CANCELLED, Status.PREEMPTED, Status.SOLVER_DIED):
+        lead.add(30.0, status)
+    assert lead.lead_time(allowed) == pytest.approx(1.25 * 0.4 + allowed.handover)
+    for _ in range(20):
+        lead.add(0.9, Status.TOO_LATE)
+    assert lead.lead_time(allowed) == allowed.longest_lead_time
+    for _ in range(20):
+        lead.add(0.05, Status.SOLVED)
+    assert lead.lead_time(allowed) == allowed.lead_time
+    strict = replace(allowed, longest_lead_time=0.0)
+    lead.add(0.9, Status.SOLVED)
+    assert lead.lead_time(strict) == allowed.lead_time
+
+
+@pytest.mark.parametrize("continues", [True, False])
+def test_the_search_knows_by_when_its_best_plan_has_to_be_there(
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+    monkeypatch: pytest.MonkeyPatch,
+    continues: bool,
+) -> None:
+    overrides = WHEN | {"planning_lead_time": ALLOWANCE}
+    out_of_time = NoPlanFound(Status.TIMED_OUT, "the time budget is used up", effort=7)
+    with service(lemur_capture, monkeypatch, **overrides) as (answering, worker, _):
+        Clock(answering)
+        worker.solve.side_effect = out_of_time
+        begun_ns = NOW - 4 * NANOSECONDS
+        answering._output.published = PublishedPlan("run.0", lemur_plan.trajectory, begun_ns)
+        found = answer(answering, request_at(lemur_capture, lemur_plan, continues))
+        _, budget, taken_up, *_ = worker.solve.call_args.args
+    latest = ALLOWANCE - (HANDOVER if continues else 0.0)
+    assert 0.0 < budget.seconds <= 0.9 * latest + (time.monotonic() - taken_up)
+    # It was not its own budget that ended it: without a clock it is planned to its end.
+    assert (found.status.code, found.effort) == (Status.TOO_LATE, 0)
+    assert "would be missed" in found.status.message
+    assert "the time budget is used up" in found.status.message
+
+
+def test_where_time_is_simulated_the_start_is_no_time_of_the_wall_clock() -> None:
+    deadline = Deadline(NANOSECONDS, "the start", "ask later")  # a second from its zero
+    simulated = ROSClock()
+    simulated._set_ros_time_is_active(True)
+    assert deadline.limited(Budget(50.0), simulated, time.monotonic()) == Budget(50.0)

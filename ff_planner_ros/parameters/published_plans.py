@@ -64,6 +64,13 @@ class ReplanningParameters:
         maximum=3600.0,
         unit="s",
     )
+    longest_lead_time: float = tunable(
+        "Where answers have taken longer, it takes over so much later, at most so long after its "
+        "request",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
     handover: float = tunable(
         "A plan that is not ready so long before the handover is refused: it must reach the "
         "controller by then",

@@ -226,6 +226,8 @@ class Session:
             target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
+            handover_lead=self._service.lead_times.lead_time(now.replanning),
+            handover_lead_asked=now.replanning.lead_time,
             solver_is_warm=self._worker.is_warm,
             namesakes=self._other_planners(),
             recorder=self._recorder.health,

@@ -111,7 +111,10 @@ def recorded_run(bag: Bag) -> RecordedRun:
                         keep[name](as_installed(bag.decode(message), kind))
                 published = _published(found[:i], exchange)
                 guess = KnownGuess(np.array(_first_guess(exchange), dtype=np.float64))
-                inputs = Knowledge(robot, parameters, states, scenes, published, now_ns, guess)
+                lead = _handover_lead(exchange)
+                inputs = Knowledge(
+                    robot, parameters, states, scenes, published, now_ns, guess, lead
+                )
         except BagError as error:
             missing = str(error)
         plan_id = exchange.response.plan_id if exchange.response is not None else ""
@@ -201,6 +204,11 @@ def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> Publis
     plan = _plan_in(last)
     before = [one for one in solved_before if one.plan_id == last.inputs.previous_plan_id]
     return replace(plan, before=_plan_in(before[-1]) if before else None)
+
+
+def _handover_lead(exchange: PlanExchange) -> float:
+    """Return how long after the request its plan took over [s]; zero: it did not."""
+    return 0.0 if exchange.response is None else exchange.response.inputs.handover_delay
 
 
 def _first_guess(exchange: PlanExchange) -> Sequence[float]:

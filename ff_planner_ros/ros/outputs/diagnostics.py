@@ -51,6 +51,8 @@ class NodeHealth:
     target_refusal: str  # why the newest one cannot be used; empty if it can
     last: LastRequest | None  # None before the first request
     solve_times: Sequence[float]  # of the last answers [s]
+    handover_lead: float  # from a request to where its plan takes over from a running one [s]
+    handover_lead_asked: float  # the parameter, which it is no less than [s]
     solver_is_warm: bool  # whether a plan can begin at once
     namesakes: Sequence[str]  # nodes that answer requests under the same name
     recorder: RecorderHealth
@@ -196,7 +198,14 @@ def _solve_time(health: NodeHealth) -> _Part:
         "answers": str(answers),
     }
     of = f"the last {answers} answers" if answers > 1 else "the only answer"
-    return OK, f"median {median:.2f} s, 95 % within {most:.2f} s, of {of}", values
+    words = f"median {median:.2f} s, 95 % within {most:.2f} s, of {of}"
+    if health.handover_lead > health.handover_lead_asked:
+        values["replanning.lead_time [s]"] = f"{health.handover_lead:.3f}"
+        words += (
+            f"; answers take longer than replanning.lead_time, {health.handover_lead_asked:g} s: a "
+            f"plan that takes over does so {health.handover_lead:.2f} s after its request"
+        )
+    return OK, words, values
 
 
 def _solver(health: NodeHealth) -> _Part:

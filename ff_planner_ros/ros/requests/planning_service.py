@@ -29,7 +29,6 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
@@ -48,6 +47,7 @@ from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
+from ff_planner_ros.ros.requests.lead_times import Deadline, LeadTimes, Stages, deadline_of
 from ff_planner_ros.ros.requests.plan_action import PlanAction
 from ff_planner_ros.ros.requests.publication import Publication
 from ff_planner_ros.ros.requests.reading import (
@@ -101,6 +101,7 @@ class PlanningService:
         self.last: LastRequest | None = None  # None before the first
         # From request to answer, of the last requests that were searched for [s].
         self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
+        self.lead_times = LeadTimes()
         self._answered = -math.inf  # when, by the monotonic clock [s]
         self._writers = ThreadPoolExecutor(_WRITERS, "writer")
 
@@ -167,7 +168,10 @@ class PlanningService:
                 provenance = Provenance(received_stamp_ns=knowledge.now_ns)
                 asked, parameters = self._read(request, knowledge, job)
                 provenance, task = asked.provenance, asked.task
-                answer = self._planned(asked, parameters, door, job, tell, begun, taken_up)
+                deadline = deadline_of(request, asked, parameters)
+                answer = self._planned(
+                    asked, parameters, deadline, door, job, tell, begun, taken_up
+                )
         except FfPlannerError as error:
             if isinstance(error, RequestRefused):
                 provenance = error.provenance
@@ -180,6 +184,9 @@ class PlanningService:
         provenance.tell(answer)
         if task is not None and answer.effort:
             answer.task_digest = task.ended_at(answer.effort).digest
+        if task is not None and task.running_goal is not None:
+            took_ns = self._clock.now().nanoseconds - provenance.received_stamp_ns
+            self.lead_times.add(took_ns / NANOSECONDS, Status(answer.status.code))
         self._tell_last(answer)
         return answer
 
@@ -225,6 +232,7 @@ class PlanningService:
             self._output.published,
             self._clock.now().nanoseconds,
             self._guesses,
+            self.lead_times.lead_time(self._parameters.current.replanning),
         )
 
     def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanAnswer:
@@ -237,25 +245,28 @@ class PlanningService:
         self,
         asked: ReadRequest,
         parameters: NodeParameters,
+        deadline: Deadline,
         door: str,
         job: Job,
         tell: Callable[[Progress], None],
         begun: float,
         taken_up: float,
     ) -> PlanAnswer:
-        latest_ns = asked.start_ns
-        if asked.task.running_goal is not None:
-            latest_ns -= round(parameters.replanning.handover * NANOSECONDS)
+        stages = Stages("to read the request", taken_up)
+        stages.begin("to search")
+        budget = deadline.limited(asked.budget, self._clock, taken_up)
 
         def check() -> None:
             job.check()
-            self._require_in_time(latest_ns)
+            deadline.require(self._clock.now().nanoseconds, stages)
 
         try:
             plan = self._worker.solve(
-                asked.task, asked.budget, taken_up, check, tell, lambda: job.ends_early
+                asked.task, budget, taken_up, check, tell, lambda: job.ends_early
             )
         except NoPlanFound as refused:
+            if refused.status is Status.TIMED_OUT and budget != asked.budget and not job.ends_early:
+                raise deadline.missed(self._clock.now().nanoseconds, stages, refused) from None
             if job.ends_early and refused.status is Status.TIMED_OUT:
                 words = f"the client of the action cancelled it: {refused}"
                 raise NoPlanFound(Status.CANCELLED, words, effort=refused.effort) from None
@@ -273,13 +284,14 @@ class PlanningService:
             takes_torques = parameters.controller.effort_interface
             return written, controller_message(written.joint_trajectory, takes_torques)
 
+        stages.begin("to write the plan")
         # Thousands of points take a second, in which the request may be given up, too.
         writing = self._writers.submit(write)
         while not wait([writing], _POLL).done:
             check()
         written, for_controller = writing.result()
         answer = answer_with_plan(plan, written, job.plan_id, time.perf_counter() - begun)
-        require_in_time(latest_ns, self._clock.now().nanoseconds)
+        deadline.require(self._clock.now().nanoseconds, stages)
         made = MadePlan(
             job.plan_id,
             plan,
@@ -299,16 +311,6 @@ class PlanningService:
             self._publication.publish(made, written, for_controller, requester)
         self._log_solved(plan, answer, "asked for" if asked.plan_only else "published", requester)
         return answer
-
-    def _require_in_time(self, start_ns: int) -> None:
-        late = (self._clock.now().nanoseconds - start_ns) / NANOSECONDS
-        if late > 0.0:
-            raise NoPlanFound(
-                Status.TOO_LATE,
-                f"the plan's start time was over {late:.3f} s before there was a plan: ask for a "
-                "later start_time, or raise the parameter planning_lead_time (with replan_active, "
-                "replanning.lead_time)",
-            )
 
     def _log_solved(self, plan: Plan, answer: PlanAnswer, what: str, requester: str) -> None:
         metrics, solver, path = answer.metrics[0], answer.solver, plan.metrics.joint_path_length

@@ -51,6 +51,7 @@ class Knowledge:
     published: PublishedPlan | None  # the last plan, which the arm may be following
     now_ns: int  # [ns]
     guesses: Guesses | None = None  # for what is tried first
+    handover_lead: float = 0.0  # as for replanning.lead_time, by what answers have taken [s]
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
         require_supported(request)
         budget = _time_budget(request, parameters)
         continues = request.replan_active
-        start_ns = _start_time(request, parameters, knowledge.now_ns, continues)
+        start_ns = _start_time(request, knowledge, continues)
         end_behaviour = _end_behaviour(request, parameters)
         measured = measured_state(request.start_state, knowledge)
         provenance = replace(
@@ -139,16 +140,15 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
         _require_after_state(start_ns, measured.stamp_ns)
         continued = None
         if continues:
-            if knowledge.published is not None:
-                provenance = replace(provenance, previous_plan_id=knowledge.published.plan_id)
+            provenance = replace(
+                provenance,
+                previous_plan_id=getattr(knowledge.published, "plan_id", ""),
+                handover_delay=(start_ns - knowledge.now_ns) / NANOSECONDS,
+            )
             continued = continued_plan(
                 knowledge.published, measured, start_ns, parameters.replanning
             )
-            provenance = replace(
-                provenance,
-                handover_delay=(start_ns - knowledge.now_ns) / NANOSECONDS,
-                splice_time=continued.splice_time,
-            )
+            provenance = replace(provenance, splice_time=continued.splice_time)
         own = request.scene[0] if request.scene else None
         scene = knowledge.scenes.moving_scene(
             own,
@@ -298,12 +298,12 @@ def _time_budget(request: PlanRequest, parameters: NodeParameters) -> Budget:
     return parameters.budget(request.objective.chaser_attitude > 0.0)
 
 
-def _start_time(
-    request: PlanRequest, parameters: NodeParameters, now_ns: int, continues: bool
-) -> int:
+def _start_time(request: PlanRequest, knowledge: Knowledge, continues: bool) -> int:
     asked_ns = time_in_ns("start_time", request.start_time)
+    parameters, now_ns = knowledge.parameters, knowledge.now_ns
     if not asked_ns:
-        kept_free = parameters.replanning.lead_time if continues else parameters.planning_lead_time
+        of_handover = max(parameters.replanning.lead_time, knowledge.handover_lead)
+        kept_free = of_handover if continues else parameters.planning_lead_time
         return now_ns + round(kept_free * NANOSECONDS)
     lead = (asked_ns - now_ns) / NANOSECONDS
     if lead < 0.0:
