@@ -25,6 +25,7 @@ from reference_velocity_map import VelocityMap, stacked
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled, velocity_map
+from ff_planner_ros.core.conversions import sphere_arrays
 from ff_planner_ros.planning.distance import clearance, search_certificate
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
@@ -50,7 +51,6 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPat
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.paths.path_family import JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.paths.polynomial import EndEffectorPolynomial
-from ff_planner_ros.planning.problem.obstacles import sphere_arrays
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.requirements import body_rows, singular_values
 from ff_planner_ros.robot.model import Robot

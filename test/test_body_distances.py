@@ -21,7 +21,7 @@ from robots import random_state
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, sphere_arrays, spheres_of
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import centers_in_base
 from ff_planner_ros.planning.distance.body_distances import (
@@ -32,7 +32,6 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.problem.obstacles import sphere_arrays
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot

@@ -166,3 +166,12 @@ def test_what_is_grasped_may_be_touched_near_the_goal_and_nowhere_else() -> None
     away = replace(wall, position=body_placements(robot, q)[-1].translation)
     elsewhere = deepest_contact(replace(may, obstacles=(away,)), q)
     assert elsewhere is not None
+
+
+def test_a_body_that_turns_further_than_anybody_can_foretell_is_refused_by_name() -> None:
+    problem = bodies.problem("arm6", 0).problem
+    rate = 999.0 / problem.duration
+    panel = ObstacleBody("panel", SOLIDS["box"], np.full(3, 50.0), angular_velocity=[0, 0, rate])
+    replace(problem, obstacles=(panel,))
+    with pytest.raises(InvalidInput, match=r"obstacles\[panel\].angular_velocity is .*too far"):
+        replace(problem, obstacles=(replace(panel, angular_velocity=[0, 1.01 * rate, 0]),))

@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere, sphere_arrays
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Base, Robot
@@ -137,6 +137,21 @@ def target_of(target: Target) -> compiled.Target:
         axis,
         axes[1:],
     )
+
+
+def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
+    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m].
+
+    They are read-only: a search asks for them again and again.
+    """
+    return _sphere_arrays(tuple(spheres))
+
+
+@lru_cache(maxsize=8)
+def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
+    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
+    velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
+    return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
 
 
 def spheres_of(spheres: Sequence[Sphere], until: float) -> compiled.Spheres:

@@ -17,8 +17,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import chain_of, spheres_of
-from ff_planner_ros.planning.problem.obstacles import sphere_arrays
+from ff_planner_ros.core.conversions import chain_of, sphere_arrays, spheres_of
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.kinematics import joint_frames
 from ff_planner_ros.robot.model import Robot

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar, TypeAlias, TypeVar
 
@@ -19,7 +19,12 @@ from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import one_of_parts, part
 from ff_planner_ros.common.forms import NAME, QUATERNION, Form, a_number, a_vector
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import (
+    MOST_TURNS,
+    AttachedBody,
+    AttachedSphere,
+    TargetBody,
+)
 from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
@@ -231,6 +236,24 @@ class ObstacleBody:
         return replace(self, position=positions[0], quaternion_xyzw=turned)
 
 
+def require_foretold(obstacles: Sequence[ObstacleBody], until: float) -> None:
+    """Refuse a body that turns by itself too far until a time [s].
+
+    Raises:
+        InvalidInput: It names the body's angular velocity.
+    """
+    for one in obstacles:
+        turns = float(np.linalg.norm(one.angular_velocity)) * until
+        if one.body is None and not turns <= MOST_TURNS:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                f"obstacles[{one.id}].angular_velocity",
+                one.angular_velocity.tolist(),
+                f"within {until:.6g} s the body turns too far to be foretold, by {turns:.3g} rad; "
+                f"{MOST_TURNS:g} rad are allowed",
+            )
+
+
 Obstacle: TypeAlias = Sphere | ObstacleBody
 Kind = TypeVar("Kind", Sphere, ObstacleBody, Obstacle)
 InTheWay: TypeAlias = Obstacle | AttachedSphere | AttachedBody
@@ -266,21 +289,6 @@ def simplest(body: ObstacleBody) -> Obstacle:
     if body.solid.kind != "sphere":
         return body
     return Sphere(body.id, body.position, float(body.solid.sizes[0]), body.velocity)
-
-
-def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
-    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m].
-
-    They are read-only: a search asks for them again and again.
-    """
-    return _sphere_arrays(tuple(spheres))
-
-
-@lru_cache(maxsize=8)
-def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
-    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
-    velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
-    return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
 
 
 def carried(obstacles: Sequence[Kind], time: float) -> tuple[Kind, ...]:

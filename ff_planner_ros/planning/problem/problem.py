@@ -36,6 +36,7 @@ from ff_planner_ros.planning.problem.obstacles import (
     attached,
     bodies_in,
     carried,
+    require_foretold,
     spheres_in,
     with_attached,
 )
@@ -227,6 +228,7 @@ class PlanningProblem:
                 target = target_on_the_table(self.robot, self.start, self.target)
             object.__setattr__(self, "target", target)
         require_enough_joints(self.robot, self.target)
+        require_foretold(self.obstacle_bodies, self.durations.maximum)
         # In one order, so that equal problems are equal.
         object.__setattr__(self, "allowed_collisions", tuple(sorted(set(self.allowed_collisions))))
         if self.allowed_collisions:

@@ -34,7 +34,7 @@ from ff_planner_ros.robot.rotation import cross
 
 # After more turns [rad] than this nobody can tell where a grasp is: a rate that is known to one in
 # a thousand is off by one radian. At 10 deg/s it takes more than an hour and a half.
-_MOST_TURNS = 1000.0
+MOST_TURNS = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,13 +220,13 @@ class TargetBody:
 
     def _require_foretold(self, until: float) -> None:
         turns = self.fastest_turn * until
-        if not turns <= _MOST_TURNS:
+        if not turns <= MOST_TURNS:
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
                 "target_body.angular_velocity",
                 self.angular_velocity.tolist(),
                 f"within {until:.6g} s the body turns too far to be foretold, by "
-                f"{turns:.3g} rad; {_MOST_TURNS:g} rad are allowed",
+                f"{turns:.3g} rad; {MOST_TURNS:g} rad are allowed",
             )
 
     @property

@@ -13,7 +13,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, sphere_arrays, spheres_of
 from ff_planner_ros.planning.distance.allowed_contact import (
     before_contact,
     split_pairs,
@@ -29,7 +29,6 @@ from ff_planner_ros.planning.distance.body_distances import (
 )
 from ff_planner_ros.planning.distance.clearance import centers_at, velocities_at
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem.obstacles import sphere_arrays
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
