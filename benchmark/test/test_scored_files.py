@@ -66,6 +66,9 @@ OF_SCENARIO = {
     "a duration of a year": changed(r"duration: \S+", "duration: 3.0e7"),
     "another joint": changed(r"(?m)^joints:\s*\n\s*position: \[", r"\g<0>0.0, "),
     "no limits": changed("limits:", "other:"),
+    "a box": changed(
+        r"(?m)^obstacles:", "obstacles: [{id: a, shape: {box: {size: [1, 1, 1]}}}]\nothers:"
+    ),
 }
 OF_ROBOT = {
     "a pipe": pipe,

@@ -76,6 +76,9 @@ def load(scenario: Path) -> tuple[dict[str, Any], Chain, list[list[str]]]:
         raise ValueError(f"its duration is {content['duration']} s")
     if missing := {"chaser", "limits"} - content.keys():
         raise ValueError(f"it has no {min(missing)}")
+    body = content.get("target_body", {"obstacles": ()})
+    if any("shape" in one for one in (*content["obstacles"], *body["obstacles"])):
+        raise ValueError("its obstacles are not all spheres, which alone are judged")
     for name in ("position", "velocity"):
         if len(content["joints"][name]) != chain.joints:
             raise ValueError(f"its arm has {chain.joints} joints, joints.{name} others")
