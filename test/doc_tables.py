@@ -162,6 +162,7 @@ def scenario() -> Iterator[tuple[str, ...]]:
         )
         for key, place, _ in places_in(kind, block, place)
     }
+    places["robot.wheels.stored"] = "start_state[0].wheel_momenta"
     for key, schema, required in _keys(scenario_schema()):
         words = re.sub(r"(\. Since version [\d.]+)?\.$", "", schema.get("description", ""))
         words += _choices(schema)

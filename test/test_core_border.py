@@ -60,7 +60,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "rotation": np.eye(3),
         "center": np.full(3, 0.1),
         "momentum": np.full(6, 0.2),
-        "planar": False,
+        "base": "free_flyer",
     }
     target = {
         "position": np.ones(3),

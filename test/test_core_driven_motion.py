@@ -155,7 +155,7 @@ def test_targets_starts_and_rows_of_wrong_sizes_or_of_nan_are_refused_by_name() 
             *np.zeros((1, 3)), np.eye(3), *np.zeros((2, 6)), "bent", *np.eye(3)[[0]], np.eye(3)[1:]
         )
     with pytest.raises(ValueError, match="center is not finite"):
-        compiled.Start(np.zeros(3), np.eye(3), np.full(3, np.nan), np.zeros(6), False)
+        compiled.Start(np.zeros(3), np.eye(3), np.full(3, np.nan), np.zeros(6), "free_flyer")
     motion = family.motion(x, 3).compiled
     rows = np.zeros((5, 8))
     assert motion.sensitivity(rows, rows, rows[0], family._goal)[0].shape == (3, 9, 24)

@@ -260,7 +260,7 @@ def test_each_joint_is_drawn_with_its_own_limits(lemur: Robot, plans: dict[Metho
         levels = [line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2]
         np.testing.assert_allclose(levels, [limit, 180.0])
         assert axes.get_title(loc="right") == f"limits {limit:g} to 180"
-    assert figure.legends[0].get_texts()[-1].get_text() == "joint limits"
+    assert figure.legends[0].get_texts()[-1].get_text() == "limits"
 
 
 def test_curves_of_joints_fill_their_panels_and_limits_far_away_do_not_press_them_flat(

@@ -10,7 +10,12 @@ from robots import LEMUR_URDF, random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters.robot import AUTO, RobotParameters, locked_joints_of
+from ff_planner_ros.parameters.robot import (
+    AUTO,
+    OWN_WHEELS,
+    RobotParameters,
+    locked_joints_of,
+)
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS, checked_urdf
 from ff_planner_ros.simulation.engine import Engine
@@ -141,7 +146,9 @@ def test_a_finger_that_moves_along_with_one_that_is_held_is_where_that_one_takes
 def test_the_node_is_told_of_held_joints_in_one_line() -> None:
     assert locked_joints_of("") == {}
     assert locked_joints_of("rail: 0.2, other_elbow: -1.5e0,") == {"rail": 0.2, "other_elbow": -1.5}
-    told = RobotParameters("a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO, "")
+    told = RobotParameters(
+        OWN_WHEELS, "a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO, ""
+    )
     robot = told.load(two_arms())
     assert robot.base is Base.PLANAR
     assert "other_joint_1 at 0.4 rad" in robot.notes[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from ff_planner_ros.analysis.plan_json import planned_motion
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.parameters.robot import RobotParameters
+from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Objective, Orientation, PlanningProblem, Target
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
@@ -32,7 +32,7 @@ SETTINGS = load_parameters().planner
 def parameters(directory: Path, geometry: str = "auto") -> RobotParameters:
     urdf, srdf = directory / "arm.urdf", directory / "arm.srdf"
     return RobotParameters(
-        str(urdf), "bus", "tool", "free_flyer", "joint_1: 0.3", geometry, str(srdf)
+        OWN_WHEELS, str(urdf), "bus", "tool", "free_flyer", "joint_1: 0.3", geometry, str(srdf)
     )
 
 
@@ -84,7 +84,7 @@ def test_a_node_s_bag_holds_the_whole_robot(directory: Path) -> None:
     }
     node = replace(node, robot=parameters(directory))
     described, urdf = recorded_robot(node, directory / "arm.urdf", robot)
-    document = yaml.safe_dump({"/**": {"ros__parameters": {"robot": vars(described.robot)}}})
+    document = yaml.safe_dump({"/**": {"ros__parameters": {"robot": asdict(described.robot)}}})
     shutil.rmtree(directory)
     attached = {"robot.urdf": urdf, "parameters.yaml": document.encode()}
     require_same(attached_robot(Path("bag"), attached), robot)

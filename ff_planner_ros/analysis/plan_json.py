@@ -8,6 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ff_planner_ros.analysis.robot_json import (
+    peaks_told,
+    robot_told,
+    wheels_of_robot_read,
+    wheels_read,
+    wheels_told,
+)
 from ff_planner_ros.common.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.common.declared import (
     DeclaredFields,
@@ -72,12 +79,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "message": plan.message,
         "digest": task.digest,
         "geometry": problem.robot.geometry.value,
-        "robot": {
-            "urdf": problem.robot.drawn_urdf,
-            "base_link": problem.robot.base_link,
-            "tip_link": problem.robot.tip_link,
-            "base": problem.robot.base.value,
-        },
+        "robot": robot_told(problem),
         **_asked(problem, motion.time),
         "limits": written_object(problem.limits),
         **_requirements(problem),
@@ -123,6 +125,7 @@ def _of_plan(plan: Plan, solve_time: float) -> dict[str, Any]:
         "effort": plan.effort,
         "xi": plan.xi.tolist(),
         "orientation_reading": plan.orientation_reading,
+        **wheels_told(plan.wheels),
         **_how_good(plan, solve_time),
     }
 
@@ -200,7 +203,9 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     kept_clear = None  # what the URDF has: none of earlier versions' answers has a <collision>
     if isinstance(answer, dict) and "geometry" in answer:
         kept_clear = a_word(Geometry).read("geometry", answer["geometry"])
-    robot = robot_from_urdf_text(urdf, base_link, tip_link, base, geometry=kept_clear)
+    wheels = wheels_of_robot_read(described)
+    links = base_link, tip_link
+    robot = robot_from_urdf_text(urdf, *links, base, geometry=kept_clear, wheels=wheels)
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
         allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"
@@ -249,6 +254,7 @@ def plan_document(answer: Any) -> PlanDocument:
         solver=SolverReport(**told),
         duration=asked.get("duration"),
         effort=int(finite_number("effort", answer.get("effort", 0))),
+        wheels=wheels_read(answer),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
     return PlanDocument(
@@ -325,8 +331,9 @@ def _numbers(name: str, rows: Any) -> Array:
 
 def _how_good(plan: Plan, solve_time: float) -> dict[str, Any]:
     solver = {"solve_time": solve_time, **asdict(plan.solver)}
+    metrics = asdict(plan.metrics) | peaks_told(plan.wheels)
     return {
-        "metrics": {name: _finite(value) for name, value in asdict(plan.metrics).items()},
+        "metrics": {name: _finite(value) for name, value in metrics.items()},
         "solver": {name: _finite(value) for name, value in solver.items()},
     }
 

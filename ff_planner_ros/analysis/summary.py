@@ -8,7 +8,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
 from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.robot.collision.bodies import defining_numbers
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -41,6 +41,7 @@ def plan_rows(
         *([("duration", f"{plan.duration:.3f} s, chosen")] if chosen and plan.duration else []),
         *([] if limits is None else [("limits kept", _limits(limits))]),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
+        *([] if plan.wheels is None else _wheel_rows(plan.wheels)),
         *([] if plan.robust is None else [("robust", plan.robust.told(metrics.joint_path_length))]),
         *([("parametrisation", plan.family)] if plan.family else []),
         *(("note", note) for note in plan.notes),
@@ -48,6 +49,17 @@ def plan_rows(
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
         ("digest of the task", digest),
+    ]
+
+
+def _wheel_rows(wheels: WheelMotion) -> list[tuple[str, str]]:
+    """Return name and value of the largest momentum and torque of any wheel."""
+    return [
+        (label, f"{np.max(peaks):.4g} {unit}, wheel {np.argmax(peaks) + 1}")
+        for label, peaks, unit in (
+            ("peak wheel momentum", wheels.peak_momenta, "N m s"),
+            ("peak wheel torque", wheels.peak_torques, "N m"),
+        )
     ]
 
 

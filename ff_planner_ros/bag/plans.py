@@ -18,7 +18,8 @@ from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.messages.trajectories import poses_in, trajectory_in, twists_in
-from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.messages.wheels import wheels_in
+from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
 
 _AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 # Of a trajectory's field: what stands before its columns, their names, and behind them the unit.
@@ -71,6 +72,8 @@ class RecordedPlan:
     # `quaternions_xyzw`, `linear_velocities`, `angular_velocities`; empty: none is
     target_body: Mapping[str, Array] = field(default_factory=dict)
 
+    wheels: WheelMotion | None = None  # None: the chaser has none, or none are told
+
     def row(self) -> dict[str, Cell]:
         """Return the answer as a row of a table, with units in the names of its columns.
 
@@ -81,7 +84,8 @@ class RecordedPlan:
     def columns(self) -> dict[str, Array]:
         """Return the plan as columns of equal length with units in their names; pandas takes them.
 
-        Without a plan they are empty. A plan that captures a body has columns of the body, too.
+        Without a plan they are empty. A plan that captures a body has columns of the body, too, and
+        one of a chaser with wheels has columns of these.
         """
         motion = self.trajectory
         if motion is None:
@@ -93,11 +97,21 @@ class RecordedPlan:
         for part, (before, names, unit) in _COLUMNS.items():
             for number, name in enumerate(names):
                 columns[f"{before}{name}{unit}"] = getattr(motion, part)[:, number]
+        columns |= {} if self.wheels is None else _wheel_columns(self.wheels)
         for part, rows in self.target_body.items():
             before, names, unit = _TARGET_BODY_COLUMNS[part]
             for number, name in enumerate(names):
                 columns[f"{before}{name}{unit}"] = rows[:, number]
         return columns
+
+
+def _wheel_columns(wheels: WheelMotion) -> dict[str, Array]:
+    """Return what wheels hold and give as columns."""
+    return {
+        f"wheel_{wheel}_{quantity}": column
+        for quantity, rows in (("momentum_Nms", wheels.momenta), ("torque_Nm", wheels.torques))
+        for wheel, column in enumerate(rows.T, start=1)
+    }
 
 
 def read_plans(bag: Path | str) -> list[RecordedPlan]:
@@ -197,6 +211,7 @@ def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
         solver=solver_in(answer),
         duration=None if plan is None else value_at(plan, "duration", 0.0) or None,
         target_body={} if plan is None else _target_body(plan),
+        wheels=None if plan is None else wheels_in(plan),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from ff_planner_ros.bag.scenes import (
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
-from ff_planner_ros.parameters.robot import RobotParameters
+from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.planning.problem.scene import Scene
@@ -152,11 +152,14 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
         held = str(links.get("locked_joints", links.get("held_joints", "")))
         # What they recorded was planned with lines.
         geometry = str(links.get("geometry", Geometry.LINES))
-    except (InvalidInput, LookupError, TypeError, ValueError):
+        told = {name: tuple(given) for name, given in links.get("wheels", {}).items()}
+        wheels = replace(OWN_WHEELS, **told)
+    except (InvalidInput, LookupError, TypeError, ValueError, AttributeError):
         raise BagError(
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
         ) from None
-    robot = RobotParameters("robot.urdf", base_link, tip_link, base, held, geometry, srdf="")
+    named = "robot.urdf", base_link, tip_link
+    robot = RobotParameters(wheels, *named, base, held, geometry, srdf="")
     return robot.load(urdf)
 
 

@@ -33,6 +33,7 @@ from ff_planner_ros.simulation.monte_carlo import require_runs
 from ff_planner_ros.simulation.verification import (
     ALLOWED,
     MOMENTUM_TOLERANCE,
+    TORQUE_TOLERANCE,
     Deviation,
     Verification,
     verify,
@@ -152,6 +153,11 @@ def print_verdict(
                 ("relative", *_relative(found.capture)),
                 ("allowed", *_relative(ALLOWED_AT_CAPTURE)),
             ],
+        )
+    if found.holding_torque_error is not None:
+        print(
+            f"wheels: the torque that holds the chaser is {found.holding_torque_error:.1e} N m off "
+            f"what the plan says, allowed is {TORQUE_TOLERANCE:.0e} N m"
         )
     if found.corridor is not None:
         print(f"approach: {_told(found.corridor)}")

@@ -177,7 +177,7 @@ class Start:
         rotation: Array,  # base to inertial axes; shape (3, 3)
         center: Array,  # of mass; shape (3,) [m]
         momentum: Array,  # total P, and L about the centre of mass; shape (6,)
-        planar: bool,  # the base moves in the plane of x and y and turns about z
+        base: str,  # free_flyer, planar or attitude_held
     ) -> None: ...
 
 class Target:

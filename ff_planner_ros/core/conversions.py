@@ -14,7 +14,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
-from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.rotation import cross
 
@@ -121,7 +121,7 @@ def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:
     center = np.array(pin.centerOfMass(robot.model, data, q))
     momentum[3:] -= cross(center, momentum[:3])
     rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
-    return compiled.Start(q[:3], rotation, center, momentum, robot.base is Base.PLANAR)
+    return compiled.Start(q[:3], rotation, center, momentum, robot.base)
 
 
 def target_of(target: Target) -> compiled.Target:

@@ -25,10 +25,10 @@ def trajectory_in(plan: Any) -> Trajectory:
     ee_twists = twists_in(plan.end_effector_twists, len(points))
     return Trajectory(
         time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
-        joint_positions=_table([point.positions for point in points], len(points), count),
-        joint_velocities=_table([point.velocities for point in points], len(points), count),
-        joint_accelerations=_table([point.accelerations for point in points], len(points), count),
-        joint_torques=_table([point.effort for point in points], len(points), count),
+        joint_positions=table([point.positions for point in points], len(points), count),
+        joint_velocities=table([point.velocities for point in points], len(points), count),
+        joint_accelerations=table([point.accelerations for point in points], len(points), count),
+        joint_torques=table([point.effort for point in points], len(points), count),
         chaser_positions=chaser[:, :3],
         chaser_quaternions_xyzw=chaser[:, 3:],
         chaser_linear_velocities=chaser_twists[:, :3],
@@ -44,19 +44,19 @@ def poses_in(path: Any, points: int) -> Array:
     """Return the poses of a path: positions and quaternions. Shape (points, 7) [m]; NaN: none."""
     poses = [stamped.pose for stamped in path.poses]
     rows = [[*_xyz(p.position), *_xyz(p.orientation), p.orientation.w] for p in poses]
-    return _table(rows, points, 7)
+    return table(rows, points, 7)
 
 
 def twists_in(twists: Any, points: int) -> Array:
     """Return twists, linear first. Shape (points, 6) [m/s, rad/s]; NaN: none."""
-    return _table([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists], points, 6)
+    return table([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists], points, 6)
 
 
 def _xyz(vector: Any) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 
 
-def _table(rows: list[Any], points: int, width: int) -> Array:
+def table(rows: list[Any], points: int, width: int) -> Array:
     """Return rows as an array of shape (points, width); NaN if the answer does not have them."""
     if not any(len(row) for row in rows):
         return np.full((points, width), np.nan)

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.common.forms import FROM_URDF, a_word
 from ff_planner_ros.common.share import resolve_uri
@@ -20,9 +22,43 @@ from ff_planner_ros.planning.problem.settings import (
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.wheels import Wheels
 
 # Parameter robot.geometry: what the URDF has.
 AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class WheelParameters:
+    """The wheels of a robot whose base is attitude_held; what they hold is in the state."""
+
+    axes: tuple[float, ...] = tunable(
+        "Axis of each wheel, three numbers one after the other, in axes of the base link"
+    )
+    momentum: tuple[float, ...] = tunable(
+        "Largest momentum of each wheel either way, or one for all; [0.0]: any",
+        unit="N m s",
+    )
+    torque: tuple[float, ...] = tunable(
+        "Largest torque of each wheel either way, or one for all; [0.0]: any",
+        unit="N m",
+    )
+
+    def __post_init__(self) -> None:
+        """Check what no range of a parameter describes."""
+        self.wheels()
+
+    def wheels(self) -> Wheels:
+        """Return the wheels."""
+        if len(self.axes) % 3:
+            allowed = "it must have three numbers for each wheel"
+            raise InvalidInput(Status.WRONG_SIZE, "robot.wheels.axes", list(self.axes), allowed)
+        limits = (given if any(given) else None for given in (self.momentum, self.torque))
+        return Wheels(np.reshape(self.axes, (-1, 3)), *limits)
+
+
+# One along each axis of the base link, without limits.
+OWN_WHEELS = WheelParameters(tuple(np.eye(3).ravel().tolist()), (0.0,), (0.0,))
 
 
 @dataclass(frozen=True)
@@ -33,10 +69,14 @@ class RobotParameters:
         InvalidInput: A word that is not known, or a list of held joints that is none.
     """
 
+    wheels: WheelParameters
     urdf: str = tunable("URDF file: a path or a package:// URI")
     base_link: str = tunable("URDF link that carries the arm")
     tip_link: str = tunable("URDF link whose frame is the end effector")
-    base: str = tunable("How the chaser can move: free_flyer, or planar on an air-bearing table")
+    base: str = tunable(
+        "How the chaser can move: free_flyer; planar on an air-bearing table; or attitude_held by "
+        "robot.wheels"
+    )
     locked_joints: str = tunable(
         "Joints that are not planned and where they are [rad or m]: `rail: 0.2, hand: -1.0`"
     )
@@ -78,6 +118,7 @@ class RobotParameters:
             None if self.geometry == AUTO else Geometry(self.geometry),
             srdf,
             directory,
+            self.wheels.wheels() if self.base == Base.ATTITUDE_HELD else None,
         )
 
 

@@ -224,7 +224,7 @@ def _plan(exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]) -> 
     obstacles = obstacles_at_start(request, answer, received)
     if obstacles is not None and body is not None:
         obstacles = with_attached(obstacles, body)
-    return reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told)
+    return reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told, plan.wheels)
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:

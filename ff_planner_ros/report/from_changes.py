@@ -48,15 +48,16 @@ def report_of_changes(found: WhatIf) -> Report:
 def _plan(robot: Robot, one: ChangedAnswer) -> ReportedPlan | None:
     """Return what is drawn of a request, as recorded, as changed or both; None: no plan is."""
     answers = {RECORDED: one.recorded.response, CHANGED: one.answer}
-    motions = {
-        method: _motion(robot, answer)
+    solved = {
+        method: answer
         for method, answer in answers.items()
         if answer is not None and answer.status.code == Status.SOLVED
     }
-    if not motions:
+    if not solved:
         return None
-    problem = next(_problems(one))
-    return reported_plan(robot, motions, problem.obstacles, scene_of(problem))
+    motions = {method: _motion(robot, answer) for method, answer in solved.items()}
+    problem, wheels = next(_problems(one)), plan_from_answer(next(iter(solved.values()))).wheels
+    return reported_plan(robot, motions, problem.obstacles, scene_of(problem), wheels)
 
 
 def _motion(robot: Robot, answer: PlanAnswer) -> Trajectory:

@@ -12,6 +12,8 @@ from ff_planner_ros.analysis.drawing.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
     END_EFFECTOR_POSE,
+    panels,
+    wheel_quantities,
 )
 from ff_planner_ros.analysis.drawing.plots import (
     clearance_plot,
@@ -54,6 +56,9 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
         yield "clearance", words, clearance_plot(robot, obstacles, motions)
     words = f"Joints, {all_of}; a double click zooms out to the limits, which are dashed."
     yield "joints", words, joint_plot(robot, motions)
+    for name, quantity in wheel_quantities(robot, plan.stored).items():
+        words = f"{quantity.title.capitalize()}, {all_of}; limits are dashed."
+        yield name.replace("_", "-"), words, panel_plot(panels(quantity, motions))
     for name, words, fig, shown in (
         ("end-effector", "End effector", 3, END_EFFECTOR_POSE),
         ("chaser-pose", "Chaser", 4, CHASER_POSE),

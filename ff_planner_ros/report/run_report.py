@@ -13,10 +13,11 @@ from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED, Method
 from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.bag.publications import Publication
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.plan import SolverReport, Trajectory
+from ff_planner_ros.planning.motion.plan import SolverReport, Trajectory, WheelMotion
 from ff_planner_ros.planning.problem.problem import Obstacle, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
@@ -33,6 +34,7 @@ class ReportedPlan:
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
     deviations: Deviations | None = None  # of the measured motion
     remarks: tuple[str, ...] = ()  # what a reader must know of all this
+    stored: Array | None = None  # what wheels hold at the start [N m s]; None: there are none
 
     @property
     def goal(self) -> Target:
@@ -128,7 +130,9 @@ def report_of_answer(file: Path) -> Report:
         metrics=found.plan.metrics,
         solver=found.plan.solver,
         solve_time=found.solve_time,
-        plan=reported_plan(found.robot, {PLANNED: motion}, found.obstacles, found.scene),
+        plan=reported_plan(
+            found.robot, {PLANNED: motion}, found.obstacles, found.scene, found.plan.wheels
+        ),
     )
     facts = (("file", str(file)), *robot_facts(found.robot))
     return Report(file.name, facts, (), (request,))
@@ -139,10 +143,12 @@ def reported_plan(
     motions: Mapping[Method, Trajectory],
     obstacles: tuple[Obstacle, ...] | None,
     scene: Scene,
+    wheels: WheelMotion | None = None,
 ) -> ReportedPlan:
     """Return a plan without measured motion; obstacles are None where they are not known."""
     remarks = () if obstacles is not None else ("Which obstacles it avoids is not known.",)
-    return ReportedPlan(robot, motions, obstacles, scene, remarks=remarks)
+    stored = None if wheels is None else wheels.momenta[0]
+    return ReportedPlan(robot, motions, obstacles, scene, remarks=remarks, stored=stored)
 
 
 def robot_facts(robot: Robot) -> list[tuple[str, str]]:

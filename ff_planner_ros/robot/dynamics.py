@@ -63,14 +63,58 @@ def joint_torques_by_x(
     Returns:
         Shape (points, joints, variables).
     """
+    of_x = q_by_x, v_by_x, joint_accelerations_by_x
+    joints: Array = _forces_by_x(robot, q, v, joint_accelerations, *of_x)[:, 6:]
+    return joints
+
+
+def torques_on_base(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
+    """Return the torques that keep a base from turning which nothing else pushes [N m].
+
+    In axes of the base frame, about any point: no force comes with them. Shape (points, 3).
+    """
+    of_base, forces, _ = _pushed_by_nothing(robot, q, v, joint_accelerations)
+    mass = momentum_maps(robot, robot.model.createData(), q)[:, 3:, :6]
+    torques: Array = forces[:, 3:6] + (mass @ of_base[:, :, None])[:, :, 0]
+    return torques
+
+
+def torques_on_base_by_x(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    joint_accelerations: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    joint_accelerations_by_x: Array,
+) -> Array:
+    """Return the exact derivatives of `torques_on_base`; the arguments as of `joint_torques_by_x`.
+
+    Shape (points, 3, variables).
+    """
+    of_x = q_by_x, v_by_x, joint_accelerations_by_x
+    base: Array = _forces_by_x(robot, q, v, joint_accelerations, *of_x)[:, 3:6]
+    return base
+
+
+def _forces_by_x(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    joint_accelerations: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    joint_accelerations_by_x: Array,
+) -> Array:
+    """Return the derivatives of all generalised forces. Shape (points, 6 + joints, variables)."""
     model, data, rows = robot.model, robot.model.createData(), robot.base.rows
     acceleration = accelerations(robot, q, v, joint_accelerations)
-    by_x = np.empty_like(joint_accelerations_by_x)
+    by_x = np.empty_like(q_by_x)
     for i, sample in enumerate(zip(q, v, acceleration, strict=True)):
         of_q, of_v, mass = pin.computeRNEADerivatives(model, data, *sample)
         forces = of_q @ q_by_x[i] + of_v @ v_by_x[i] + mass[:, 6:] @ joint_accelerations_by_x[i]
         of_base = np.linalg.solve(mass[np.ix_(rows, rows)], -forces[rows])
-        by_x[i] = forces[6:] + mass[6:, rows] @ of_base
+        by_x[i] = forces + mass[:, rows] @ of_base
     return by_x
 
 

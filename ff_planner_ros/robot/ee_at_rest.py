@@ -29,23 +29,23 @@ def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
     Raises:
         InvalidInput: The chaser moves, and the arm is in a singular posture or has too few joints.
     """
-    rows = robot.base.rows
+    rows, of_tip = robot.base.rows, robot.base.tip_rows
     data = robot.model.createData()
     q, v = configuration(robot, state)
     if not v[rows].any():
         return np.zeros(robot.joints)
-    if robot.joints < len(rows):
+    if robot.joints < len(of_tip):
         raise InvalidInput(
             Status.UNSUPPORTED,
             "joints.end_effector_at_rest",
             "true",
-            f"to rest is {len(rows)} conditions, the arm has {robot.joints} "
+            f"to rest is {len(of_tip)} conditions, the arm has {robot.joints} "
             f"joint{'s' if robot.joints != 1 else ''}; give joints.velocity",
         )
     row_space = generalised_jacobian(robot, data, q).T
     pin.computeJointJacobians(robot.model, data, q)
     jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
-    jacobian = jacobian[rows]
+    jacobian = jacobian[of_tip]
     rates_to_twist = jacobian[:, 6:] @ row_space
     condition = np.linalg.cond(rates_to_twist)
     if not condition < MAX_CONDITION:

@@ -21,6 +21,7 @@ from ff_planner_ros.robot.collision.whole_body import whole_body
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NOTHING_HELD, checked_urdf
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS
+from ff_planner_ros.robot.wheels import Wheels
 
 
 class Base(enum.StrEnum):
@@ -28,6 +29,7 @@ class Base(enum.StrEnum):
 
     FREE_FLYER = "free_flyer"
     PLANAR = "planar"  # on an air-bearing table: x, y and the turn about z, inertial axes
+    ATTITUDE_HELD = "attitude_held"  # reaction wheels keep it from turning; it drifts
 
     @property
     def rows(self) -> list[int]:
@@ -35,6 +37,13 @@ class Base(enum.StrEnum):
 
         They are the same in base axes and in inertial axes: on a table both have z in common.
         """
+        if self is Base.ATTITUDE_HELD:
+            return [0, 1, 2]
+        return self.tip_rows
+
+    @property
+    def tip_rows(self) -> list[int]:
+        """Entries of a twist in which the end effector can move; see `rows`."""
         return [0, 1, 5] if self is Base.PLANAR else [0, 1, 2, 3, 4, 5]
 
 
@@ -65,6 +74,7 @@ class Robot:
     effort_limits: Array  # shape (joints,) [N m]
     notes: tuple[str, ...] = ()  # what a user should know: joints that are held, say
     base: Base = Base.FREE_FLYER
+    wheels: Wheels | None = None  # None: nothing holds the chaser's attitude
     geometry: Geometry = Geometry.LINES
     bodies: tuple[Body, ...] = ()  # empty with lines
     # Indices of bodies that must not touch each other, the smaller one first; empty with lines
@@ -85,6 +95,7 @@ def load_robot(
     held_at: Mapping[str, float] = NOTHING_HELD,
     geometry: Geometry | None = None,
     srdf: Path | None = None,
+    wheels: Wheels | None = None,
 ) -> Robot:
     """Load a robot from a URDF file.
 
@@ -100,7 +111,7 @@ def load_robot(
     directory = urdf.resolve().parent
     text = read_urdf(urdf)
     return robot_from_urdf_text(
-        text, base_link, tip_link, base, held_at, geometry, pairs, directory
+        text, base_link, tip_link, base, held_at, geometry, pairs, directory, wheels
     )
 
 
@@ -135,6 +146,7 @@ def robot_from_urdf_text(
     geometry: Geometry | None = None,
     srdf: str | None = None,
     directory: Path | None = None,
+    wheels: Wheels | None = None,
 ) -> Robot:
     """Build a robot from a URDF.
 
@@ -149,11 +161,14 @@ def robot_from_urdf_text(
         srdf: SRDF of links that may touch beside neighbours. None: those of a recorded URDF, or
             links that touch in nearly every posture.
         directory: Of the URDF, from which the paths of its meshes start. None: no file is read.
+        wheels: That hold the chaser's attitude. None: on a base that is held, one along each of its
+            axes, without limits.
 
     Raises:
-        InvalidInput: The URDF is something else, a link's inertia is one that no body has, or an
-            arm on a planar base does not move in the plane.
+        InvalidInput: The URDF is something else, a link's inertia is one that no body has, an arm
+            on a planar base does not move in the plane, or wheels are given for another base.
     """
+    wheels = wheels_of(base, wheels)
     checked = checked_urdf(text, base_link, tip_link, held_at)
     try:
         model = _pinocchio_model(checked.xml)
@@ -185,11 +200,26 @@ def robot_from_urdf_text(
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
         notes=(*checked.notes, *whole.notes),
         base=base,
+        wheels=wheels,
         geometry=whole.geometry,
         bodies=whole.bodies,
         pairs=whole.pairs,
         may_touch=whole.may_touch,
     )
+
+
+def wheels_of(base: Base, wheels: Wheels | None) -> Wheels | None:
+    """Return the wheels of a base, by default one along each axis of one that is held.
+
+    Raises:
+        InvalidInput: The base is not held by wheels, but there are some.
+    """
+    if base is Base.ATTITUDE_HELD:
+        return wheels or Wheels()
+    if wheels is not None:
+        allowed = f"with robot.base {base} there must be none: wheels hold attitude_held"
+        raise InvalidInput(Status.UNSUPPORTED, "robot.wheels", "given", allowed)
+    return None
 
 
 def _require_planar(model: pin.Model, base_frame: pin.Frame) -> None:

@@ -8,12 +8,18 @@ the table takes up the rest, and no function here reads it.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import cross
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.wheels import momenta_of
 
 
 def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
@@ -32,6 +38,39 @@ def total_momenta(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
     return total
 
 
+def angular_momenta(
+    robot: Robot, q: Array, v: Array, joint_accelerations: Array
+) -> tuple[Array, Array]:
+    """Return the angular momentum about the centre of mass of a chaser that does not turn.
+
+    Args:
+        joint_accelerations: Shape (times, joints) [rad/s2].
+
+    Returns:
+        It and its rate, in axes of the base link. Each of shape (times, 3) [N m s], [N m].
+    """
+    model, data = robot.model, robot.model.createData()
+    momenta, rates, dv = np.empty((len(q), 3)), np.empty((len(q), 3)), np.zeros((len(q), model.nv))
+    dv[:, 6:] = joint_accelerations  # a translation of the whole has no angular momentum
+    for k, at in enumerate(zip(q, v, dv, strict=True)):
+        pin.computeCentroidalMomentumTimeVariation(model, data, *at)
+        momenta[k], rates[k] = data.hg.angular, data.dhg.angular
+    axes = rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base
+    return np.einsum("tji,tj->ti", axes, momenta), np.einsum("tji,tj->ti", axes, rates)
+
+
+def with_wheel_momenta(robot: Robot, before: SystemState, after: SystemState) -> SystemState:
+    """Return a later state with what the wheels hold then; without wheels it stays as it is."""
+    wheels = robot.wheels
+    if wheels is None:
+        return after
+    states = [configuration(robot, state) for state in (before, after)]
+    q, v = (np.array(rows) for rows in zip(*states, strict=True))
+    (first, last), _ = angular_momenta(robot, q, v, np.zeros((2, robot.joints)))
+    momenta = momenta_of(wheels, before) + wheels.shares @ (first - last)
+    return replace(after, wheel_momenta=momenta)
+
+
 def momentum_maps(robot: Robot, data: pin.Data, q: Array) -> Array:
     """Return what makes momentum of tangent velocities, about the base's origin and in its axes.
 
@@ -44,7 +83,7 @@ def momentum_maps(robot: Robot, data: pin.Data, q: Array) -> Array:
 def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
     """Return J_D of Eq. (32): end-effector twist per joint rate at zero momentum.
 
-    Linear rows first, inertial axes; those in which the base can move. Shape (rows, joints).
+    Linear rows first, inertial axes; those in which it can move. Shape (rows, joints).
     """
     (found,) = _generalised(
         robot, momentum_maps(robot, data, q[None]), _jacobian(robot, data, q)[None]
@@ -74,7 +113,7 @@ def _jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
 def _generalised(robot: Robot, mass: Array, jacobian: Array) -> Array:
     """Return J_D at many points."""
     rows = robot.base.rows
-    mass, jacobian = mass[..., rows, :], jacobian[..., rows, :]
+    mass, jacobian = mass[..., rows, :], jacobian[..., robot.base.tip_rows, :]
     base_rate_per_joint_rate = -np.linalg.solve(mass[..., rows], mass[..., 6:])
     generalised: Array = jacobian[..., 6:] + jacobian[..., rows] @ base_rate_per_joint_rate
     return generalised

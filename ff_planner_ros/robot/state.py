@@ -8,6 +8,9 @@ from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import QUATERNION, TRUTH, a_vector
 
+# Where a scenario says what wheels hold.
+STORED = "robot.wheels.stored"
+
 
 @dataclass(frozen=True, eq=False)
 class SystemState:
@@ -79,6 +82,8 @@ class SystemState:
         message="joint_accelerations",
         late=True,
     )
+    # Of each wheel that holds the chaser's attitude [N m s]; None: zero, or there are none
+    wheel_momenta: Array | None = None
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -87,3 +92,6 @@ class SystemState:
         finite_vector("joints.velocity", self.joint_velocities, joints)
         if self.joint_accelerations is not None:
             finite_vector("joints.acceleration", self.joint_accelerations, joints)
+        if self.wheel_momenta is not None:
+            momenta = finite_vector(STORED, self.wheel_momenta, len(self.wheel_momenta))
+            object.__setattr__(self, "wheel_momenta", momenta)

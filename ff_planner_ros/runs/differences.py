@@ -46,6 +46,8 @@ QUANTITIES = {
     "ee_quaternions_xyzw": Quantity("rad", _RAD),
     "ee_linear_velocities": Quantity("m/s", _METRE_S),
     "ee_angular_velocities": Quantity("rad/s", _RAD_S),
+    "wheel_momenta": Quantity("N m s", _TORQUE),
+    "wheel_torques": Quantity("N m", _TORQUE),
     "xi": Quantity("", _XI),
     **{f"metrics.{metric.name}": Quantity(metric.unit, metric.tolerance) for metric in METRICS},
     "solver.starts": Quantity("", _ANY),
@@ -105,6 +107,9 @@ def _values(answer: PlanAnswer) -> Iterator[tuple[str, Array]]:
         plan = plan_from_answer(answer)
         for item in fields(plan.trajectory):
             yield item.name, getattr(plan.trajectory, item.name)
+        wheels, none = plan.wheels, np.empty((len(plan.trajectory.time), 0))
+        yield "wheel_momenta", none if wheels is None else wheels.momenta
+        yield "wheel_torques", none if wheels is None else wheels.torques
         yield "xi", plan.xi
     for name in QUANTITIES:
         group, _, field = name.partition(".")
@@ -141,6 +146,8 @@ def _angles(before: Array, now: Array) -> Array:
 def _words(name: str, place: tuple[np.intp, ...]) -> str:
     if name.startswith("joint_") and len(place) == 2:
         return f"point {place[0]}, joint {place[1] + 1}"
+    if name.startswith("wheel_") and len(place) == 2:
+        return f"point {place[0]}, wheel {place[1] + 1}"
     if place and name not in ("xi", "metrics.peak_joint_torques"):
         return f"point {place[0]}"
     return f"entry {place[0]}" if place else ""

@@ -25,6 +25,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.robot.wheels import Wheels
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
@@ -155,6 +156,7 @@ def _used(task: PlanningTask) -> dict[str, Any]:
     """Return the parameters with which a node makes the same task of the request."""
     robot, limits, controller = task.problem.robot, task.problem.limits, task.controller
     required = requirements_written(task.problem.requirements)
+    wheels = robot.wheels or Wheels()  # without, they are not looked at
     return {
         "robot": {
             "urdf": "robot.urdf",
@@ -164,6 +166,11 @@ def _used(task: PlanningTask) -> dict[str, Any]:
             "locked_joints": "",
             "geometry": robot.geometry.value,
             "srdf": "",
+            "wheels": {
+                "axes": wheels.axes.ravel().tolist(),
+                "momentum": list(wheels.momentum or (0.0,)),
+                "torque": list(wheels.torque or (0.0,)),
+            },
         },
         "inertial_frame": SCENARIO_FRAME,
         "state_source": "chaser_state",

@@ -52,11 +52,12 @@ class Observation(NamedTuple):
 
 
 class Engine:
-    """A robot whose base is free, or on a table, and on which nothing acts but its joint torques.
+    """A robot whose base is free, on a table, or held, and on which its joint torques alone act.
 
     A state is a vector: position of the root link's origin, its quaternion (w first), joint
     positions; then the origin's velocity in inertial axes, the turn rate in axes of the root link,
-    joint rates.
+    joint rates. A base whose attitude wheels hold is to MuJoCo one on three slides along the axes
+    of the root link.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -65,13 +66,16 @@ class Engine:
         Raises:
             InvalidInput: MuJoCo refuses the URDF.
         """
-        spec, names = specification(robot.urdf)
+        self._is_held = robot.base is Base.ATTITUDE_HELD
+        spec, names = specification(robot.urdf, slides=self._is_held)
         self.model = _model(spec, robot.base)
         self._data = mujoco.MjData(self.model)
         self._base = self._data.body(names[robot.base_link])
         self._tip = self._data.body(names[robot.tip_link])
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.joint_names])
         self._rates = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
+        self._root = self._data.body(1).id  # 0 is the universe
+        self._size = self.model.nq + (4 if self._is_held else 0)  # of a state's positions
         # Numbers of the links: 0 is the universe, 1 the root link.
         self.chaser_bodies = np.flatnonzero(self.model.body_weldid == 1)
         self.arm_bodies = np.flatnonzero(self.model.body_weldid > 1)
@@ -85,7 +89,11 @@ class Engine:
         """Return the state vector of a system state."""
         data = self._data
         mujoco.mj_resetData(self.model, data)
-        data.qpos[:7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]  # the root link in the inertial frame
+        # The root link in the inertial frame.
+        if self._is_held:
+            self.model.body_quat[self._root] = [1.0, 0.0, 0.0, 0.0]
+        else:
+            data.qpos[:7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
         data.qpos[self._joints] = start.joint_positions
         mujoco.mj_kinematics(self.model, data)
         chaser_in_root, chaser_to_root = self._chaser_position(), _rotation(self._base)
@@ -94,12 +102,19 @@ class Engine:
         root_to_inertial = root.as_matrix()
         root_from_chaser = -root_to_inertial @ chaser_in_root
         omega = start.angular_velocity_chaser_in_inertial
-        data.qpos[:3] = start.position_chaser_in_inertial + root_from_chaser
-        data.qpos[3:7] = np.roll(root.as_quat(), 1)
-        data.qvel[:3] = start.linear_velocity_chaser_in_inertial + np.cross(omega, root_from_chaser)
-        data.qvel[3:6] = root_to_inertial.T @ omega
         data.qvel[self._rates] = start.joint_velocities
-        return np.concatenate([data.qpos, data.qvel])
+        first, second = self._of_base
+        velocity = start.linear_velocity_chaser_in_inertial + np.cross(omega, root_from_chaser)
+        return np.concatenate(
+            [
+                start.position_chaser_in_inertial + root_from_chaser,
+                np.roll(root.as_quat(), 1),
+                data.qpos[first:],
+                velocity,
+                root_to_inertial.T @ omega,
+                data.qvel[second:],
+            ]
+        )
 
     def center_of_mass(self, start: SystemState) -> tuple[Array, Array]:
         """Return where the whole system's centre of mass is [m], and its velocity [m/s]."""
@@ -121,15 +136,31 @@ class Engine:
         data = self._data
         data.qfrc_applied[self._rates] = joint_torques
         self._forward(state)
-        rate = np.empty_like(state)
-        position_rate, velocity_rate = np.split(rate, [self.model.nq])
-        position_rate[:3] = data.qvel[:3]
+        rate = np.zeros_like(state)
+        position_rate, velocity_rate = np.split(rate, [self._size])
+        _, velocity = np.split(state, [self._size])
+        position_rate[:3], position_rate[7:] = velocity[:3], velocity[6:]
+        if self._is_held:
+            along_slides = Rotation.from_quat(np.roll(state[3:7], -1)).apply(data.qacc[:3])
+            velocity_rate[:3], velocity_rate[6:] = along_slides, data.qacc[3:]
+            return rate
         mujoco.mju_mulQuat(
-            position_rate[3:7], state[3:7], np.concatenate([[0.0], data.qvel[3:6] / 2])
+            position_rate[3:7], state[3:7], np.concatenate([[0.0], velocity[3:6] / 2])
         )
-        position_rate[7:] = data.qvel[6:]
         velocity_rate[:] = data.qacc
         return rate
+
+    def holding_torque(self, state: Array, joint_torques: Array) -> Array:
+        """Return the torque that keeps a held base from turning, axes of the base link [N m].
+
+        It is what the slides pass on to the root link. Shape (3,).
+        """
+        data = self._data
+        data.qfrc_applied[self._rates] = joint_torques
+        self._forward(state)
+        mujoco.mj_rnePostConstraint(self.model, data)
+        torque: Array = _rotation(self._base).inv().apply(data.cfrc_int[self._root, :3])
+        return torque
 
     def observe(self, state: Array) -> Observation:
         """Return poses and momentum of a state."""
@@ -152,7 +183,9 @@ class Engine:
 
     def joints(self, state: Array) -> tuple[Array, Array]:
         """Return joint positions and rates of a state."""
-        return state[self._joints], state[self.model.nq :][self._rates]
+        first, second = self._of_base
+        rates = state[self._size :]
+        return state[self._joints + 7 - first], rates[self._rates + 6 - second]
 
     def links_moved_by(self, joint: str) -> NDArray[np.int64]:
         """Return the numbers of the link that a joint moves and of those that are fixed to it."""
@@ -172,9 +205,20 @@ class Engine:
         # By default a joint that friction holds would still get a tenth of its acceleration.
         self.model.dof_solimp[self._rates, :2] = 0.999
 
+    @property
+    def _of_base(self) -> tuple[int, int]:
+        """How many positions and velocities are the base's, to MuJoCo."""
+        return (3, 3) if self._is_held else (7, 6)
+
     def _forward(self, state: Array) -> None:
         data = self._data
-        data.qpos[:], data.qvel[:] = np.split(state, [self.model.nq])
+        positions, velocities = np.split(state, [self._size])
+        if self._is_held:
+            self.model.body_quat[self._root] = positions[3:7]
+            to_slides = Rotation.from_quat(np.roll(positions[3:7], -1)).inv()
+            positions = np.append(to_slides.apply(positions[:3]), positions[7:])
+            velocities = np.append(to_slides.apply(velocities[:3]), velocities[6:])
+        data.qpos[:], data.qvel[:] = positions, velocities
         mujoco.mj_forward(self.model, data)
 
     def _chaser_position(self) -> Array:
@@ -182,8 +226,11 @@ class Engine:
         return np.asarray(masses @ self._data.xipos[self.chaser_bodies] / masses.sum(), np.float64)
 
 
-def specification(urdf: str) -> tuple[mujoco.MjSpec, dict[str, str]]:
+def specification(urdf: str, slides: bool = False) -> tuple[mujoco.MjSpec, dict[str, str]]:
     """Return what MuJoCo reads of a URDF, its root link free, and what it calls the links.
+
+    Args:
+        slides: The root link is on three slides along its axes instead, and does not turn.
 
     Raises:
         InvalidInput: MuJoCo refuses the URDF.
@@ -195,7 +242,12 @@ def specification(urdf: str) -> tuple[mujoco.MjSpec, dict[str, str]]:
     except ValueError as error:
         raise _refused(error) from None
     spec.compiler.fusestatic = False  # else links fixed to others lose their names
-    spec.worldbody.first_body().add_freejoint()
+    root = spec.worldbody.first_body()
+    if slides:
+        for axis in np.eye(3).tolist():
+            root.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    else:
+        root.add_freejoint()
     return spec, names
 
 
@@ -240,7 +292,7 @@ def _model(spec: mujoco.MjSpec, base: Base) -> mujoco.MjModel:
     model.opt.gravity = 0.0
     model.dof_damping = 0.0  # the planner leaves a URDF's <dynamics> aside, too
     model.dof_frictionloss = 0.0
-    borne = np.setdiff1d(range(6), base.rows)
+    borne = np.setdiff1d(range(6), base.rows) if base is Base.PLANAR else np.empty(0, np.intp)
     model.dof_armature[borne] = _TABLE
     if len(borne):
         # It is measured against the mean inertia: dry friction would be lost in the table's.

@@ -15,7 +15,7 @@ from ff_planner_ros.planning.motion.joint_motion import JointMotion, steady_moti
 from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.momentum import total_momentum, with_wheel_momenta
 from ff_planner_ros.robot.state import SystemState
 
 # One step of RK4 at most [s]; within it a chaser turns by a degree or less.
@@ -29,7 +29,7 @@ class FreeFloatingSystem:
         """Start from a state at a time [s]; without a command the joints keep their rates."""
         self._robot = robot
         self._begin = self._time = time
-        self._frame = system_frame(robot, state)
+        self._frame, self._first = system_frame(robot, state), state
         self._q, v = configuration(robot, self._frame.start)
         self._v = v
         self._momentum = total_momentum(robot, robot.model.createData(), self._q, v)
@@ -64,7 +64,8 @@ class FreeFloatingSystem:
             if end > self._time:
                 self._integrate(end)
         state = system_state(self._robot, self._q, self._v)
-        return self._frame.state_seen_by_user(state, self._time - self._begin)
+        there = self._frame.state_seen_by_user(state, self._time - self._begin)
+        return with_wheel_momenta(self._robot, self._first, there)
 
     def _integrate(self, end: float) -> None:
         """Go on to a time before which no motion begins or ends."""
@@ -90,6 +91,8 @@ def carried_back(robot: Robot, state: SystemState, seconds: float) -> SystemStat
 def _reversed(state: SystemState) -> SystemState:
     velocities = "linear_velocity_chaser_in_inertial", "angular_velocity_chaser_in_inertial"
     turned = {name: -getattr(state, name) for name in (*velocities, "joint_velocities")}
+    if state.wheel_momenta is not None:
+        turned["wheel_momenta"] = -state.wheel_momenta
     return replace(state, **turned)
 
 

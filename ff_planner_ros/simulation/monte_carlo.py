@@ -140,10 +140,14 @@ def monte_carlo(
         limits: Of the chaser's attitude and the torques.
 
     Raises:
-        InvalidInput: The samples cannot be executed, or the number of runs or the seed is none.
+        InvalidInput: The samples cannot be executed, the number of runs or the seed is none, or
+            wheels hold the chaser.
     """
     require_sound_samples(robot, trajectory)
     require_runs(total, seed)
+    if robot.wheels is not None:
+        allowed = "with robot.base attitude_held it must be torques"
+        raise InvalidInput(Status.UNSUPPORTED, "--execution", TRACKED, allowed)
     motion = tracked_motion(robot, trajectory)
     seen = scene.captured_at(float(trajectory.time[-1])).seen_from(motion.origin, motion.velocity)
     near = nearness(robot, motion.q, motion.time, seen)

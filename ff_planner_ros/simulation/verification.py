@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import angular_momenta
 from ff_planner_ros.simulation.capture import Capture, capture, is_soft
 from ff_planner_ros.simulation.contacts import Contact, Touch
 from ff_planner_ros.simulation.corridor import Corridor, corridor
@@ -22,12 +25,15 @@ from ff_planner_ros.simulation.execution import (
     start_state,
     states_after_steps,
 )
-from ff_planner_ros.simulation.feed_forward import feed_forward
+from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward
 
 # As much as the planner's check allows a plan to miss its target: physics may not add more. Errors
 # of interpolation and integration are less than a tenth of this.
 POSITION_TOLERANCE = 1e-3  # [m]
 ORIENTATION_TOLERANCE = np.deg2rad(0.05)  # [rad]
+
+# Of what holds the chaser's attitude [N m].
+TORQUE_TOLERANCE = 1e-6
 
 # Relative. Nothing pushes the system. If its momentum changes, the integration is too coarse for
 # the motion, and the poses prove nothing. Sound plans stay below 1e-7.
@@ -72,6 +78,9 @@ class Verification:
     pairs: int = 0  # that were watched for contacts; 0: the robot is one of lines
     capture: Capture | None = None  # of the target body; None: there is none
     corridor: Corridor | None = None  # of the approach; None: there is none
+    # Of what holds the chaser's attitude, by which any of three axes needs another torque than the
+    # plan says of its wheels, at its points [N m]; None: nothing holds it
+    holding_torque_error: float | None = None
 
     @property
     def came_true(self) -> bool:
@@ -79,7 +88,8 @@ class Verification:
         found, allowed = astuple(self.deviation), astuple(ALLOWED)
         kept = all(value <= most for value, most in zip(found, allowed, strict=True))
         soft = self.capture is None or is_soft(self.capture)
-        return kept and soft and self.momentum_drift <= MOMENTUM_TOLERANCE
+        held = (self.holding_torque_error or 0.0) <= TORQUE_TOLERANCE
+        return kept and soft and held and self.momentum_drift <= MOMENTUM_TOLERANCE
 
     @property
     def passed(self) -> bool:
@@ -128,7 +138,32 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
         pairs=pairs,
         capture=_capture(seen, execution),
         corridor=corridor(seen, robot.base, engine, states, command.time[::2]),
+        holding_torque_error=_holding_torque_error(robot, engine, planned, states, command),
     )
+
+
+def _holding_torque_error(
+    robot: Robot,
+    engine: Engine,
+    planned: Trajectory,
+    states: Sequence[Array],
+    command: FeedForward,
+) -> float | None:
+    """Return by how much the torque on a held base differs from what the plan's wheels give.
+
+    None: nothing holds it. Where the motion is beyond all bounds it is infinite.
+    """
+    if robot.wheels is None:
+        return None
+    q, v = from_trajectory(robot, planned)
+    _, rates = angular_momenta(robot, q, v, planned.joint_accelerations)
+    at_points = states[:: command.steps_per_point]
+    if len(at_points) < len(q):
+        return np.inf
+    torques = command.torques[:: 2 * command.steps_per_point]
+    pairs = zip(at_points, torques, strict=True)
+    holding = np.array([engine.holding_torque(*at) for at in pairs])
+    return float(np.abs(holding - rates).max())
 
 
 def _capture(scene: Scene, execution: Execution) -> Capture | None:

@@ -23,6 +23,7 @@ from ff_planner_ros.analysis.drawing.panels import (
     joint_rates,
     joint_torques,
     panels,
+    wheel_quantities,
 )
 from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.drawing.scene import save_scene
@@ -66,6 +67,10 @@ def save_figures(
         "joint_rates": joint_figure(joint_rates(problem.robot), motions),
         "joint_torques": joint_figure(joint_torques(problem.robot), motions),
     }
+    if problem.robot.wheels is not None:
+        stored = problem.start.wheel_momenta
+        for name, quantity in wheel_quantities(problem.robot, stored).items():
+            figures[name] = joint_figure(quantity, motions)
     if problem.robot.base is Base.PLANAR:
         figures["from_above"] = view_from_above(problem, motions)
     if problem.target_body is not None:
@@ -154,7 +159,7 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
             axes.plot(*(part[-1:] for part in curve), "o", color=method.colour, markersize=4)
     for number, level in enumerate(panel.levels):
         if np.isfinite(level):
-            label = "joint limits" if number == 0 else None
+            label = "limits" if number == 0 else None
             axes.axhline(level, label=label, **_LIMIT)
     axes.set_ylabel(panel.label)
     axes.margins(x=0.0)

@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.extremes import distances, nearest
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
@@ -158,6 +160,35 @@ def _of_joints(
         lambda motion: factor * getattr(motion, field),
         levels=tuple(zip(*(factor * np.array([lower, upper])).tolist(), strict=True)),
     )
+
+
+def wheel_quantities(robot: Robot, stored: Array | None) -> dict[str, Quantity]:
+    """Return momentum and torque of every wheel with its limits, by name; none: nothing.
+
+    Args:
+        stored: What the wheels hold at the first point [N m s]; None: zero.
+    """
+    wheels = robot.wheels
+    if wheels is None:
+        return {}
+    first = np.zeros(wheels.count) if stored is None else stored
+
+    def along(motion: Trajectory) -> tuple[Array, Array]:
+        q, v = from_trajectory(robot, motion)
+        return wheels_along(robot, wheels, first, q, v, motion.joint_accelerations)
+
+    def drawn(title: str, unit: str, number: int, limits: Array) -> Quantity:
+        return Quantity(
+            title,
+            tuple(f"wheel {wheel + 1} [{unit}]" for wheel in range(wheels.count)),
+            lambda motion: along(motion)[number],
+            levels=tuple((-limit, limit) for limit in limits.tolist()),
+        )
+
+    return {
+        "wheel_momenta": drawn("wheel momenta", "N m s", 0, wheels.momentum_limits),
+        "wheel_torques": drawn("wheel torques", "N m", 1, wheels.torque_limits),
+    }
 
 
 def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Panel]:

@@ -7,11 +7,18 @@
 namespace ff {
 namespace {
 
+Base base_named(const std::string& name) {
+  if (name == "free_flyer") return Base::kFree;
+  if (name == "planar") return Base::kPlanar;
+  if (name == "attitude_held") return Base::kHeld;
+  throw std::invalid_argument("base is " + name + ", not free_flyer, planar or attitude_held");
+}
+
 Start start(const Array& position, const Array& rotation, const Array& center,
-            const Array& momentum, bool planar) {
+            const Array& momentum, const std::string& base) {
   const Vector6 conserved = vector6(momentum, "momentum");
   return {vector3(position, "position"), matrix3(rotation, "rotation"), vector3(center, "center"),
-          conserved.head<3>(),           conserved.tail<3>(),           planar};
+          conserved.head<3>(),           conserved.tail<3>(),           base_named(base)};
 }
 
 Orientation orientation_named(const std::string& name) {
@@ -80,7 +87,7 @@ py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows, const
 void bind_driven_motion(py::module_& m) {
   py::class_<Start>(m, "Start")
       .def(py::init(&start), py::arg("position"), py::arg("rotation"), py::arg("center"),
-           py::arg("momentum"), py::arg("planar"));
+           py::arg("momentum"), py::arg("base"));
   py::class_<Target>(m, "Target")
       .def(py::init(&target), py::arg("position"), py::arg("rotation"), py::arg("twist"),
            py::arg("acceleration"), py::arg("orientation"), py::arg("free_axis"),

@@ -24,6 +24,10 @@ using Rows = Eigen::Map<const RowMajor>;
 using RowsToFill = Eigen::Map<RowMajor>;
 using Values = Eigen::Map<const Eigen::VectorXd>;
 
+// How the chaser can move: freely; in the plane of x and y, turning about z; or without turning,
+// because wheels take up the angular momentum.
+enum class Base { kFree, kPlanar, kHeld };
+
 // Pinocchio's model of the robot as arrays. Bodies are numbered from the base, which is 0.
 struct Chain {
   std::vector<Pose> placements;   // of each joint, in the frame of the joint before

@@ -33,11 +33,11 @@ class EndEffectorMotion {
     Vector6 way, twist, acceleration;  // in axes of the end effector
   };
 
-  EndEffectorMotion(const Posture& posture, const SystemState& state, bool planar)
+  EndEffectorMotion(const Posture& posture, const SystemState& state, Base base)
       : posture_(posture),
         state_(state),
-        planar_(planar),
-        inertia_(free_inertia(posture.composite[0].matrix(), planar)),
+        first_borne_(base == Base::kPlanar ? 2 : base == Base::kHeld ? 3 : 6),
+        inertia_(free_inertia(posture.composite[0].matrix())),
         to_tip_(posture.tip.motion_to_inner()) {
     // Nothing pushes the base, Eq. (20): its acceleration is what the wrench needs to be zero.
     follow(base_acceleration(follow(Vector6::Zero())));
@@ -107,10 +107,12 @@ class EndEffectorMotion {
     return wrench;
   }
 
-  // Of a base that can move freely, or on a table in x, y and the turn about z alone.
-  static Matrix6 free_inertia(Matrix6 inertia, bool planar) {
-    for (const int fixed : {2, 3, 4}) {
-      if (!planar) break;
+  // How many entries of the base's motion a table, or wheels, leave no freedom.
+  int borne() const { return std::min(3, 6 - first_borne_); }
+
+  // Of a base that can move freely, on a table in x, y and the turn about z, or without a turn.
+  Matrix6 free_inertia(Matrix6 inertia) const {
+    for (int fixed = first_borne_; fixed < first_borne_ + borne(); ++fixed) {
       inertia.row(fixed).setZero();
       inertia.col(fixed).setZero();
       inertia(fixed, fixed) = 1;
@@ -120,13 +122,13 @@ class EndEffectorMotion {
 
   // What brings a wrench on the base to zero.
   Vector6 base_acceleration(Vector6 wrench) const {
-    if (planar_) wrench.segment<3>(2).setZero();
+    wrench.segment(first_borne_, borne()).setZero();
     return -inertia_.solve(wrench);
   }
 
   const Posture& posture_;
   SystemState state_;
-  bool planar_;
+  int first_borne_;  // of the entries of the base's motion that it cannot change; 6: none
   Eigen::LLT<Matrix6> inertia_;
   Matrix6 to_tip_;
   std::vector<Body> bodies_;

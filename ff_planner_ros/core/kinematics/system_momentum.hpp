@@ -15,7 +15,7 @@ class SystemMomentum {
   Columns3 coupling;   // A
   Matrix3 to_rate;     // angular momentum to the base's rate, I^-1
 
-  SystemMomentum(const Posture& posture, bool planar)
+  SystemMomentum(const Posture& posture, Base base)
       : screws_(posture.screws),
         body_(posture.body.begin(), posture.body.begin() + posture.screws.cols() + 1),
         composite_(posture.composite.begin(),
@@ -30,9 +30,9 @@ class SystemMomentum {
     coupling = momenta.bottomRows<3>() - lever * momenta.topRows<3>();
     const Matrix3 inertia = all.second + all.mass * lever * lever;  // I
     to_rate.setZero();
-    if (planar)  // the table lets the base turn about its normal alone
+    if (base == Base::kPlanar)  // the table lets the base turn about its normal alone
       to_rate(2, 2) = 1 / inertia(2, 2);
-    else
+    else if (base == Base::kFree)
       to_rate = inertia.inverse();
   }
 

@@ -12,7 +12,7 @@ struct Start {
   Matrix3 rotation;         // base to inertial axes
   Vector3 center;           // of mass
   Vector3 linear, angular;  // momentum, the latter about the centre of mass
-  bool planar;              // the base moves in the plane of x and y and turns about z
+  Base base;
 };
 
 class DrivenMotion {
@@ -27,7 +27,7 @@ class DrivenMotion {
         accelerations_(accelerations),
         duration_(duration),
         step_(2 * duration / static_cast<double>(angles.rows() - 1)),
-        momenta_(momenta(chain, angles, start.planar)),
+        momenta_(momenta(chain, angles, start.base)),
         turn_(momenta_, rates, start.rotation, start.angular, step_),
         end_(chain, angles.row(angles.rows() - 1)),
         mass_(end_.composite[0].mass),
@@ -87,11 +87,11 @@ class DrivenMotion {
 
  private:
   static std::vector<SystemMomentum> momenta(const Chain& chain, const RowMajor& angles,
-                                             bool planar) {
+                                             Base base) {
     std::vector<SystemMomentum> found;
     found.reserve(angles.rows());
     for (int i = 0; i < angles.rows(); ++i)
-      found.emplace_back(Posture(chain, angles.row(i)), planar);
+      found.emplace_back(Posture(chain, angles.row(i)), base);
     return found;
   }
 
@@ -101,13 +101,14 @@ class DrivenMotion {
     return {end_,
             {q.row(last).head<3>(), turn_.rotation, v.row(last).head<6>(), v.row(last).tail(n),
              accelerations_.row(accelerations_.rows() - 1)},
-            start_.planar};
+            start_.base};
   }
   Conditions conditions(const Target& target, const EndEffectorMotion& tip,
                         const StateChange& change, const TargetChange& of_target) const {
-    return end_conditions(target, tip, tip.along(change), of_target, duration_, start_.planar);
+    return end_conditions(target, tip, tip.along(change), of_target, duration_, is_planar());
   }
 
+  bool is_planar() const { return start_.base == Base::kPlanar; }
   const Matrix3& rotation_at(int point) const {
     return point < static_cast<int>(turn_.steps.size()) ? turn_.steps[point].rotation
                                                         : turn_.rotation;
@@ -124,13 +125,13 @@ class DrivenMotion {
     Vector3 position = start_.center + half_step * step_ / 2 * drift_;
     position -= rotation * momenta_[half_step].center;
     // The table takes up what an axis is off its normal.
-    if (start_.planar) position.z() = start_.position.z();
+    if (is_planar()) position.z() = start_.position.z();
     Eigen::Matrix<double, 1, 7> row;
     row << position.transpose(), quaternion_xyzw(rotation).transpose();
     return row;
   }
   Vector3 on_table(const Vector3& linear) const {
-    return start_.planar ? Vector3(linear.x(), linear.y(), 0) : linear;
+    return is_planar() ? Vector3(linear.x(), linear.y(), 0) : linear;
   }
 
   using Block = Eigen::Block<RowsToFill, Eigen::Dynamic, Eigen::Dynamic, true>;

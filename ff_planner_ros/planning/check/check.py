@@ -15,12 +15,15 @@ import numpy as np
 from ff_planner_ros.errors import Failure, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.motion.measures import chaser_euler, joint_path_length
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory, WheelMotion
+from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements import requirements_of
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
+from ff_planner_ros.planning.requirements.wheels import peaks_along
+from ff_planner_ros.robot.wheels import momenta_of
 
 
 def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
@@ -37,6 +40,21 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
         max_chaser_euler=float(np.abs(chaser_euler(problem.robot, samples.q[to_goal])).max()),
         **required,
     )
+
+
+def wheels_told(
+    problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings
+) -> WheelMotion | None:
+    """Return what the wheels hold and give along a trajectory; None: there are none."""
+    robot, wheels, start = problem.robot, problem.robot.wheels, problem.start
+    if wheels is None:
+        return None
+    samples = _samples(problem, settings, trajectory)
+    q, v = samples.q_and_v
+    stored = momenta_of(wheels, start)
+    rows = wheels_along(robot, wheels, stored, q, v, trajectory.joint_accelerations)
+    peaks = peaks_along(robot, wheels, start, samples.followed)
+    return WheelMotion(*rows, *(np.abs(one.values) for one in (peaks.momenta, peaks.torques)))
 
 
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:

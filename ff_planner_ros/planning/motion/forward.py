@@ -17,7 +17,12 @@ from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.momentum import base_twist, momentum_maps, total_momentum
+from ff_planner_ros.robot.momentum import (
+    base_twist,
+    momentum_maps,
+    total_momentum,
+    with_wheel_momenta,
+)
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 from ff_planner_ros.robot.state import SystemState
 
@@ -58,7 +63,8 @@ def carried_forward(
         time = _steps(robot, q, momentum, phase, begin, end)
         q, v = (samples[-1] for samples in carried_base(robot, q, momentum, phase, time))
     there = frame.state_seen_by_user(system_state(robot, q, v), seconds)
-    return replace(there, joint_accelerations=_accelerations(state, seconds, joints))
+    there = replace(there, joint_accelerations=_accelerations(state, seconds, joints))
+    return with_wheel_momenta(robot, state, there)
 
 
 def driven(

@@ -38,6 +38,21 @@ class Trajectory:
             object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
 
 
+@dataclass(frozen=True, eq=False)
+class WheelMotion:
+    """What the wheels that hold the chaser's attitude hold and give, a column a wheel."""
+
+    momenta: Array  # at each point; shape (points, wheels) [N m s]
+    torques: Array  # rates of the momenta; shape (points, wheels) [N m]
+    peak_momenta: Array  # largest at any time, either way; shape (wheels,) [N m s]
+    peak_torques: Array  # likewise [N m]
+
+    def __post_init__(self) -> None:
+        """Replace every array by a read-only copy."""
+        for item in fields(self):
+            object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
+
+
 @dataclass(frozen=True)
 class SolverReport:
     """How the solver found a path."""
@@ -93,6 +108,7 @@ class Plan:
     coefficients: Array = field(default_factory=lambda: np.empty(0))
     duration: float | None = None  # from the first point to the goal [s]; None: as was asked for
     robust: RobustReport | None = None  # None: it was not asked for
+    wheels: WheelMotion | None = None  # None: the chaser has none
     # The step at which the search was ended: with it, a task gives this plan again; zero: the
     # search came to its end
     effort: int = 0

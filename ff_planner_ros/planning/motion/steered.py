@@ -40,7 +40,7 @@ def _postures(robot: Robot) -> tuple[tuple[Array, Array], ...]:
     data, rng = robot.model.createData(), np.random.default_rng(0)
     lowest = np.maximum(robot.lower_position_limits, -np.pi)
     highest = np.minimum(robot.upper_position_limits, np.pi)
-    linear = sum(row < 3 for row in robot.base.rows)
+    linear = sum(row < 3 for row in robot.base.tip_rows)
     found = []
     for _ in range(_POSTURES):
         joints = rng.uniform(lowest, np.maximum(lowest, highest))
@@ -53,8 +53,8 @@ def _postures(robot: Robot) -> tuple[tuple[Array, Array], ...]:
 
 
 def twist_conditions(robot: Robot, data: pin.Data, target: Target, q: Array) -> Array:
-    """Return what of a twist in inertial axes, the base's rows of it, a target asks for."""
-    rows = robot.base.rows
+    """Return what of a twist in inertial axes, its `tip_rows`, a target asks for."""
+    rows = robot.base.tip_rows
     every = np.eye(len(rows))
     linear = every[[row < 3 for row in rows]]
     if target.orientation is Orientation.FREE:

@@ -118,7 +118,7 @@ def _held_rates(
         twist: Of the end effector, inertial axes. Shape (6,).
         spare: Joint rates. Shape (joints,).
     """
-    rows = robot.base.rows
+    rows = robot.base.tip_rows
     conditions = twist_conditions(robot, data, target, q)
     of_rates = conditions @ generalised_jacobian(robot, data, q)
     drifting = np.concatenate([base_twist(robot, data, q, momentum, spare), spare])

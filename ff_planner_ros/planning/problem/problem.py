@@ -51,6 +51,7 @@ from ff_planner_ros.planning.problem.user_requirements import REQUIRED
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import MAX_TILT, on_the_table
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.wheels import held
 
 if TYPE_CHECKING:
     from ff_planner_ros.planning.requirements.requirement import Requirement
@@ -105,8 +106,8 @@ class PlanningProblem:
         InvalidInput: A duration or contact distance that is not positive, a duration out of its
             range, a number of points out of range, a contact or a camera's link that is none of
             the robot's, an approach in a direction that the target leaves open, a state or limits
-            whose number of joints is not the robot's, or a state that leaves the plane of a planar
-            base.
+            whose number of joints is not the robot's, a state that leaves the plane of a planar
+            base, or one that turns although wheels hold its attitude.
     """
 
     FIRST: ClassVar[Sequence[str]] = ("target", "target_body")
@@ -222,6 +223,8 @@ class PlanningProblem:
             raise InvalidInput(Status.OUT_OF_RANGE, "duration", self.duration, allowed)
         finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
         object.__setattr__(self, "limits", self.limits.of_joints(self.robot.joints))
+        if self.robot.wheels is not None:
+            object.__setattr__(self, "start", held(self.robot.wheels, self.start))
         if self.robot.base is Base.PLANAR:
             object.__setattr__(self, "start", on_the_table(self.start))
             with fields_named({} if self.target_body is None else _OF_BODY):

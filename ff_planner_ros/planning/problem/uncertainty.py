@@ -154,7 +154,7 @@ def _start_errors(robot: Robot, uncertainty: Uncertainty) -> Array:
     by_errors[:3, :3] = uncertainty.linear_velocity * np.eye(3)
     by_errors[:3, 3:] = uncertainty.angular_velocity * pin.skew(robot.position_chaser_in_base)
     by_errors[3:, 3:] = uncertainty.angular_velocity * np.eye(3)
-    if robot.base is Base.PLANAR:
+    if robot.base is not Base.FREE_FLYER:
         borne = np.setdiff1d(range(6), robot.base.rows)
         by_errors[borne] = 0.0
         by_errors[:, borne] = 0.0

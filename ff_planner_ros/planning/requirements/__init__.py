@@ -20,6 +20,7 @@ from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClea
 from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
+from ff_planner_ros.planning.requirements.wheels import WheelLimits
 
 # Of every plan.
 REQUIREMENTS: tuple[Requirement, ...] = (
@@ -35,6 +36,7 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     ChaserAttitude(),
     ChaserRotation(),
     SingularValues(),
+    WheelLimits(),
     Torques(),  # after the singularity, near which torques are a symptom
     Goal(),
     Plane(),

@@ -65,7 +65,7 @@ def miss(robot: Robot, q: Array, target: Target) -> Array:
         [target.position - tip.translation, _turn_to(target, np.asarray(tip.rotation))]
     )
     in_plane = np.zeros(6)
-    in_plane[robot.base.rows] = missed[robot.base.rows]
+    in_plane[robot.base.tip_rows] = missed[robot.base.tip_rows]
     return in_plane.reshape(2, 3)
 
 

@@ -1,4 +1,4 @@
-"""On an air-bearing table the chaser stays on the table."""
+"""The chaser moves as its base lets it: on a table it stays, held by wheels it does not turn."""
 
 from __future__ import annotations
 
@@ -6,41 +6,54 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
-# What rounding lifts or tilts a chaser that stays on its table [m], [rad], [m/s], [rad/s].
+# What rounding lifts, tilts or turns a chaser by that does not move so [m], [rad], [m/s], [rad/s].
 _ROUNDING = 1e-6
 
 
 class Plane(Requirement):
-    """A chaser on a planar base moves in x, y and about z only."""
+    """A chaser on a table moves in x, y and about z only; one that wheels hold does not turn."""
 
     name = "plane"
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield how far the chaser leaves the plane."""
-        problem, motion = samples.problem, samples.trajectory
-        if problem.robot.base is Base.FREE_FLYER:
+        """Yield how far the chaser moves as it cannot."""
+        base = samples.problem.robot.base
+        if base is Base.FREE_FLYER:
             return
-        normals = rotation_from_quaternion(motion.chaser_quaternions_xyzw)[:, :, 2]
-        for what, off, unit in (
-            (
-                "rises or sinks by",
-                motion.chaser_positions[:, 2] - problem.start.position_chaser_in_inertial[2],
-                "m",
-            ),
-            ("moves along z at", motion.chaser_linear_velocities[:, 2], "m/s"),
-            ("tilts by", np.linalg.norm(normals[:, :2], axis=1), "rad"),
-            ("turns about x and y at", motion.chaser_angular_velocities[:, :2], "rad/s"),
-        ):
+        is_planar = base is Base.PLANAR
+        words = "leaves the plane of its base: it" if is_planar else "is held by wheels, but"
+        for what, off, unit in _off_plane(samples) if is_planar else _turned(samples):
             most = float(np.abs(off).max())
             if not most <= _ROUNDING:
                 yield Failure(
                     Status.CHECK_FAILED,
-                    f"the chaser leaves the plane of its base: it {what} up to {most:.3g} {unit}",
+                    f"the chaser {words} {what} up to {most:.3g} {unit}",
                     ("a report to the maintainers, for this is a fault of the planner",),
                 )
+
+
+def _off_plane(samples: Samples) -> Iterator[tuple[str, Array, str]]:
+    """Yield what a chaser on a table does that it cannot."""
+    problem, motion = samples.problem, samples.trajectory
+    height = problem.start.position_chaser_in_inertial[2]
+    normals = rotation_from_quaternion(motion.chaser_quaternions_xyzw)[:, :, 2]
+    yield "rises or sinks by", motion.chaser_positions[:, 2] - height, "m"
+    yield "moves along z at", motion.chaser_linear_velocities[:, 2], "m/s"
+    yield "tilts by", np.linalg.norm(normals[:, :2], axis=1), "rad"
+    yield "turns about x and y at", motion.chaser_angular_velocities[:, :2], "rad/s"
+
+
+def _turned(samples: Samples) -> Iterator[tuple[str, Array, str]]:
+    """Yield what a chaser held by wheels does that it cannot."""
+    problem, motion = samples.problem, samples.trajectory
+    begins = rotation_from_quaternion(problem.start.quaternion_chaser_to_inertial_xyzw)
+    axes = rotation_from_quaternion(motion.chaser_quaternions_xyzw)
+    yield "turns by", np.linalg.norm(axes - begins, axis=(1, 2)) / np.sqrt(2.0), "rad"
+    yield "turns at", motion.chaser_angular_velocities, "rad/s"

@@ -100,6 +100,10 @@ def robust_plan(
         NoPlanFound: There is no plan, or none that keeps so much.
         OutOfTime: By the watch.
     """
+    if settings.robust.sigmas and problem.robot.wheels is not None:
+        allowed = "it must be 0 with robot.base attitude_held: how wheels share errors is not known"
+        asked_for = settings.robust.sigmas
+        raise InvalidInput(Status.UNSUPPORTED, "planner.robust.sigmas", asked_for, allowed)
     plain = method(problem, settings, watch, guess)
     if not settings.robust.sigmas:
         return plain

@@ -36,6 +36,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, PlannerSettings
 from ff_planner_ros.planning.problem.target import require_enough_joints
 from ff_planner_ros.planning.scenario.body_file import TARGET_BODY, BodyFile
+from ff_planner_ros.planning.scenario.wheels_file import WheelsFile
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -61,10 +62,18 @@ class RobotFile:
     tip_link: str = declare(TEXT, "link whose frame is the end effector")
     base: Base = declare(
         a_word(Base),
-        "how the chaser can move: planar: on an air-bearing table it has x, y and the turn about z",
+        "how the chaser can move: planar: on an air-bearing table it has x, y and the turn about "
+        "z; attitude_held: reaction wheels keep it from turning, it drifts",
         since="0.3",
         brief=True,
         default=Base.FREE_FLYER,
+    )
+    wheels: WheelsFile | None = declare(
+        part(WheelsFile),
+        "with base attitude_held: what holds it; default: a wheel along each axis of the base "
+        "link, without limits",
+        since="0.3",
+        default=None,
     )
     locked_joints: Mapping[str, float] | None = declare(
         by_name("a joint"),
@@ -100,7 +109,8 @@ class RobotFile:
         srdf = None if self.srdf is None else resolve_uri(self.srdf, directory, "robot.srdf")
         links = self.base_link, self.tip_link
         held = self.locked_joints or {}
-        return load_robot(urdf, *links, self.base, held, self.geometry, srdf)
+        wheels = None if self.wheels is None else self.wheels.wheels
+        return load_robot(urdf, *links, self.base, held, self.geometry, srdf, wheels)
 
 
 # Every key of a file.
@@ -233,7 +243,8 @@ def _problem(read: Mapping[str, Any], robot: Robot, limits: Limits) -> PlanningP
 
 
 def _start(robot: Robot, read: Mapping[str, Any]) -> SystemState:
-    given = fields_of(SystemState, read)
+    given, told = fields_of(SystemState, read), read["robot"].wheels
+    given["wheel_momenta"] = None if told is None else told.stored
     if given["joint_velocities"] is not True:
         return SystemState(**given)
     state = SystemState(**given | {"joint_velocities": np.zeros(robot.joints)})

@@ -12,6 +12,7 @@ from ff_planner_ros.common.declared import DeclaredFields, declared, written
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import KEYS, Defaults, RobotFile, load_task
+from ff_planner_ros.planning.scenario.wheels_file import wheels_file
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.state import SystemState
@@ -31,7 +32,10 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     urdf.write_text(robot.drawn_urdf, encoding="utf-8", newline="")
     # What is written of a robot with lines has no <collision>.
     geometry = None if robot.geometry is Geometry.LINES else robot.geometry
-    named = RobotFile(urdf.name, robot.base_link, robot.tip_link, robot.base, geometry=geometry)
+    named = RobotFile(
+        *(urdf.name, robot.base_link, robot.tip_link, robot.base, wheels_file(task.problem)),
+        geometry=geometry,
+    )
     values = {"robot": named} | _said_of(task.problem) | _said_by(task)
     # Flow style for what holds no other lists: a line for each vector.
     document = yaml.safe_dump(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.check.check import measure
+from ff_planner_ros.planning.check.check import measure, wheels_told
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.followed_path import followed_path
 from ff_planner_ros.planning.motion.motion import to_trajectory
@@ -86,4 +86,5 @@ def plan_of_motion(
         metrics=measure(problem, trajectory, settings),
         solver=solver,
         duration=problem.duration,
+        wheels=wheels_told(problem, trajectory, settings),
     )

@@ -21,7 +21,7 @@ from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import base_twist, total_momentum
+from ff_planner_ros.robot.momentum import base_twist, total_momentum, with_wheel_momenta
 from ff_planner_ros.robot.state import SystemState
 
 # What remains of a plan is looked at at so many times: a path of either family follows them.
@@ -82,4 +82,5 @@ def joined(robot: Robot, state: SystemState, ahead: float, running: JointMotion)
     q[7:], v[6:] = positions, rates
     v[:6] = base_twist(robot, data, q, momentum, rates)
     there = frame.state_seen_by_user(system_state(robot, q, v), 0.0)
-    return replace(there, joint_accelerations=accelerations)
+    there = replace(there, joint_accelerations=accelerations)
+    return with_wheel_momenta(robot, state, there)

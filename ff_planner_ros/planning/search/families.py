@@ -67,6 +67,7 @@ def require_papers_paths(problem: PlanningProblem, field: str, value: str, advic
     reasons = {
         f"an arm of {robot.joints} joints": robot.joints < PAPERS_JOINTS,
         "a planar base": robot.base is Base.PLANAR,
+        "a base whose attitude wheels hold": robot.base is Base.ATTITUDE_HELD,
         "a target that leaves the orientation free": (
             problem.target.orientation is not Orientation.FIXED
         ),

@@ -72,6 +72,8 @@ def _parts_of_robot(robot: Robot) -> list[Any]:
     parts: list[Any] = [robot.urdf, robot.base_link, robot.tip_link]
     if robot.base is not Base.FREE_FLYER:
         parts.append(robot.base)
+    if robot.wheels is not None:
+        parts.append(robot.wheels)
     if robot.geometry is not Geometry.LINES:
         bodies = [(body.name, body.joint, *defining_numbers(body)) for body in robot.bodies]
         parts += [robot.geometry, bodies, robot.pairs]

@@ -19,6 +19,7 @@ from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.messages.obstacles import bodies_of, scene_obstacles_of, spheres_of
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
 from ff_planner_ros.messages.trajectories import trajectory_in
+from ff_planner_ros.messages.wheels import wheel_momenta_in, wheels_in
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
@@ -206,9 +207,7 @@ def state_from_message(
         InvalidInput: A field of the message cannot be used; the error names it.
     """
     require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
-    if len(message.wheel_momenta):
-        field, found = f"{source}.wheel_momenta", message.wheel_momenta.tolist()
-        raise InvalidInput(Status.WRONG_SIZE, field, found, "it must be empty: there are no wheels")
+    momenta = wheel_momenta_in(message, f"{source}.wheel_momenta", robot)
     order = joint_order(f"{source}.joint_names", message.joint_names, robot.joint_names)
     with fields_named(names_in(SystemState, "", source)):
         given = values_in(SystemState, message)
@@ -216,7 +215,7 @@ def state_from_message(
             if name in given:
                 numbers = finite_vector(f"{source}.{name}", given[name], robot.joints)
                 given[name] = numbers[order]
-        return SystemState(**given)
+        return SystemState(**given, wheel_momenta=momenta)
 
 
 def target_body_from_message(message: TargetBodyMessage, inertial_frame: str) -> TargetBody:
@@ -275,6 +274,7 @@ def plan_from_answer(answer: PlanAnswer) -> Plan:
         solver=solver_report_from_message(answer.solver),
         duration=message.duration or None,
         effort=answer.effort,
+        wheels=wheels_in(message),
     )
 
 

@@ -19,6 +19,7 @@ from ff_planner_msgs.msg import (
     PlanStatus,
     Scene,
     SolverReport,
+    WheelPoint,
 )
 from ff_planner_msgs.msg import Obstacle as ObstacleMessage
 from ff_planner_msgs.msg import Plan as PlanMessage
@@ -80,6 +81,8 @@ def state_message(
     message: ChaserState = write_object(
         state, ChaserState(header=header, joint_names=list(joint_names)), entry_of
     )
+    if state.wheel_momenta is not None:
+        message.wheel_momenta = state.wheel_momenta.tolist()
     return message
 
 
@@ -160,6 +163,9 @@ def plan_message(
         end_effector_path=_path(headers, motion.ee_positions, motion.ee_quaternions_xyzw),
         end_effector_twists=_twists(motion.ee_linear_velocities, motion.ee_angular_velocities),
     )
+    if plan.wheels is not None:
+        rows = zip(plan.wheels.momenta.tolist(), plan.wheels.torques.tolist(), strict=True)
+        message.wheels = [WheelPoint(momenta=momenta, torques=given) for momenta, given in rows]
     if body is not None:
         there = body.motion(np.zeros(3), motion.time)
         turns = Rotation.from_matrix(there.rotations).as_quat()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -135,24 +135,8 @@ class Torques(Requirement):
         )
 
 
-def _peaks(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
-    """Return each joint's largest torque, its sign kept, and when. Each of shape (joints,).
-
-    They are those of parabolas through three steps of the motion, within 5e-4 of the truth. None
-    goes over a point, where the torques have a kink; but where steps end at points alone.
-    """
+def _peaks(robot: Robot, motion: FollowedMotion) -> Peaks:
+    """Return each joint's largest torque and when, within 5e-4 of the truth."""
     _, _, accelerations = motion.joints.at(motion.time)
     torques = joint_torques(robot, motion.q, motion.v, accelerations, motion.maps)
-    before, there, after = torques[:-2], torques[1:-1], torques[2:]
-    slope, curvature = (after - before) / 2, before + after - 2 * there
-    with np.errstate(divide="ignore", invalid="ignore"):
-        aside = np.nan_to_num(-slope / curvature)
-    at_point = np.arange(1, len(torques) - 1) % motion.pieces == 0
-    aside[(np.abs(aside) > 1.0) | (at_point[:, None] & (motion.pieces > 1))] = 0.0
-    peaks = np.concatenate(
-        [torques[:1], there + slope * aside + curvature * aside**2 / 2, torques[-1:]]
-    )
-    joints, largest = np.arange(robot.joints), np.abs(peaks).argmax(axis=0)
-    at_ends = np.zeros((1, robot.joints))
-    steps = largest + np.concatenate([at_ends, aside, at_ends])[largest, joints]
-    return peaks[largest, joints], np.interp(steps, np.arange(len(torques)), motion.time)
+    return peaks_of_steps(torques, motion)

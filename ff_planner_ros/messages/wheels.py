@@ -1,0 +1,46 @@
+"""The wheels of a message, as it is or decoded: of a state, and of a plan."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.messages.trajectories import table
+from ff_planner_ros.planning.motion.plan import WheelMotion
+from ff_planner_ros.robot.model import Robot
+
+
+def wheel_momenta_in(state: Any, field: str, robot: Robot) -> Array | None:
+    """Return the momenta that a state tells of its wheels [N m s]; None: it tells none.
+
+    Raises:
+        InvalidInput: The robot has no wheels, or another number of them.
+    """
+    found = value_at(state, "wheel_momenta", ())  # older messages have none
+    if not len(found):
+        return None
+    if robot.wheels is None:
+        allowed = "it must be empty: there are no wheels"
+        raise InvalidInput(Status.WRONG_SIZE, field, list(found), allowed)
+    return finite_vector(field, found, robot.wheels.count)
+
+
+def wheels_in(plan: Any) -> WheelMotion | None:
+    """Return what a plan's message says of the chaser's wheels; None: nothing.
+
+    The peaks are those at the points.
+
+    Raises:
+        ValueError: Its arrays do not fit each other.
+    """
+    told = value_at(plan, "wheels", ())  # older messages have none
+    if not len(told):
+        return None
+    points, count = len(plan.joint_trajectory.points), len(told[0].momenta)
+    momenta = table([one.momenta for one in told], points, count)
+    torques = table([one.torques for one in told], points, count)
+    return WheelMotion(momenta, torques, *(np.abs(rows).max(axis=0) for rows in (momenta, torques)))

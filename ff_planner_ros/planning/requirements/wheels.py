@@ -1,0 +1,231 @@
+"""The wheels that hold the chaser's attitude stay within their limits, between the points too.
+
+The search keeps the bodies' angular momentum and the torque on the base as inverse dynamics says
+them, with exact derivatives; the check measures both by Pinocchio's centroidal algorithms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.wheel_motion import WheelPeaks, wheel_peaks
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.joints.accelerations import (
+    accelerations_at_points,
+    accelerations_by_x,
+)
+from ff_planner_ros.planning.requirements.requirement import (
+    ALLOWED_EXCESS,
+    LIMIT_TOLERANCE,
+    Requirement,
+    Rows,
+    Samples,
+    eased,
+    within,
+)
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.dynamics import torques_on_base, torques_on_base_by_x
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import momentum_maps
+from ff_planner_ros.robot.state import STORED, SystemState
+from ff_planner_ros.robot.wheels import Wheels, momenta_of
+
+# What is further from its limit than this part of it cannot reach it in one step of the solver.
+_OF_INTEREST = 0.4
+# Between 50 points torques rise above those at the points by less, in parts of their limits.
+_MARGIN = 1e-3
+# Names of the rows of torques, above those of momenta.
+_TORQUES = 1 << 30
+
+
+class WheelLimits(Requirement):
+    """Momentum and torque of each wheel stay within their limits, where it has any."""
+
+    name = "wheels"
+    is_on_demand = True
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse wheels that hold more than they may, or joints that accelerate against them."""
+        wheels = problem.robot.wheels
+        if wheels is None:
+            return
+        stored, limits = momenta_of(wheels, problem.start), wheels.momentum_limits
+        for k in np.flatnonzero(np.abs(stored) > (1.0 + ALLOWED_EXCESS) * limits):
+            allowed = f"wheel {k + 1} holds {limits[k]:g} N m s at most, either way"
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS, f"{STORED}[{k}]", f"{stored[k]:.6g} N m s", allowed
+            )
+        accelerations = problem.start.joint_accelerations
+        if accelerations is None:
+            return
+        _, v = configuration(problem.robot, problem.start)
+        (torques,) = _torques(problem.robot, wheels, q_start[None], v[None], accelerations[None])
+        excess = np.abs(torques) - (1.0 + ALLOWED_EXCESS) * wheels.torque_limits
+        worst = int(excess.argmax())
+        if excess[worst] > LIMIT_TOLERANCE:
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS,
+                "joints.acceleration",
+                np.array2string(accelerations, precision=4),
+                f"for it wheel {worst + 1} gives {torques[worst]:.4g} N m, and its limit is "
+                f"{wheels.torque_limits[worst]:g} N m either way",
+            )
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how far from the limits the search stays, in parts of them."""
+        return _MARGIN
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of interest to the limits at the points, in parts of them."""
+        wheels = problem.robot.wheels
+        if wheels is None or not _is_limited(wheels):
+            return None
+        of_momenta = _kept(
+            *_momenta_with_derivatives(problem, wheels, motion, sensitivity),
+            wheels.momentum_limits,
+            margin,
+        )
+        of_torques = _kept(
+            *_torques_with_derivatives(problem, wheels, motion, sensitivity),
+            wheels.torque_limits,
+            margin,
+        )
+        return Rows(
+            np.concatenate([of_momenta.values, of_torques.values]),
+            np.concatenate([of_momenta.jacobian, of_torques.jacobian]),
+            np.concatenate([of_momenta.names, _TORQUES + of_torques.names]),
+        )
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return how far the wheels stay from their limits, in parts of them."""
+        wheels = problem.robot.wheels
+        if wheels is None or not _is_limited(wheels):
+            return np.inf
+        return min(float(one.left.min()) for one in _judged(problem, wheels, motion))
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the wheel that is furthest beyond its momentum, and the one beyond its torque."""
+        problem, wheels = samples.problem, samples.problem.robot.wheels
+        if wheels is None or not _is_limited(wheels):
+            return
+        for one in _judged(problem, wheels, samples.followed):
+            wheel = int(one.left.argmin())
+            if one.left[wheel] >= 0.0:
+                continue
+            value, limit = one.values[wheel], one.limits[wheel]
+            yield Failure(
+                Status.LIMIT_VIOLATED,
+                f"wheel {wheel + 1} {one.verb} {value:.4g} {one.unit}, {abs(value) - limit:.3g} "
+                f"{one.unit} more than its limit of {limit:g} {one.unit}, at "
+                f"{samples.at(float(one.times[wheel]))}",
+                ("a longer duration", one.advice, "more planner.starts"),
+            )
+
+
+class _Judged(NamedTuple):
+    """The peaks of one quantity of all wheels, and how far they are from their limits."""
+
+    verb: str
+    unit: str
+    advice: str
+    values: Array  # shape (wheels,)
+    times: Array  # shape (wheels,) [s]
+    limits: Array  # eased for what the start has already; shape (wheels,)
+    left: Array  # in parts of the limits; shape (wheels,)
+
+
+def _judged(problem: PlanningProblem, wheels: Wheels, motion: FollowedMotion) -> list[_Judged]:
+    """Return the peaks of momenta and torques against their limits."""
+    peaks = peaks_along(problem.robot, wheels, problem.start, motion)
+    holds = "holds", "N m s", "wheels that hold less at the start", wheels.momentum_limits
+    gives = "gives", "N m", "a smaller weight on the duration", wheels.torque_limits
+    judged = []
+    for (verb, unit, advice, limits), at_start, found in zip(
+        (holds, gives), peaks.first, (peaks.momenta, peaks.torques), strict=True
+    ):
+        kept = eased(limits, np.abs(at_start), ALLOWED_EXCESS * limits)
+        left = 1.0 + (LIMIT_TOLERANCE - np.abs(found.values)) / kept
+        judged.append(_Judged(verb, unit, advice, found.values, found.times, kept, left))
+    return judged
+
+
+@lru_cache(maxsize=2)  # what is measured first is judged soon after
+def peaks_along(
+    robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
+) -> WheelPeaks:
+    """Return what `wheel_peaks` does."""
+    return wheel_peaks(robot, wheels, start, motion)
+
+
+def _momenta_with_derivatives(
+    problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
+) -> tuple[Array, Array]:
+    """Return what each wheel holds at the points, (points, wheels), and its derivatives by x.
+
+    L is the angular part of M(q) v about the centre of mass: about any point, where v is without
+    what the centre of mass drifts at. Inverse dynamics at rest, with v as acceleration, has the
+    derivatives of M(q) v.
+    """
+    robot, q = problem.robot, motion.q
+    model, data = robot.model, robot.model.createData()
+    maps, v, still = momentum_maps(robot, data, q), motion.v.copy(), np.zeros(model.nv)
+    v[:, :3] -= (maps[:, :3] @ v[:, :, None])[:, :, 0] / pin.computeTotalMass(model)
+    momenta = (maps[:, 3:] @ v[:, :, None])[:, :, 0]
+    of_q = np.empty((len(q), 3, model.nv))
+    for k, (at, moving) in enumerate(zip(q, v, strict=True)):
+        of_q[k] = pin.computeRNEADerivatives(model, data, at, still, moving)[0][3:6]
+    by_x = of_q @ sensitivity.q + maps[:, 3:] @ sensitivity.v
+    shares = _shares(robot, wheels)
+    held = momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T
+    return held, shares @ (by_x[0] - by_x)
+
+
+def _torques_with_derivatives(
+    problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
+) -> tuple[Array, Array]:
+    """Return what each wheel gives at the points, (points, wheels), and its derivatives by x."""
+    robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
+    accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
+    of_rates = accelerations_by_x(motion, sensitivity, step)
+    at = motion.q, motion.v, accelerated
+    by_x = torques_on_base_by_x(robot, *at, sensitivity.q, sensitivity.v, of_rates)
+    return _torques(robot, wheels, *at), -_shares(robot, wheels) @ by_x
+
+
+def _torques(robot: Robot, wheels: Wheels, q: Array, v: Array, accelerations: Array) -> Array:
+    """Return what each wheel gives. Shape (points, wheels) [N m]."""
+    torques: Array = -torques_on_base(robot, q, v, accelerations) @ _shares(robot, wheels).T
+    return torques
+
+
+def _shares(robot: Robot, wheels: Wheels) -> Array:
+    """Return momentum in axes of the base frame to that of each wheel. Shape (wheels, 3)."""
+    shares: Array = wheels.shares @ robot.rotation_chaser_to_base.T
+    return shares
+
+
+def _is_limited(wheels: Wheels) -> bool:
+    return wheels.momentum is not None or wheels.torque is not None
+
+
+def _kept(values: Array, by_x: Array, limits: Array, margin: float) -> Rows:
+    """Return the distances of interest to limits, in parts of them, of what begins at the start."""
+    parts = values / limits
+    upper = eased(np.ones(len(limits)), np.abs(parts[0]))
+    upper = upper - np.clip(upper - np.abs(parts[0]), 0.0, margin)
+    return within(parts[1:], by_x[1:] / limits[:, None], -upper, upper, _OF_INTEREST)

@@ -1,0 +1,380 @@
+"""A chaser whose attitude wheels hold: its motion, what the wheels take up, and their limits."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from robots import CONFIG, LEMUR_SCENARIO, ROBOTS, random_state
+
+from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.motion import to_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
+from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.uncertainty import Uncertainty
+from ff_planner_ros.planning.requirements.plane import Plane
+from ff_planner_ros.planning.requirements.requirement import Samples
+from ff_planner_ros.planning.requirements.wheels import (
+    WheelLimits,
+    _momenta_with_derivatives,
+    _torques_with_derivatives,
+)
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.search.continuing import joined
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
+from ff_planner_ros.robot.wheels import Wheels
+from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
+from ff_planner_ros.simulation.monte_carlo import monte_carlo
+from ff_planner_ros.simulation.verification import verify
+
+SETTINGS = load_parameters().planner
+SCENARIO = CONFIG / "scenarios/lemur_wheels.yaml"
+FOUR = Wheels(np.array([[1.0, 0.2, 0.1], [-0.3, 1.0, 0.4], [0.2, -0.5, 2.0], [1.0, 1.0, 1.0]]))
+
+
+def held_robot(name: str, wheels: Wheels | None = None) -> Robot:
+    urdf, *links = ROBOTS[name]
+    return robot_from_urdf_text(urdf, *links, Base.ATTITUDE_HELD, wheels=wheels)
+
+
+def held_problem(name: str = "six joints", wheels: Wheels | None = None) -> PlanningProblem:
+    """A chaser anywhere that drifts without turning, its base link turned against the root."""
+    robot, rng = held_robot(name, wheels), np.random.default_rng(3)
+    start = replace(
+        random_state(robot, rng),
+        angular_velocity_chaser_in_inertial=np.zeros(3),
+        joint_accelerations=rng.normal(scale=0.01, size=robot.joints),
+        wheel_momenta=None if robot.wheels is None else rng.normal(size=robot.wheels.count),
+    )
+    target = Target(position=rng.normal(size=3), quaternion_xyzw=np.array([0.0, 0.0, 0.0, 1.0]))
+    return PlanningProblem(robot, start, target, 8.0, 50, (), Objective(1.0, 0.0))
+
+
+def drawn(problem: PlanningProblem) -> tuple[JointSplines, Array]:
+    family = joint_splines(problem, SETTINGS)
+    hold = np.repeat(family.fixed[-1:], family.basis.count - 3, axis=0).T.ravel()
+    return family, hold + np.random.default_rng(1).normal(scale=0.2, size=family.variables)
+
+
+@cache
+def planned() -> tuple[PlanningTask, Plan]:
+    task = load_task(SCENARIO, Defaults(SETTINGS))
+    return task, perform(task)
+
+
+def test_the_chaser_drifts_so_that_linear_momentum_is_conserved_and_does_not_turn() -> None:
+    problem = held_problem()
+    family, x = drawn(problem)
+    motion = family.motion(x, 50)
+    model, data = problem.robot.model, problem.robot.model.createData()
+    first = configuration(problem.robot, problem.start)[0][3:7]
+    np.testing.assert_allclose(np.abs(motion.q[:, 3:7] @ first), 1.0, atol=1e-14)
+    linear = np.array(
+        [
+            pin.computeCentroidalMomentum(model, data, q, v).linear
+            for q, v in zip(motion.q, motion.v, strict=True)
+        ]
+    )
+    np.testing.assert_allclose(linear - linear[0], 0.0, atol=1e-11)
+    assert not motion.v[:, 3:6].any()
+    # The velocities are those of the configurations.
+    step = problem.duration / (49)
+    way = np.array(
+        [pin.difference(model, a, b) for a, b in zip(motion.q[:-2], motion.q[2:], strict=True)]
+    )
+    off = way / (2 * step) - motion.v[1:-1]
+    assert np.abs(off).max() < 0.05 * np.abs(motion.v).max()
+
+
+@pytest.mark.parametrize("name", ["six joints", "nine joints"])
+def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
+    problem = in_own_frame(held_problem(name, replace(FOUR, momentum=(0.5,), torque=(0.3,))))
+    family, x = drawn(problem)
+    motion = family.motion(x, 9)
+    sensitivity, by = family.sensitivity(motion), np.random.default_rng(2).normal(size=len(x))
+    rows = WheelLimits().rows(problem, motion, sensitivity, 1e-3)
+    assert rows is not None
+    step = 1e-6
+    beside = [family.motion(x + way * by, 9) for way in (-step, step)]
+
+    def central(of: Any) -> Array:
+        low, high = (of(one) for one in beside)
+        return (high - low) / (2 * step)
+
+    def kept(at: Any) -> dict[int, float]:
+        found = WheelLimits().rows(problem, at, family.sensitivity(at), 1e-3)
+        assert found is not None
+        return dict(zip(found.names.tolist(), found.values.tolist(), strict=True))
+
+    np.testing.assert_allclose(
+        sensitivity.goal_error @ by, central(lambda m: m.goal_error), atol=1e-7
+    )
+    np.testing.assert_allclose(sensitivity.v @ by, central(lambda m: m.v), atol=1e-7)
+    names = rows.names.tolist()
+    low, high = map(kept, beside)
+    known = [k for k, name in enumerate(names) if name in low and name in high]
+    assert len(known) > 20
+    found = np.array([(high[names[k]] - low[names[k]]) / (2 * step) for k in known])
+    np.testing.assert_allclose(rows.jacobian[known] @ by, found, atol=1e-6 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("wheels", [None, FOUR], ids=["own axes", "four"])
+def test_what_wheels_and_bodies_have_of_angular_momentum_together_is_constant(
+    wheels: Wheels | None,
+) -> None:
+    problem = in_own_frame(held_problem("six joints", wheels))
+    family, x = drawn(problem)
+    motion = family.motion(x, 400)
+    robot = problem.robot
+    assert robot.wheels is not None
+    sensitivity = family.sensitivity(motion)
+    momenta, _ = _momenta_with_derivatives(problem, robot.wheels, motion, sensitivity)
+    torques, _ = _torques_with_derivatives(problem, robot.wheels, motion, sensitivity)
+    data, total = robot.model.createData(), []
+    for q, v, held in zip(motion.q, motion.v, momenta, strict=True):
+        about = pin.computeCentroidalMomentum(robot.model, data, q, v).angular
+        axes = pin.XYZQUATToSE3(q[:7]).rotation @ robot.rotation_chaser_to_base
+        total.append(about + axes @ robot.wheels.axes.T @ held)
+    np.testing.assert_allclose(np.array(total) - total[0], 0.0, atol=1e-10)
+    np.testing.assert_allclose(momenta[0], problem.start.wheel_momenta, atol=1e-12)
+    # And a wheel's torque is the rate of its momentum.
+    step = problem.duration / 399
+    rates = (8 * (momenta[3:-1] - momenta[1:-3]) - momenta[4:] + momenta[:-4]) / (12 * step)
+    np.testing.assert_allclose(torques[2:-2], rates, atol=1e-4 * np.abs(rates).max())
+
+
+def test_a_plan_keeps_the_limits_of_its_wheels_and_one_without_exceeds_them() -> None:
+    task, plan = planned()
+    wheels, told = task.problem.robot.wheels, plan.wheels
+    assert wheels is not None
+    assert told is not None
+    assert (told.peak_momenta <= wheels.momentum_limits + 1e-6).all()
+    assert (told.peak_torques <= wheels.torque_limits + 1e-6).all()
+    assert told.peak_momenta.max() > 0.99 * wheels.momentum_limits[0]
+    np.testing.assert_allclose(told.momenta[0], [0.2, -0.5, 0.0])
+    assert (np.abs(told.momenta) <= told.peak_momenta + 1e-9).all()
+    free = replace(task.problem, robot=replace(task.problem.robot, wheels=Wheels()))
+    without = perform(PlanningTask(free, SETTINGS))
+    assert without.wheels is not None
+    assert without.wheels.peak_momenta.max() > 4.01
+    assert without.metrics.joint_path_length < plan.metrics.joint_path_length
+    # The check, which takes nothing from the search, refuses it by wheel, value and time.
+    found = list(failures(in_own_frame(task.problem), seen(task.problem, without), SETTINGS))
+    assert [one.status for one in found] == [Status.LIMIT_VIOLATED]
+    assert "wheel 2 holds" in found[0].finding
+    assert "more than its limit of 4 N m s, at t = " in found[0].finding
+
+
+def seen(problem: PlanningProblem, plan: Plan) -> Plan:
+    return system_frame(problem.robot, problem.start).plan(plan)
+
+
+def test_a_torque_beyond_the_limit_is_refused_by_name() -> None:
+    task, plan = planned()
+    weak = replace(task.problem.robot.wheels, torque=(0.3,))
+    problem = in_own_frame(replace(task.problem, robot=replace(task.problem.robot, wheels=weak)))
+    found = [one.finding for one in failures(problem, seen(problem, plan), SETTINGS)]
+    assert any(
+        "gives" in words and "N m more than its limit of 0.3 N m" in words for words in found
+    )
+    with pytest.raises(NoPlanFound, match=r"wheel . gives"):
+        perform(
+            PlanningTask(
+                replace(
+                    task.problem,
+                    robot=replace(task.problem.robot, wheels=replace(weak, torque=(0.01,))),
+                ),
+                replace(SETTINGS, starts=2),
+            )
+        )
+
+
+def test_a_plan_comes_true_on_three_slides_with_the_torque_of_the_wheels() -> None:
+    task, plan = planned()
+    found = verify(task.problem.robot, plan.trajectory)
+    assert found.passed
+    assert found.deviation.final_position_error < 1e-4
+    assert found.holding_torque_error is not None
+    assert found.holding_torque_error < 1e-6
+    # In another frame, on a base link that is turned against the root link.
+    problem = held_problem()
+    family, x = drawn(problem)
+    motion = family.motion(x, 50)
+    rates = family.sensitivity(motion).acceleration
+    there = to_trajectory(problem.robot, np.linspace(0.0, 8.0, 50), motion.q, motion.v, rates)
+    other = verify(problem.robot, there)
+    assert other.passed
+    assert other.holding_torque_error is not None
+    turning = replace(there, joint_accelerations=1.01 * there.joint_accelerations)
+    wrong = verify(problem.robot, turning)
+    assert not wrong.passed
+
+
+def test_a_chaser_that_turns_in_its_samples_is_refused_by_the_check() -> None:
+    task, plan = planned()
+    trajectory = plan.trajectory
+    spin = replace(
+        trajectory, chaser_angular_velocities=trajectory.chaser_angular_velocities + 1e-4
+    )
+    found = list(Plane().failures(Samples(task.problem, SETTINGS, spin), plan.metrics))
+    assert [one.finding for one in found] == [
+        "the chaser is held by wheels, but turns at up to 0.0001 rad/s"
+    ]
+
+
+def test_a_state_is_carried_forward_with_what_its_wheels_hold() -> None:
+    task, plan = planned()
+    robot, start = task.problem.robot, task.problem.start
+    assert plan.wheels is not None
+    running = joint_motion(plan.trajectory)
+    when = float(plan.trajectory.time[20])
+    there = carried_forward(robot, start, when, running)
+    np.testing.assert_allclose(there.wheel_momenta, plan.wheels.momenta[20], atol=1e-6)
+    np.testing.assert_allclose(
+        there.position_chaser_in_inertial, plan.trajectory.chaser_positions[20], atol=1e-6
+    )
+    over = joined(robot, start, when, running)
+    np.testing.assert_allclose(over.wheel_momenta, plan.wheels.momenta[20], atol=1e-6)
+    system = FreeFloatingSystem(robot, start, 5.0)
+    system.follow(replace(running, time=running.time + 5.0))
+    flown = system.advance(5.0 + when)
+    np.testing.assert_allclose(flown.wheel_momenta, plan.wheels.momenta[20], atol=1e-6)
+    moving = held_problem("six joints", FOUR)
+    back = carried_back(moving.robot, carried_forward(moving.robot, moving.start, 2.0, None), 2.0)
+    np.testing.assert_allclose(back.wheel_momenta, moving.start.wheel_momenta, atol=1e-8)
+
+
+@pytest.mark.parametrize("behaviour", [EndBehaviour.STOP_JOINTS, EndBehaviour.HOLD_END_EFFECTOR])
+def test_the_wheels_are_told_in_the_tail_too(behaviour: EndBehaviour) -> None:
+    task, _ = planned()
+    plan = perform(replace(task, end_behaviour=behaviour, tail=2.0))
+    assert plan.wheels is not None
+    assert len(plan.wheels.momenta) == len(plan.trajectory.time) > 50
+    assert verify(task.problem.robot, plan.trajectory).passed
+
+
+def test_a_scenario_and_an_answer_hold_the_wheels(tmp_path: Path) -> None:
+    task, plan = planned()
+    write_scenario(task, tmp_path / "held.yaml")
+    again = load_task(tmp_path / "held.yaml", Defaults(SETTINGS))
+    assert again.digest == task.digest
+    answer = json.loads(json.dumps(plan_dictionary(plan, task, 0.1)))
+    assert answer["robot"]["wheels"]["momentum"] == [4.0] * 3
+    assert np.shape(answer["wheels"]["momenta"]) == np.shape(answer["wheels"]["torques"]) == (50, 3)
+    assert len(answer["metrics"]["peak_wheel_torques"]) == 3
+    document = plan_document(answer)
+    assert document.robot.base is Base.ATTITUDE_HELD
+    assert document.robot.wheels is not None
+    assert document.plan.wheels is not None
+    assert plan.wheels is not None
+    np.testing.assert_array_equal(document.plan.wheels.momenta, plan.wheels.momenta)
+    np.testing.assert_array_equal(document.plan.wheels.peak_torques, plan.wheels.peak_torques)
+    stored = replace(task.problem, start=replace(task.problem.start, wheel_momenta=np.zeros(3)))
+    assert PlanningTask(stored, SETTINGS).digest != task.digest
+
+
+def scenario_with(tmp_path: Path, **changes: Any) -> Path:
+    document = yaml.safe_load(SCENARIO.read_text())
+    document["robot"]["urdf"] = str(CONFIG / "robots/lemur/lemur.urdf")
+    for key, value in changes.items():
+        block: Any = document
+        *groups, last = key.split("__")
+        for group in groups:
+            block = block[group]
+        block[last] = value
+    path = tmp_path / "s.yaml"
+    path.write_text(yaml.safe_dump(document))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "words"),
+    [
+        ({"robot__base": "free_flyer"}, "robot.wheels", "with robot.base free_flyer"),
+        ({"robot__wheels__axes": [[1, 0, 0], [0, 1, 0]]}, "robot.wheels.axes", "three wheels"),
+        (
+            {"robot__wheels__axes": [[1, 0, 0], [0, 1, 0], [1, 1, 0]]},
+            "robot.wheels.axes",
+            "one plane",
+        ),
+        (
+            {"robot__wheels__axes": [[1, 0, 0], [0, 1, 0], [0, 0, 0]]},
+            "robot.wheels.axes[2]",
+            "long",
+        ),
+        ({"robot__wheels__momentum": [1.0, 2.0]}, "robot.wheels.momentum", "3 entries"),
+        ({"robot__wheels__torque": -1.0}, "robot.wheels.torque", "0"),
+        ({"robot__wheels__stored": [1.0]}, "robot.wheels.stored", "3 entries"),
+        (
+            {"chaser__angular_velocity": [0.0, 0.01, 0.0]},
+            "chaser.angular_velocity",
+            "must not turn",
+        ),
+        ({"parametrisation": "end_effector_polynomial"}, "parametrisation", "wheels hold"),
+        (
+            {"robot__wheels__stored": [0.0, 4.5, 0.0]},
+            "robot.wheels.stored[1]",
+            "wheel 2 holds 4 N m s",
+        ),
+    ],
+)
+def test_what_wheels_cannot_do_is_refused_by_name(
+    tmp_path: Path, changes: dict[str, Any], field: str, words: str
+) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        perform(load_task(scenario_with(tmp_path, **changes), Defaults(SETTINGS)))
+    assert refused.value.field == field
+    assert words in str(refused.value)
+
+
+def test_a_start_that_accelerates_against_a_weak_wheel_is_refused(tmp_path: Path) -> None:
+    path = scenario_with(tmp_path, joints__acceleration=[0.5] * 7, robot__wheels__torque=0.5)
+    with pytest.raises(InvalidInput, match=r"wheel . gives .* its limit is 0\.5 N m"):
+        perform(load_task(path, Defaults(SETTINGS)))
+
+
+def test_wheels_may_be_left_out_and_then_have_no_limits(tmp_path: Path) -> None:
+    document = yaml.safe_load(scenario_with(tmp_path).read_text())
+    del document["robot"]["wheels"]
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(document))
+    problem = load_scenario(tmp_path / "s.yaml")
+    assert problem.robot.wheels is not None
+    assert problem.robot.wheels.momentum is None
+    np.testing.assert_array_equal(problem.robot.wheels.axes, np.eye(3))
+    np.testing.assert_array_equal(problem.start.wheel_momenta, np.zeros(3))
+
+
+def test_a_free_chaser_has_no_wheels() -> None:
+    problem = load_scenario(LEMUR_SCENARIO)
+    assert problem.robot.wheels is None
+    assert problem.start.wheel_momenta is None
+
+
+def test_what_is_not_known_of_wheels_is_refused_by_name() -> None:
+    task, plan = planned()
+    robust = replace(SETTINGS, robust=replace(SETTINGS.robust, sigmas=3.0))
+    with pytest.raises(InvalidInput, match=r"planner\.robust\.sigmas .*attitude_held"):
+        perform(replace(task, settings=robust))
+    asked = task.problem.robot, plan.trajectory, Scene(), Uncertainty()
+    with pytest.raises(InvalidInput, match=r"--execution .*attitude_held"):
+        monte_carlo(*asked, 2)
