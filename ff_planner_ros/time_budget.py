@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import statistics
 import time
 from collections import defaultdict, deque
 from typing import TYPE_CHECKING
 
 from ff_planner_ros.errors import OutOfTime
-from ff_planner_ros.planning.motion.watch import SEARCHING, Budget, Watch
+from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, Budget, Watch
 
 if TYPE_CHECKING:
     from ff_planner_ros.planning.motion.plan import Plan
 
 # A step is taken to last as long as the longest of so many before it of the same phase.
 _REMEMBERED = 5
+# The first check, which goes between the points, is taken to last as long as so many of the steps
+# before it: of four arms, with lines and with shapes, it was 4 to 10.
+_STEPS_OF_A_CHECK = 8.0
 
 
 class TimeBudget(Watch):
@@ -34,7 +38,9 @@ class TimeBudget(Watch):
         self._lasted = defaultdict[str, deque[float]](lambda: deque(maxlen=_REMEMBERED))
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
-        """Raise OutOfTime once the budget is used up, or nearly so.
+        """Raise OutOfTime once the budget is used up, or would be after this step and the answer.
+
+        The answer, plan or refusal, takes another check. What has just been checked needs none.
 
         Raises:
             OutOfTime: It is.
@@ -46,10 +52,20 @@ class TimeBudget(Watch):
             self._took[before] += now - begun
         self._last = phase, now
         deadline = self._begun + self._seconds - self._reserved
-        if now + max(self._lasted[phase], default=0.0) > deadline:
+        check = self._check()
+        step = check if phase == CHECKING else check + max(self._lasted[phase], default=0.0)
+        if now + step > deadline:
             end = OutOfTime(f"the time budget of {self._seconds:g} s is used up")
             end.used_for = self._used_for()
             raise end
+
+    def _check(self) -> float:
+        """Return how long a check is taken to last [s]."""
+        checks = self._lasted[CHECKING]
+        if checks:
+            return max(checks)
+        steps = [lasted for phase in self._lasted.values() for lasted in phase]
+        return _STEPS_OF_A_CHECK * statistics.fmean(steps) if steps else 0.0
 
     def offer(self, plan: Plan) -> None:  # noqa: ARG002 (that there is one is enough)
         """Allow no more than what counts once there is a plan."""

@@ -169,19 +169,18 @@ def test_steps_are_counted_however_the_search_is_ended() -> None:
 
 
 def test_a_budget_ends_before_a_step_that_would_exceed_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the last steps of the same phase took; those of another phase say nothing of it."""
+    """As the last steps of the same phase took; and the answer takes another check."""
     now = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    watch = TimeBudget(Budget(1.0))
+    watch = TimeBudget(Budget(1.05))
     watch.require_time(CHECKING)
     now[0] += 0.4
-    for _ in range(4):
+    for _ in range(2):
         watch.require_time()
         now[0] += 0.1
-    watch.require_time()  # at 0.8 s: 0.1 s are left after a step as the last ones
-    now[0] += 0.1
-    with pytest.raises(OutOfTime):  # at 0.9 s: a check took 0.4 s
-        watch.require_time(CHECKING)
+    watch.require_time(CHECKING)  # at 0.6 s: the answer is what is checked
+    with pytest.raises(OutOfTime):  # a step of 0.1 s and a check of 0.4 s
+        watch.require_time()
 
 
 def test_the_budget_of_a_command_gives_the_best_until_then(

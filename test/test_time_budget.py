@@ -9,7 +9,7 @@ import pytest
 from ff_planner_ros import time_budget as module
 from ff_planner_ros.errors import OutOfTime, Status
 from ff_planner_ros.planning.check.check import out_of_time
-from ff_planner_ros.planning.motion.watch import Budget
+from ff_planner_ros.planning.motion.watch import CHECKING, Budget
 from ff_planner_ros.time_budget import TimeBudget
 
 
@@ -22,22 +22,46 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_a_budget_lasts_until_it_is_used_up(clock: list[float]) -> None:
+    """A step takes no longer than the last ones, and the answer another check."""
     watch = TimeBudget(Budget(2.5))
-    for clock[0] in (1000.0, 1001.0, 1001.5):  # a step takes no longer than the last ones
+    watch.require_time(CHECKING)
+    for clock[0] in (1000.125, 1001.125, 1001.25):
         watch.require_time()
-    clock[0] = 1001.6
+    clock[0] = 1001.375  # a step of 1 s and a check of 0.125 s are left
+    watch.require_time()
+    clock[0] = 1001.5
     with pytest.raises(OutOfTime, match=r"the time budget of 2\.5 s is used up") as end:
         watch.require_time()
     assert end.value.status is Status.TIMED_OUT
 
 
-def test_time_that_went_by_before_counts(clock: list[float]) -> None:
-    watch = TimeBudget(Budget(2.5), begun=999.0)
-    clock[0] = 1001.4
+def test_the_first_check_is_foretold_from_the_steps_before_it(clock: list[float]) -> None:
+    watch = TimeBudget(Budget(2.0))
+    for clock[0] in (1000.0, 1000.125, 1000.25):
+        watch.require_time()
+    clock[0] = 1000.75  # eight steps of 0.25 s
+    with pytest.raises(OutOfTime):
+        watch.require_time(CHECKING)
+
+
+def test_what_was_just_checked_needs_no_other_check(clock: list[float]) -> None:
+    watch = TimeBudget(Budget(2.5))
+    watch.require_time(CHECKING)
+    clock[0] = 1001.0
     watch.require_time()
-    clock[0] = 1001.6
+    clock[0] = 1001.5  # a check of 1 s; a step of 0.5 s beside it would be too much
+    watch.require_time(CHECKING)
+    clock[0] = 1001.625
     with pytest.raises(OutOfTime):
         watch.require_time()
+
+
+def test_time_that_went_by_before_counts(clock: list[float]) -> None:
+    watch = TimeBudget(Budget(2.5), begun=999.0)
+    clock[0] = 1001.5
+    watch.require_time()
+    with pytest.raises(OutOfTime):
+        TimeBudget(Budget(2.5), begun=998.9).require_time()
 
 
 def test_once_there_is_a_plan_less_time_will_do(clock: list[float]) -> None:
@@ -56,12 +80,14 @@ def test_once_there_is_a_plan_less_time_will_do(clock: list[float]) -> None:
 
 def test_what_used_the_time_is_told(clock: list[float]) -> None:
     watch = TimeBudget(Budget(10.0), begun=999.5, reserved=0.5)
+    watch.require_time(CHECKING)
     for clock[0], phase in ((1000.25, "searching"), (1001.0, "refining"), (1008.0, "searching")):
         watch.require_time(phase)
     clock[0] = 1009.5
     with pytest.raises(OutOfTime) as end:
         watch.require_time("checking")
     assert end.value.used_for == (
-        "0.50 s before the search, 2.25 s searching, 7.00 s refining, 0.50 s kept for the answer"
+        "0.50 s before the search, 0.25 s checking, 2.25 s searching, 7.00 s refining, "
+        "0.50 s kept for the answer"
     )
     assert f"is used up ({end.value.used_for}); whether" in str(out_of_time(end.value))
