@@ -9,6 +9,7 @@ from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation
 from ff_planner_ros.planning.problem.settings import SearchDepth
@@ -170,6 +171,24 @@ def test_where_the_chaser_may_only_turn_so_far_both_families_compete(
     made = plan(problem, SETTINGS)
     assert made.metrics.joint_path_length < length
     assert not list(failures(problem, made, SETTINGS))
+
+
+@pytest.mark.parametrize(("robot", "number", "length"), [("off7", 3, 1.45), ("arm7", 9, 1.15)])
+def test_where_the_paper_path_is_a_detour_joint_splines_compete(robot, number, length):
+    """The paper's paths take 1.75 and 1.67 rad."""
+    problem = replace(scenario("cluttered", robot, number, turned=False).problem, objective=LENGTH)
+    made = plan(in_own_frame(problem), SETTINGS)
+    assert made.family == Parametrisation.JOINT_SPLINE
+    assert made.metrics.joint_path_length < length
+    assert not list(failures(in_own_frame(problem), made, SETTINGS))
+
+
+def test_a_direct_path_is_left_as_it_is(lemur_capture):
+    """It would hardly become shorter."""
+    problem = replace(lemur_capture, objective=LENGTH)
+    papers = replace(problem, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
+    made, alone = (plan(one, SETTINGS) for one in (problem, papers))
+    assert (made.coefficients == alone.coefficients).all()
 
 
 def test_a_refusal_begins_with_what_is_hardest_to_meet(lemur_capture):

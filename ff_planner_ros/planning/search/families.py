@@ -26,6 +26,8 @@ from ff_planner_ros.robot.model import Base
 
 # A plan is held back by a limit from which it is no further away than so many times the margin.
 _AT_LIMIT = 2.0
+# A joint path that is so many times as long as the straight way between its ends is a detour.
+_DETOUR = 1.3
 
 
 @lru_cache(maxsize=2)
@@ -88,3 +90,10 @@ def is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> 
         )
         if limit < np.inf
     )
+
+
+def is_detour(plan: Plan) -> bool:
+    """Tell whether a plan's joints go far round."""
+    ends = plan.trajectory.joint_positions[[0, -1]]
+    direct = float(np.linalg.norm(ends[1] - ends[0]))
+    return plan.metrics.joint_path_length > _DETOUR * direct

@@ -29,7 +29,7 @@ from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
 from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
 from ff_planner_ros.planning.search.effort import Effort
-from ff_planner_ros.planning.search.families import is_held, path_families
+from ff_planner_ros.planning.search.families import is_detour, is_held, path_families
 from ff_planner_ros.planning.search.grid_solver import GridSolver
 from ff_planner_ros.planning.search.guided_search import Allowance, plans_from
 from ff_planner_ros.planning.search.multi_start import plans
@@ -64,7 +64,7 @@ def plan(
 
     Where the parametrisation is left to the planner, the paper's paths come first, if they apply,
     and joint splines if there is no plan among those, or from them on where the chaser's attitude
-    has a weight or a limit.
+    has a weight or a limit, or where the joint path is a detour.
 
     The same problem, settings and first guess give the same plan. Where the watch ends the search,
     the best plan until then is the answer.
@@ -185,8 +185,9 @@ def _plan_in_time(
             continue
         if problem.objective.chaser_attitude > 0.0:
             return _least_attitude(problem, settings, groups[-1], watch, guess, found)
-        if len(groups) > 1 and any(is_held(problem, settings, one.plan) for one in found):
-            found = [*found, *_in_family_of_more(problem, settings, groups[-1][0], watch, found)]
+        if len(groups) > 1:
+            seeds = _for_family_of_more(problem, settings, found)
+            found = [*found, *_in_family_of_more(problem, settings, groups[-1][0], watch, seeds)]
         return min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics)).plan
     if too_many:
         why = f"and as its axes lie the arm meets no more than {met} of them at once"
@@ -256,6 +257,20 @@ def _first_plan(solver: GridSolver, first_guess: Array | None) -> Plan:
     raise refused
 
 
+def _for_family_of_more(
+    problem: PlanningProblem, settings: PlannerSettings, found: Sequence[_Found]
+) -> Sequence[_Found]:
+    """Return the plans to begin with in a family that can do more.
+
+    Where a limit holds the chaser back, all; where the best one's path is a detour, that one: there
+    its paths are much shorter. Else they hardly are, and take as long again to find.
+    """
+    if any(is_held(problem, settings, one.plan) for one in found):
+        return found
+    best = min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics))
+    return [best] if is_detour(best.plan) else []
+
+
 def _in_family_of_more(
     problem: PlanningProblem,
     settings: PlannerSettings,
@@ -263,10 +278,7 @@ def _in_family_of_more(
     watch: Watch,
     found: Sequence[_Found],
 ) -> Iterator[_Found]:
-    """Yield plans of another family to which plans lead that are found.
-
-    Where a limit holds the chaser back, the paths of a family that can do more are much shorter.
-    """
+    """Yield plans of another family to which plans lead that are found."""
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     for one in found:
         effort = Effort()
