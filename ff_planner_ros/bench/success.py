@@ -15,6 +15,7 @@ from ff_planner_ros.bench.measurement import (
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.problems import shapes
 from ff_planner_ros.problems.robots import ROBOTS
 from ff_planner_ros.problems.scenarios import KINDS, scenario
 
@@ -22,6 +23,7 @@ _HEADER = (
     *("class", "which", "scenarios", "solved"),
     *("median [s]", "95 % [s]", "worst [s]", "starts"),
 )
+_SHAPES_HEADER = ("which", "problems", *_HEADER[3:])
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,43 @@ def attempt(
     return ScenarioAttempt(kind, robot, number, turned, starts, **outcome)
 
 
-def _summary(group: Sequence[ScenarioAttempt]) -> Iterator[str]:
+@dataclass(frozen=True)
+class ShapesAttempt(Attempt):
+    """What became of one problem among bodies of any shape."""
+
+    situation: str  # of `shapes.SITUATIONS`
+    robot: str  # of `shapes.ROBOTS`
+    lines: bool  # whether the robot has lines instead of shapes
+    number: int
+    starts: int  # first guesses tried; 0 for a miss
+
+
+def shapes_measurement(count: int, settings: PlannerSettings) -> Measurement:
+    """Plan so many problems among bodies of any shape."""
+    tried = list(shapes_attempts(count, settings))
+    groups: list[tuple[str, Callable[[ShapesAttempt], bool]]] = [("all", lambda _: True)]
+    groups += [(name, lambda a, name=name: a.situation == name) for name in shapes.SITUATIONS]  # type: ignore[misc]
+    groups += [(name, lambda a, name=name: a.robot == name) for name in shapes.ROBOTS]  # type: ignore[misc]
+    groups += [("shapes", lambda a: not a.lines), ("lines", lambda a: a.lines)]
+    rows = []
+    for name, belongs in groups:
+        group = [each for each in tried if belongs(each)]
+        if group:
+            rows.append((name, *_summary(group)))
+    table = Table("Problems among bodies of any shape", _SHAPES_HEADER, rows)
+    return Measurement(tried, [table], misses(tried, "{0.robot} {0.number}, {0.situation}"))
+
+
+def shapes_attempts(count: int, settings: PlannerSettings) -> Iterator[ShapesAttempt]:
+    """Plan so many problems."""
+    for number, drawn in enumerate(shapes.problems(count)):
+        made, outcome = timed_plan(PlanningTask(drawn.problem, settings))
+        starts = made.solver.starts if made else 0
+        lines = not drawn.problem.robot.bodies
+        yield ShapesAttempt(drawn.situation, drawn.robot, lines, number, starts, **outcome)
+
+
+def _summary(group: Sequence[ScenarioAttempt | ShapesAttempt]) -> Iterator[str]:
     if not group:
         yield from "0-----"
         return

@@ -166,9 +166,7 @@ def sphere_gap(swept: Swept, sphere: Sphere, below: float, centers: Array | None
     ball, places = coal.Sphere(sphere.radius), [coal.Transform3s(np.eye(3), c) for c in centers]
     return min(
         (
-            _distance(
-                swept.robot.bodies[body].solid, swept.places[point][body], ball, places[point]
-            )
+            distance(swept.robot.bodies[body].solid, swept.places[point][body], ball, places[point])
             for point, body in np.argwhere(apart - radii - sphere.radius < below)
         ),
         default=np.inf,
@@ -177,10 +175,10 @@ def sphere_gap(swept: Swept, sphere: Sphere, below: float, centers: Array | None
 
 def _own_distance(swept: Swept, point: int, first: int, second: int) -> float:
     one, other = swept.robot.bodies[first].solid, swept.robot.bodies[second].solid
-    return _distance(one, swept.places[point][first], other, swept.places[point][second])
+    return distance(one, swept.places[point][first], other, swept.places[point][second])
 
 
-def _distance(
+def distance(
     one: coal.CollisionGeometry,
     at_one: coal.Transform3s,
     other: coal.CollisionGeometry,

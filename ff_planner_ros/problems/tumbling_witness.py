@@ -72,6 +72,7 @@ class Witness(NamedTuple):
     times: Array  # shape (times,) [s]
     body: TargetBody  # at the first time
     torques: Array  # the largest of each joint; shape (joints,) [N m]
+    joints: JointMotion | None = None  # that makes the way; None: more than one motion does
 
 
 def witness_to_grip(
@@ -112,7 +113,8 @@ def witness_to_grip(
     torques = np.abs(joint_torques(robot, way, twists, changes)).max(axis=0)
     if (torques > _OF_LIMITS * robot.effort_limits).any():
         return None
-    return Witness(way, times, grip.body(tip(robot, way[-1])).after(-duration), torques)
+    body = grip.body(tip(robot, way[-1])).after(-duration)
+    return Witness(way, times, body, torques, quintics)
 
 
 def witness_along_corridor(

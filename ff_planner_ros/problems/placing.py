@@ -1,0 +1,129 @@
+"""Bodies of any convex shape beside a robot's way: they come from outside until they are near it.
+
+All distances are Coal's, at the points of the way; nothing here knows how the planner measures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.problem import ObstacleBody
+from ff_planner_ros.problems.bodies import Swept, distance
+from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
+
+# Kinds that are drawn in turn: a plate is a box of 5 mm.
+KINDS = ("box", "cylinder", "plate", "capsule", "cone", "mesh")
+THICKNESS = 0.005  # of plates [m]
+# Half of the edges of what is drawn, in lengths of the stretched arm, and corners of a hull.
+_SMALLEST, _LARGEST, _CORNERS = 0.02, 0.07, 20
+# A body comes to within this of what it keeps [m], in so many steps at most.
+_NEAR, _STEPS = 1e-3, 40
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where a solid is at each time, and which way it is pushed then."""
+
+    solid: Solid
+    rotations: Array  # of its axes; shape (times, 3, 3)
+    positions: Array  # of its origin; shape (times, 3) [m]
+    ways: Array  # of unit length; shape (times, 3)
+
+    def gap(self, swept: Swept, come: float = 0.0) -> float:
+        """Return its least distance from the robot's bodies once it has come so far [m]."""
+        robot, solid = swept.robot, self.solid
+        positions = self.positions + come * self.ways
+        centers = positions + self.rotations @ solid.center
+        apart = np.linalg.norm(swept.centers - centers[:, None], axis=-1)
+        bounds = apart - np.array([body.radius for body in robot.bodies]) - solid.radius
+        least = np.inf
+        for flat in np.argsort(bounds, axis=None):
+            time, body = divmod(int(flat), len(robot.bodies))
+            if bounds[time, body] >= least:
+                break
+            place = coal.Transform3s(self.rotations[time], positions[time])
+            one, at = robot.bodies[body].solid, swept.places[time][body]
+            least = min(least, distance(one, at, solid.geometry, place))
+        return float(least)
+
+    def come(self, swept: Swept, clear: float, most: float) -> float | None:
+        """Return how far it comes until it is so near [m], `most` at most; None: it begins nearer.
+
+        A distance changes by no more than the way, so nothing is met until then.
+        """
+        way = 0.0
+        for step in range(_STEPS):
+            room = self.gap(swept, way) - clear
+            if room < 0.0:
+                return None if step == 0 else way
+            way = min(way + room, most)
+            if room < _NEAR or way == most:
+                break
+        return way
+
+
+def drawn_solid(kind: str, reach: float, rng: np.random.Generator) -> Solid:
+    """Return a solid of one of `KINDS` for an arm of this length."""
+    sizes = 2.0 * reach * rng.uniform(_SMALLEST, _LARGEST, 3)
+    if kind == "mesh":
+        return hull_of_vertices("mesh", rng.normal(size=(_CORNERS, 3)) * sizes / 3.0)
+    if kind == "plate":
+        return Solid("box", np.array([2.0 * sizes[0], 2.0 * sizes[1], THICKNESS]))
+    return Solid(kind, sizes if kind == "box" else np.array([sizes[0] / 2.0, 1.5 * sizes[1]]))
+
+
+def free_body(
+    name: str,
+    solid: Solid,
+    pose: pin.SE3,
+    twist: Array,
+    time: float,
+) -> ObstacleBody:
+    """Return a body that has a pose at a time [s], and a twist all the while, (6,) [m/s, rad/s]."""
+    rotation = pin.exp3(-time * twist[3:]) @ pose.rotation
+    return ObstacleBody(
+        name,
+        solid,
+        pose.translation - time * twist[:3],
+        pin.Quaternion(rotation).normalized().coeffs(),
+        twist[:3],
+        twist[3:],
+    )
+
+
+def beside(
+    swept: Swept, times: Array, body: ObstacleBody, way: Array, clear: float, most: float
+) -> ObstacleBody | None:
+    """Return a body after it came along a way, of unit length, until it is so near; see `come`."""
+    rotations, positions = body.poses(times)
+    track = Track(body.solid, rotations, positions, np.tile(way, (len(times), 1)))
+    far = track.come(swept, clear, most)
+    return None if far is None else moved(body, far * way)
+
+
+def moved(body: ObstacleBody, way: Array) -> ObstacleBody:
+    """Return a body that is fixed to none elsewhere."""
+    return ObstacleBody(
+        body.id,
+        body.shape,
+        body.position + way,
+        body.quaternion_xyzw,
+        body.velocity,
+        body.angular_velocity,
+    )
+
+
+def gap_of(swept: Swept, times: Array, body: ObstacleBody) -> float:
+    """Return the least distance of a body from a robot's bodies on their way [m]."""
+    return Track(body.solid, *body.poses(times), np.zeros((len(times), 3))).gap(swept)
+
+
+def random_turn(rng: np.random.Generator) -> Array:
+    """Return a random rotation matrix."""
+    return np.asarray(Rotation.random(rng=rng).as_matrix(), np.float64)
