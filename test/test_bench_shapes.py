@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from bodied_robots import coal_distance
 
+from ff_planner_ros.bench import scaling
 from ff_planner_ros.bench.success import shapes_measurement
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
@@ -14,7 +15,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.plan import SolverReport
-from ff_planner_ros.planning.problem.problem import ObstacleBody
+from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
 from ff_planner_ros.planning.search.candidate import plan_of_motion
 from ff_planner_ros.problems import shapes
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out
@@ -25,6 +26,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.urdf.convex_hull import hull_volume
 
 FINE, FAR = 601, 0.05  # [m] of what is further apart a bound will do
 # Every robot and every situation, with lines, too; then every robot in every situation.
@@ -156,3 +158,27 @@ def test_the_benchmark_plans_them_and_tells_of_each_situation_and_robot() -> Non
     assert [row[0] for row in table.rows] == names
     assert {row[2] for row in table.rows} == {"100.0%"}
     assert [int(row[1]) for row in table.rows] == [6, *[1] * 6, 2, *[1] * 4, 6]
+
+
+def test_what_shapes_cost_is_measured_against_what_else_is_there() -> None:
+    settings = load_parameters().planner
+    found = list(scaling.prices(settings, 1, (3, 6)))
+    compared = [(each.of, each.beside) for each in found]
+    of_captures = [
+        ("3 boxes", "3 spheres"),
+        ("3 hulls of 200 corners", "3 boxes"),
+        ("6 boxes", "3 boxes"),
+    ]
+    assert compared == [*of_captures, *of_captures, *[("target of 20 bodies", "of 20 spheres")] * 2]
+    assert all(min(one.seconds, one.seconds_beside, one.rollouts) > 0 for one in found)
+
+
+def test_what_is_compared_is_nearly_the_same() -> None:
+    sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5)
+    box = scaling._box(sphere)
+    hull = scaling._hull(box)
+    assert box.solid.geometry.computeVolume() == pytest.approx(4 / 3 * np.pi * 0.5**3)
+    assert len(hull.solid.corners) == 200
+    edge = float(box.solid.sizes[0])
+    assert np.abs(hull.solid.corners).max() <= edge / 2
+    assert 0.8 < hull_volume(hull.solid.corners) / edge**3 < 1.0

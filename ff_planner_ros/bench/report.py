@@ -102,6 +102,7 @@ def _measurements(
     yield "families", families.measurement(min(scenarios, _FAMILIES), settings)
     yield "geometries", geometries.measurement(min(scenarios, _GEOMETRIES), settings)
     yield "crowds", geometries.crowd_measurement(settings, quick=quick)
+    yield "prices", scaling.price_measurement(settings, quick=quick)
     yield "shapes", success.shapes_measurement(scenarios, settings)
     count = 1 if quick else min(scenarios, _CAPTURES)
     yield "captures", captures.measurement(count, settings)

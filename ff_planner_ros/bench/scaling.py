@@ -1,4 +1,4 @@
-"""How the planner's time grows with spheres, points and joints."""
+"""How the planner's time grows with spheres, points and joints, and what shapes cost."""
 
 from __future__ import annotations
 
@@ -7,18 +7,43 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.bench.measurement import Measurement, timed_plans
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.motion import from_trajectory
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.obstacles import bodies_in
+from ff_planner_ros.planning.problem.problem import (
+    ObstacleBody,
+    PlanningProblem,
+    Sphere,
+    attached,
+    with_capture_target,
+)
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.bodies import Swept
+from ff_planner_ros.problems.placing import gap_of, random_turn
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.scenarios import scenario
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
 
 # Added spheres fill a cube of this size around the chaser [m], this far from the arm on its way.
 _CUBE, _APART = 8.0, 0.05
+# A cube of a sphere's volume has this edge, in radii. A hull of so many corners is nearly a box: of
+# points whose coordinates' powers sum to one. A target has so many parts.
+_EDGE = (4 * np.pi / 3) ** (1 / 3)
+_CORNERS, _NEARLY_A_BOX, _PARTS = 200, 8, 20
+_PRICE_HEADER = (
+    *("capture", "among", "beside", "time / time", "time [s]", "beside [s]"),
+    *("rollouts", "beside"),
+)
 
 
 @dataclass(frozen=True)
@@ -29,6 +54,19 @@ class Growth:
     size: int
     seconds: float  # median time of a plan
     rollouts: float  # median
+
+
+@dataclass(frozen=True)
+class Price:
+    """Time among some bodies beside that among others."""
+
+    capture: str
+    of: str
+    beside: str
+    seconds: float  # median
+    seconds_beside: float  # likewise
+    rollouts: int  # that the search needed
+    rollouts_beside: int  # likewise: the task is another one
 
 
 def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: bool) -> Measurement:
@@ -62,6 +100,113 @@ def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: b
         for name, growth in growths.items()
     ]
     return Measurement([each for growth in growths.values() for each in growth], tables)
+
+
+def price_measurement(settings: PlannerSettings, *, quick: bool) -> Measurement:
+    """Measure what shapes cost beside spheres, and hulls beside boxes."""
+    runs, sizes = (1, (3, 30)) if quick else (9, (3, 300))
+    found = list(prices(settings, runs, sizes))
+    rows = [
+        (
+            *(each.capture, each.of, each.beside, f"{each.seconds / each.seconds_beside:.2f}"),
+            *(f"{each.seconds:.3f}", f"{each.seconds_beside:.3f}"),
+            *(f"{each.rollouts}", f"{each.rollouts_beside}"),
+        )
+        for each in found
+    ]
+    return Measurement(found, [Table("What shapes cost, processor time", _PRICE_HEADER, rows)])
+
+
+def prices(
+    settings: PlannerSettings, runs: int, sizes: tuple[int, int] = (3, 300)
+) -> Iterator[Price]:
+    """Yield what shapes cost, with the arm's lines and with the whole robot.
+
+    Args:
+        runs: Of which the median counts, after one that does not.
+        sizes: Few bodies and many.
+    """
+    scenarios = share_directory() / "config" / "scenarios"
+
+    def price(name: str, of: str, beside: str, *pair: PlanningProblem) -> Price:
+        (plans, seconds), (plans_beside, seconds_beside) = (
+            timed_plans([one] * (1 + runs), settings, warm_up=1) for one in pair
+        )
+        rollouts = plans[0].solver.rollouts, plans_beside[0].solver.rollouts
+        return Price(name, of, beside, seconds, seconds_beside, *rollouts)
+
+    for name in ("lemur_capture", "lemur_capture_bodies"):
+        spheres = load_scenario(scenarios / f"{name}.yaml")
+        boxes = replace(spheres, obstacles=tuple(map(_box, spheres.spheres)))
+        hulls = replace(spheres, obstacles=tuple(map(_hull, boxes.obstacle_bodies)))
+        few, many = (replace(boxes, obstacles=_scattered(boxes, settings, size)) for size in sizes)
+        yield price(name, "3 boxes", "3 spheres", boxes, spheres)
+        yield price(name, "3 hulls of 200 corners", "3 boxes", hulls, boxes)
+        yield price(name, f"{sizes[1]} boxes", f"{sizes[0]} boxes", many, few)
+    for name, geometry in (("lemur_tumbling", Geometry.LINES), ("lemur_tumbling", Geometry.SHAPES)):
+        given = replace(
+            load_scenario(scenarios / f"{name}.yaml"), robot=bench_robot("lemur", geometry)
+        )
+        of_spheres, of_bodies = _targets(given, settings)
+        where = f"{name}, {geometry.value}"
+        yield price(where, "target of 20 bodies", "of 20 spheres", of_bodies, of_spheres)
+
+
+def _box(sphere: Sphere) -> ObstacleBody:
+    """Return a cube of a sphere's volume in its place."""
+    edge = _EDGE * sphere.radius
+    return ObstacleBody(sphere.id, Solid("box", np.full(3, edge)), sphere.center)
+
+
+def _hull(box: ObstacleBody) -> ObstacleBody:
+    """Return nearly the same with 200 corners: its faces are curved a little."""
+    ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))
+    ways /= (np.abs(ways) ** _NEARLY_A_BOX).sum(axis=1, keepdims=True) ** (1 / _NEARLY_A_BOX)
+    return replace(box, shape=hull_of_vertices("mesh", ways * box.solid.sizes / 2))
+
+
+def _scattered(
+    problem: PlanningProblem, settings: PlannerSettings, count: int
+) -> tuple[ObstacleBody, ...]:
+    """Return a problem's bodies, and boxes anywhere that leave its plan as it is."""
+    plan = perform(PlanningTask(problem, settings))
+    q, _ = from_trajectory(problem.robot, plan.trajectory)
+    way, rng = Swept(with_bodies(problem.robot), q), np.random.default_rng(0)
+    found = list[ObstacleBody]()
+    while len(found) < count - len(problem.obstacles):
+        turn = pin.Quaternion(random_turn(rng)).coeffs()
+        solid = Solid("box", rng.uniform(0.1, 0.4, 3))
+        center = rng.uniform(-_CUBE / 2, _CUBE / 2, 3)
+        box = ObstacleBody(f"box{len(found)}", solid, center, turn)
+        if gap_of(way, plan.trajectory.time, box) > _APART:
+            found.append(box)
+    return (*problem.obstacle_bodies, *found)
+
+
+def _targets(
+    problem: PlanningProblem, settings: PlannerSettings
+) -> tuple[PlanningProblem, PlanningProblem]:
+    """Return a capture whose target is made of 20 spheres, and one of 20 boxes in their place."""
+    body, rng = problem.target_body, np.random.default_rng(0)
+    if body is None:
+        raise ValueError("there is no target body")
+    plan = perform(PlanningTask(problem, settings))
+    q, _ = from_trajectory(problem.robot, plan.trajectory)
+    way, times = Swept(with_bodies(problem.robot), q), plan.trajectory.time
+    spheres, boxes = list[AttachedSphere](), list[AttachedBody]()
+    while len(spheres) < _PARTS:
+        name, center, radius = f"p{len(spheres)}", rng.normal(0.0, 0.5, 3), rng.uniform(0.05, 0.15)
+        sphere = AttachedSphere(name, center, radius)
+        box = AttachedBody(name, Solid("box", np.full(3, _EDGE * radius)), center)
+        ball = replace(box, shape=Solid("capsule", np.array([radius, 1e-3])))
+        bodies = bodies_in(tuple(attached(replace(body, obstacles=(replace(ball, id="b"), box)))))
+        if min(gap_of(way, times, one) for one in bodies) > _APART:
+            spheres.append(sphere)
+            boxes.append(box)
+    return (
+        with_capture_target(replace(body, obstacles=tuple(spheres)), problem),
+        with_capture_target(replace(body, obstacles=tuple(boxes)), problem),
+    )
 
 
 def with_spheres(
