@@ -8,14 +8,12 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.paths.outlines import BESIDE, Hit, around_body
 from ff_planner_ros.planning.paths.path_family import Motion
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, bodies_in, spheres_in
 from ff_planner_ros.robot.model import Robot
 
-# How far beyond the surface of a sphere a detour passes [m]: the arm's links follow the end
-# effector only in part.
-_BESIDE = 0.1
 # The free term's bump is flat at its ends: an obstacle there is not avoided by a huge bump in the
 # middle. 1 at the middle of the path.
 _LEAST_BUMP = 0.3
@@ -37,14 +35,31 @@ def scattered() -> Iterator[Array]:
 
 
 def detours(
-    robot: Robot, straight: Motion, duration: float, spheres: Sequence[Sphere]
+    robot: Robot, straight: Motion, duration: float, obstacles: Sequence[Obstacle]
 ) -> Iterator[Array]:
-    """Pass the sphere that the straight path runs deepest into on its four sides."""
+    """Pass the obstacle that the straight path runs deepest into on its four sides."""
+    points = len(straight.q)
+    of_spheres = _around_sphere(robot, straight, duration, spheres_in(obstacles))
+    of_bodies = around_body(robot, straight, duration, bodies_in(obstacles))
+    hits = [hit for hit in (of_spheres, of_bodies) if hit is not None]
+    for hit in sorted(hits, key=lambda hit: -hit.depth)[:1]:
+        s = np.linspace(0.0, 1.0, 2 * points - 1)[hit.half_step]
+        bump = max(64.0 * s**3 * (1.0 - s) ** 3, _LEAST_BUMP)
+        for way in hit.ways:
+            coefficients = np.zeros((COMPONENTS, FREE_TERMS))
+            coefficients[:3, 0] = way / bump
+            yield coefficients.ravel()
+
+
+def _around_sphere(
+    robot: Robot, straight: Motion, duration: float, spheres: Sequence[Sphere]
+) -> Hit | None:
+    """Return the ways around the sphere that the lines run deepest into; None: into none."""
     positions = arm_points(robot, straight.q)
     times = np.linspace(0.0, duration, len(positions))
     clear = clearances(positions, times, segments(positions), spheres)
     if clear.distance.min(initial=np.inf) >= 0.0:
-        return
+        return None
     deepest = np.unravel_index(clear.distance.argmin(), clear.distance.shape)
     out = clear.direction[deepest]
     sphere, depth = spheres[int(deepest[2])], -clear.distance[deepest]
@@ -52,15 +67,10 @@ def detours(
     # The end effector's way as the sphere sees it.
     aside = np.cross(out, positions[-1, -1] - positions[0, -1] - sphere.way(duration))
     aside /= max(float(np.linalg.norm(aside)), 1e-9)
-    s = np.linspace(0.0, 1.0, 2 * len(positions) - 1)[2 * deepest[0]]
-    bump = max(64.0 * s**3 * (1.0 - s) ** 3, _LEAST_BUMP)
     ways = (
-        out * (depth + _BESIDE),
-        aside * (radius + _BESIDE),
-        -aside * (radius + _BESIDE),
-        -out * (2.0 * radius - depth + _BESIDE),
+        out * (depth + BESIDE),
+        aside * (radius + BESIDE),
+        -aside * (radius + BESIDE),
+        -out * (2.0 * radius - depth + BESIDE),
     )
-    for way in ways:
-        coefficients = np.zeros((COMPONENTS, FREE_TERMS))
-        coefficients[:3, 0] = way / bump
-        yield coefficients.ravel()
+    return Hit(float(depth), 2 * int(deepest[0]), ways)

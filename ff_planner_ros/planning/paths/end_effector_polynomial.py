@@ -30,7 +30,8 @@ from ff_planner_ros.planning.paths.polynomial import (
     end_effector_polynomials,
 )
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade, start_motion
-from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.obstacles import Obstacle
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Target
 from ff_planner_ros.robot.model import Base, Robot
 
 # An end effector's pose takes as many joints at least.
@@ -77,7 +78,7 @@ class EndEffectorPaths:
         return self.polynomial.decision_variables(x.reshape(COMPONENTS, FREE_TERMS))
 
     def first_guesses(
-        self, obstacles: Sequence[Sphere], points: int, damping: float
+        self, obstacles: Sequence[Obstacle], points: int, damping: float
     ) -> Iterator[Array]:
         """Yield the straight path, detours around what blocks it, and others without end.
 

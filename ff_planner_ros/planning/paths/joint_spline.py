@@ -21,7 +21,8 @@ from ff_planner_ros.core.conversions import chain_of, start_of, target_of
 from ff_planner_ros.planning.paths.path_family import GoalMotion, JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.paths.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.paths.spline_guesses import spline_guesses
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.obstacles import Obstacle
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -73,7 +74,7 @@ class JointSplines:
         return np.empty(0)
 
     def first_guesses(
-        self, obstacles: Sequence[Sphere], points: int, damping: float
+        self, obstacles: Sequence[Obstacle], points: int, damping: float
     ) -> Iterator[Array]:
         """Yield splines near the paper's path, ways to goal postures, and detours without end."""
         return spline_guesses(self, obstacles, points)

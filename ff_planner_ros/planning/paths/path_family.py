@@ -12,7 +12,8 @@ from typing import Protocol
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.obstacles import Obstacle
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Target
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ class PathFamily(Protocol):
         """Differentiate a regular motion of this family; damping: that of the motion."""
 
     def first_guesses(
-        self, obstacles: Sequence[Sphere], points: int, damping: float
+        self, obstacles: Sequence[Obstacle], points: int, damping: float
     ) -> Iterator[Array]:
         """Yield decision variables to start motions from, always the same for one problem."""
 

@@ -18,7 +18,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.contact import deepest_contact
 from ff_planner_ros.planning.paths.end_effector_polynomial import applies, end_effector_families
 from ff_planner_ros.planning.paths.spline_basis import FIXED
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.target import conditions_of
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ _POSTURES, _DETOURS, _FROM_LIMITS = 1.0, 0.5, 0.02
 
 
 def spline_guesses(
-    family: JointSplines, obstacles: Sequence[Sphere], points: int
+    family: JointSplines, obstacles: Sequence[Obstacle], points: int
 ) -> Iterator[Array]:
     """Yield control points without end, always the same for one problem.
 
@@ -67,7 +67,7 @@ def _touching_later(family: JointSplines, guesses: Iterator[Array]) -> Iterator[
             yield waiting.popleft()
 
 
-def _guesses(family: JointSplines, obstacles: Sequence[Sphere], points: int) -> Iterator[Array]:
+def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -> Iterator[Array]:
     joints = family.robot.joints
     ways = list[Array]()
     for guess in _near_papers_path(family, obstacles, points, slice(1)):
@@ -92,7 +92,7 @@ def _guesses(family: JointSplines, obstacles: Sequence[Sphere], points: int) -> 
 
 
 def _near_papers_path(
-    family: JointSplines, obstacles: Sequence[Sphere], points: int, which: slice
+    family: JointSplines, obstacles: Sequence[Obstacle], points: int, which: slice
 ) -> Iterator[Array]:
     """Yield splines near paths of the paper's family, where it applies.
 

@@ -101,7 +101,7 @@ class FreeSearch:
     def guesses(self) -> Iterator[Array]:
         """Yield first guesses without end."""
         stage = COARSE[0]
-        return self.family.first_guesses(self.fixed.spheres, stage.points, stage.damping)
+        return self.family.first_guesses(self.fixed.obstacles, stage.points, stage.damping)
 
     def _program(self) -> PathProgram:
         asked = self.problem.objective

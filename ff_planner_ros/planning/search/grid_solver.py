@@ -64,7 +64,7 @@ class GridSolver:
 
     def initial_guesses(self) -> Iterator[Array]:
         """Yield the family's own initial guesses without end."""
-        stage, obstacles = self.grids[0].stage, self.problem.spheres
+        stage, obstacles = self.grids[0].stage, self.problem.obstacles
         return self.program.family.first_guesses(obstacles, stage.points, stage.damping)
 
     def evaluate(self, grid: Grid, x: Array) -> PathLinearisation:

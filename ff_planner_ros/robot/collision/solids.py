@@ -109,6 +109,28 @@ class Solid:
         """How far any point of it is at most from the origin of its frame [m]."""
         return float(np.linalg.norm(self.center)) + self.radius
 
+    def furthest(self, ways: Array) -> Array:
+        """Return how far it reaches from the origin of its frame along ways. Shape (ways,) [m].
+
+        Args:
+            ways: In its frame, of unit length. Shape (ways, 3).
+        """
+        if self.kind == MESH:
+            return np.asarray((ways @ self.corners.T).max(axis=1), np.float64)
+        if self.kind == "box":
+            return np.asarray(np.abs(ways) @ self.sizes / 2.0, np.float64)
+        radius, length = self.sizes[0], self.sizes[-1]
+        up, across = ways[:, 2], np.hypot(ways[:, 0], ways[:, 1])
+        match self.kind:
+            case "sphere":
+                return np.full(len(ways), radius)
+            case "capsule":
+                return np.asarray(np.abs(up) * length / 2.0 + radius, np.float64)
+            case "cylinder":
+                return np.asarray(np.abs(up) * length / 2.0 + radius * across, np.float64)
+        apex, rim = up * length / 2.0, radius * across - up * length / 2.0
+        return np.asarray(np.maximum(apex, rim), np.float64)
+
 
 @dataclass(frozen=True)
 class MeshFile:
