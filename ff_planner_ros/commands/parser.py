@@ -6,7 +6,16 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import Any
 
-from ff_planner_ros.commands import bags, bench, campaigns, doctor, files, planning, robot, ros
+from ff_planner_ros.commands import (
+    bags,
+    bench,
+    campaigns,
+    doctor,
+    files,
+    planning,
+    robot,
+    ros,
+)
 
 ADDERS = (
     ros.add_ask,
@@ -24,6 +33,7 @@ ADDERS = (
     bags.add_replay,
     bags.add_report,
     robot.add_robot,
+    robot.add_scene,
     files.add_schema,
     planning.add_verify,
 )

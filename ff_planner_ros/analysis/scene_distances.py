@@ -1,0 +1,105 @@
+"""How far the robot is from what is in the way before anything is planned: at start and goal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem, Sphere
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.configuration import configuration
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """The distance of an obstacle, or of a body, from the body that is nearest to it."""
+
+    body: str
+    other: str  # id of an obstacle, or name of a body
+    distance: float  # negative where one is in the other [m]
+    ends: Array  # the point of each that is nearest to the other; shape (2, 3) [m]
+    allowed: bool  # whether they may touch near the goal
+
+
+def gaps_at_start(problem: PlanningProblem) -> list[Gap]:
+    """Return the nearest body of each obstacle at the start, and the nearest two bodies."""
+    robot = with_bodies(problem.robot)
+    q, _ = configuration(robot, problem.start)
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    places = [data.oMi[body.joint] * body.placement_in_joint for body in robot.bodies]
+    placed = list(zip(robot.bodies, places, strict=True))
+    own = [
+        _gap(problem, *placed[first], robot.bodies[second], places[second])
+        for first, second in problem.robot.pairs
+    ]
+    return _sorted([*_from_obstacles(problem, placed, 0.0), *_sorted(own)[:1]])
+
+
+def gaps_at_goal(problem: PlanningProblem) -> list[Gap] | None:
+    """Return the nearest body of the tool of each obstacle at the goal.
+
+    The tool is what the last joint carries. None: the goal does not say how it is turned there.
+    """
+    robot, target = with_bodies(problem.robot), problem.target
+    if target.orientation is not Orientation.FIXED:
+        return None
+    placed = list(tool_at_goal(problem))
+    return _sorted(_from_obstacles(problem, placed, problem.duration)) if robot.bodies else []
+
+
+def tool_at_goal(problem: PlanningProblem) -> Iterator[tuple[Body, pin.SE3]]:
+    """Yield the bodies that the last joint carries, and where they are at a goal that fixes it."""
+    robot, target = with_bodies(problem.robot), problem.target
+    goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
+    last = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
+    for body in robot.bodies:
+        if body.joint == robot.joints + 1:
+            yield body, last * body.placement_in_joint
+
+
+def _from_obstacles(
+    problem: PlanningProblem, placed: Sequence[tuple[Body, pin.SE3]], time: float
+) -> Iterator[Gap]:
+    for one in problem.obstacles if placed else ():
+        there = _place(one, time)
+        yield _sorted(_gap(problem, body, at, one, there) for body, at in placed)[0]
+
+
+def _sorted(gaps: Iterable[Gap]) -> list[Gap]:
+    return sorted(gaps, key=lambda gap: gap.distance)
+
+
+def _place(one: Obstacle, time: float) -> pin.SE3:
+    if isinstance(one, Sphere):
+        return pin.SE3(np.eye(3), one.center + one.way(time))
+    rotations, positions = one.poses(np.array([time]))
+    return pin.SE3(rotations[0], positions[0])
+
+
+def _gap(
+    problem: PlanningProblem, body: Body, at: pin.SE3, other: Body | Obstacle, there: pin.SE3
+) -> Gap:
+    if isinstance(other, Body):
+        solid, name, link = other.solid, other.name, other.link
+    elif isinstance(other, Sphere):
+        solid, name, link = coal.Sphere(other.radius), other.id, other.id
+    else:
+        solid, name, link = other.solid.geometry, other.id, other.id
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    places = [coal.Transform3s(place.rotation, place.translation) for place in (at, there)]
+    distance = float(coal.distance(body.solid, places[0], solid, places[1], request, result))
+    allowed = problem.allowed_collisions
+    return Gap(
+        body.name,
+        name,
+        distance,
+        np.array([result.getNearestPoint1(), result.getNearestPoint2()]),
+        f"{body.link}/{link}" in allowed or f"{link}/{body.link}" in allowed,
+    )
