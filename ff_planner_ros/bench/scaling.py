@@ -104,7 +104,7 @@ def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: b
 
 def price_measurement(settings: PlannerSettings, *, quick: bool) -> Measurement:
     """Measure what shapes cost beside spheres, and hulls beside boxes."""
-    runs, sizes = (1, (3, 30)) if quick else (9, (3, 300))
+    runs, sizes = (1, (3, 30)) if quick else (5, (3, 300))
     found = list(prices(settings, runs, sizes))
     rows = [
         (

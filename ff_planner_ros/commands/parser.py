@@ -6,16 +6,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import Any
 
-from ff_planner_ros.commands import (
-    bags,
-    bench,
-    campaigns,
-    doctor,
-    files,
-    planning,
-    robot,
-    ros,
-)
+from ff_planner_ros.commands import bags, bench, campaigns, doctor, files, planning, robot, ros
 
 ADDERS = (
     ros.add_ask,
