@@ -85,6 +85,7 @@ PIP_NAMES = {
     "coal": "pin",  # which is built on it and brings it
     "dask": "distributed",  # which is built on it and brings it
     "mcap_ros2": "mcap-ros2-support",
+    "mpl_toolkits": "matplotlib",
     "mujoco": "mujoco-core",
     "pinocchio": "pin",
     "pydrake": "drake",

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from ff_planner_ros.analysis.drawing.capture_view import capture_figure
 from ff_planner_ros.analysis.drawing.from_above import view_from_above
+from ff_planner_ros.analysis.drawing.lit_scene import lit_scene
 from ff_planner_ros.analysis.drawing.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
@@ -38,18 +39,24 @@ _DOTS_PER_INCH = 150
 
 
 def plot_plan(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
-    """Draw a plan: figures over time, each as PNG and PDF, and a scene that turns in a browser.
+    """Draw a plan: figures over time, each as PNG and PDF, and its scene.
+
+    The scene turns in a browser; where the robot has bodies, there is a picture of it, too.
 
     Args:
         directory: Made if it is not there; files of the same name in it are replaced.
 
     Returns:
-        The PNG files and the scene, `scene.html`.
+        The PNG files, `scene.png` among them, and `scene.html`.
     """
     problem = lasting(problem, plan.duration)
     motions, scene = {PLANNED: plan.trajectory}, directory / "scene.html"
     pictures = save_figures(problem, motions, directory)
     save_scene(problem, motions, motions, scene)
+    if problem.robot.bodies:
+        pictures.append(directory / "scene.png")
+        seen = lit_scene(problem, plan.trajectory)
+        seen.savefig(pictures[-1], dpi=_DOTS_PER_INCH, bbox_inches="tight")
     return [*pictures, scene]
 
 
