@@ -21,7 +21,7 @@ from ff_planner_ros.planning.optimisation.objectives import duration_of, plan_co
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.effort import Effort
-from ff_planner_ros.planning.search.families import is_held
+from ff_planner_ros.planning.search.families import is_detour, is_held
 from ff_planner_ros.planning.search.free_moment import (
     SOONER,
     moment_in_another_family,
@@ -103,7 +103,8 @@ def plan_at_best_moment(
         known += promising
     if best is None and known:
         best, moment = _best_of(asked, known, _LATER)
-    if best and not problem.objective.only_duration and is_held(problem, settings, best):
+    held = best and (is_held(problem, settings, best) or is_detour(best))
+    if best and not problem.objective.only_duration and held:
         best, moment = _better_in_another_family(asked, best, moment)
     if best is None:
         best = _any(asked)
@@ -119,7 +120,7 @@ def _better_in_another_family(
 ) -> tuple[Plan, Moment | None]:
     """Return the plan that another one leads to in the family that can do more, if it is better.
 
-    Where a limit holds the chaser back, its paths are much shorter.
+    Where a limit holds the chaser back, or the joint path is a detour, its paths are much shorter.
     """
     other = moment_in_another_family(asked.problem, asked.settings, asked.watch, best, asked.effort)
     found = None if other is None else _near(asked, other, _SOON[:1])
