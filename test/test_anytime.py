@@ -31,6 +31,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.search.planner import _Best
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
@@ -117,6 +118,21 @@ def test_wherever_a_search_is_ended_its_effort_gives_the_same_answer_again(name:
         assert len(watch.offered) == len({plan_cost(problem.objective, p) for p in watch.offered})
     assert len(costs) >= 2
     assert costs == sorted(costs, reverse=True)
+
+
+def test_of_plans_that_are_offered_the_best_is_kept_and_not_the_last(lemur_plan: Plan) -> None:
+    paths = (3.0, 1.0, 2.0, 1.0, 0.5, 4.0)
+    metrics = [replace(lemur_plan.metrics, joint_path_length=path) for path in paths]
+    offered = [replace(lemur_plan, metrics=one) for one in metrics]
+    watch = EndingAt(1)
+    best = _Best(watch, Objective(1.0, 0.0))
+    kept = []
+    for plan in offered:
+        best.offer(plan)
+        assert best.plan is not None
+        kept.append(best.plan.metrics.joint_path_length)
+    assert kept == [3.0, 1.0, 1.0, 1.0, 0.5, 0.5]
+    assert watch.offered == [offered[0], offered[1], offered[4]]
 
 
 def test_what_is_handed_out_early_keeps_everything_by_the_truth() -> None:
