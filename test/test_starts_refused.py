@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -9,17 +10,22 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from bodied_robots import lemur_with_bodies
 from handmade_plans import SETTINGS, Made, arm, from_lines, made, resting
-from robots import ROBOTS
+from robots import LEMUR_SCENARIO, ROBOTS
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE, POSTURE, TWIST
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.distance.contact import deepest_contact
+from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.paths.start_motion import least_highest_positions, least_highest_rates
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import robot_from_urdf_text
 
 JERK = 10.0  # that no plan exceeds [rad/s3]
@@ -207,7 +213,9 @@ def test_a_start_with_any_line_of_the_arm_in_any_obstacle_is_refused(
     ends = [*problem.robot.joint_names, problem.robot.tip_link]
     others = [Sphere(f"far_{k}", PLACE + 30.0, 1.0) for k in range(3)]
     for depth in (5e-4, -1e-6):
-        sphere = Sphere("near", center, away.min() + depth, np.array([0.5, 0.0, 0.0]))
+        # The one that it does not touch moves away: another would be hit.
+        way = np.array([0.5, 0.0, 0.0]) if depth > 0.0 else 0.5 * aside / np.linalg.norm(aside)
+        sphere = Sphere("near", center, away.min() + depth, way)
         obstacles = (*others[:number], sphere, *others[number:])
         asked = replace(problem, obstacles=obstacles)
         if depth < 0.0:
@@ -218,6 +226,60 @@ def test_a_start_with_any_line_of_the_arm_in_any_obstacle_is_refused(
             f"obstacles[near] is around the link from {ends[line]} to {ends[line + 1]}" in message
         )
         assert "0.0005 m deep" in message
+
+
+def beside(problem: PlanningProblem, gap: float, velocity: Array | None = None) -> PlanningProblem:
+    """The problem with a sphere so far from a line of the arm, on the side that it moves to.
+
+    Without a velocity the sphere moves with the line.
+    """
+    robot = problem.robot
+    q, _ = configuration(robot, problem.start)
+    points = arm(robot, q)
+    line = 3
+    middle, along = points[line : line + 2].mean(axis=0), points[line + 1] - points[line]
+    normal = np.cross(along, [0.3, 0.5, -0.8])
+    normal /= np.linalg.norm(normal)
+    ahead = carried_forward(robot, problem.start, 1e-4, None)
+    moved = arm(robot, configuration(robot, ahead)[0])[line : line + 2].mean(axis=0) - middle
+    if moved @ normal < 0.0:
+        normal = -normal
+    drift = moved / 1e-4 if velocity is None else velocity
+    sphere = Sphere("near", middle + normal * (0.05 + gap), 0.05, drift)
+    return replace(problem, obstacles=(sphere,))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_start_that_moves_into_an_obstacle_whatever_follows_is_refused_at_once(
+    known: bool,
+) -> None:
+    """With the clearance that it has and the one that it needs; with that it is searched for."""
+    problem = starting(0, 0.3, 0.0 if known else None)
+    still = np.zeros(3)
+    words = refusal_of(beside(problem, 2e-5, still), Status.START_IN_COLLISION)
+    assert words.startswith("obstacles[near] is 0.020 mm from the link from joint_4 to joint_5")
+    (needed,) = (float(one) for one in re.findall(r"at this speed ([\d.]+) mm are needed", words))
+    assert needed > 0.02
+    require_plannable(beside(problem, 1.02e-3 * needed, still), SETTINGS)
+    require_plannable(beside(problem, 4e-3, still), SETTINGS)  # in 0.2 s it goes 7 mm
+    again = refusal_of(beside(problem, 0.9e-3 * needed, still), Status.START_IN_COLLISION)
+    assert "start further away, or slower" in again
+
+
+def test_a_start_as_near_that_moves_with_the_obstacle_or_away_from_it_is_not_refused() -> None:
+    problem = starting(0, 0.3, 0.0)
+    require_plannable(beside(problem, 2e-5), SETTINGS)  # the obstacle goes with the line
+    require_plannable(beside(starting(0, 0.0, 0.0), 2e-5), SETTINGS)
+
+
+def test_an_obstacle_that_comes_at_a_resting_start_is_refused_at_once() -> None:
+    problem = beside(starting(0, 0.0, 0.0), 2e-5)
+    (sphere,) = problem.obstacles
+    q, _ = configuration(problem.robot, problem.start)
+    towards = arm(problem.robot, q)[3:5].mean(axis=0) - sphere.center
+    coming = replace(sphere, velocity=sphere.velocity + 0.1 * towards / np.linalg.norm(towards))
+    words = refusal_of(replace(problem, obstacles=(coming,)), Status.START_IN_COLLISION)
+    assert "which nears it by 0.1 m/s" in words
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -247,3 +309,24 @@ def test_a_start_near_the_grasp_and_beside_the_corridor_is_refused(moving: bool)
             assert "approach.distance is 0.2 m" in refusal_of(asked)
         else:
             require_plannable(asked, SETTINGS)
+
+
+def test_a_body_that_moves_into_an_obstacle_whatever_follows_is_refused_at_once() -> None:
+    problem = load_scenario(LEMUR_SCENARIO)
+    robot, way = lemur_with_bodies(), np.array([0.0, 0.0, 1.0])
+    q, _ = configuration(robot, problem.start)
+    middle = arm(robot, q)[-1]
+
+    def with_sphere(off: float, speed: float = 0.0) -> PlanningProblem:
+        sphere = Sphere("near", middle + off * way, 0.05, -speed * way)
+        return replace(problem, robot=robot, obstacles=(sphere,))
+
+    inside, outside = 0.0, 9.0
+    while outside - inside > 1e-7:
+        off = (inside + outside) / 2
+        touches = deepest_contact(with_sphere(off), q) is not None
+        inside, outside = (off, outside) if touches else (inside, off)
+    words = refusal_of(with_sphere(outside + 2e-5, 0.3), Status.START_IN_COLLISION)
+    assert re.match(r"obstacles\[near\] is 0\.0[012]\d mm from link_", words)
+    assert "are needed at the start" in words
+    require_plannable(with_sphere(outside + 2e-5, -0.3), SETTINGS)

@@ -25,7 +25,7 @@ _ROUNDING_RATE, _ROUNDING_ACCELERATION = 1e-11, 1e-9
 _FADING_PART = 0.5
 # No plan changes joint accelerations faster [rad/s3]: one that turns a joint by 1 rad in 2 s
 # reaches 8.
-_FASTEST_CHANGE = 10.0
+FASTEST_CHANGE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def least_highest_positions(
     positions: Array, rates: Array, accelerations: Array, duration: float
 ) -> Array:
     """Return how high each joint gets at least within a duration [s], whatever a plan does."""
-    jerk = _FASTEST_CHANGE
+    jerk = FASTEST_CHANGE
     turns = accelerations**2 + 2.0 * jerk * rates
     t = np.where(turns > 0.0, (accelerations + np.sqrt(np.maximum(turns, 0.0))) / jerk, 0.0)
     t = np.clip(t, 0.0, duration)
@@ -114,7 +114,7 @@ def least_highest_positions(
 
 def least_highest_rates(rates: Array, accelerations: Array) -> Array:
     """Return how fast each joint gets at least, whatever a plan does [rad/s]."""
-    highest: Array = rates + np.maximum(accelerations, 0.0) ** 2 / (2.0 * _FASTEST_CHANGE)
+    highest: Array = rates + np.maximum(accelerations, 0.0) ** 2 / (2.0 * FASTEST_CHANGE)
     return highest
 
 

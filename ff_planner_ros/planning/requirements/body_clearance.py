@@ -17,14 +17,18 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     split_pairs,
     split_spheres,
 )
+from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
+    centers_in_base,
     least_pair_distance,
     least_sphere_distance,
     lesser,
 )
-from ff_planner_ros.planning.distance.contact import deepest_contact, way_out
+from ff_planner_ros.planning.distance.body_distances import sphere_bounds, sphere_distances
+from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.distance.contact import deepest_contact, is_near_goal, way_out
 from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
     search_sphere_distance,
@@ -32,6 +36,11 @@ from ff_planner_ros.planning.distance.search_certificate import (
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.paths.start_approach import (
+    NEAR,
+    approached,
+    refuse_approached,
+)
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
@@ -56,6 +65,7 @@ class BodyClearance(Requirement):
         """Refuse a start with a body inside an obstacle or in another body."""
         contact = deepest_contact(problem, q_start)
         if contact is None:
+            _refuse_approached(problem, q_start)
             return
         depth = f"{-contact.distance:.4f} m deep"
         if contact.obstacle:
@@ -188,6 +198,41 @@ def _of_pairs(problem: PlanningProblem, motion: FollowedMotion) -> Least:
             for chosen, last in last_points(problem, motion, *split_pairs(problem))
         )
     )
+
+
+def _refuse_approached(problem: PlanningProblem, q_start: Array) -> None:
+    """Refuse a start with a body that moves into a sphere whatever follows."""
+    robot, spheres = problem.robot, problem.spheres
+    if not (robot.bodies and spheres):
+        return
+    radius = np.array([sphere.radius for sphere in spheres])
+
+    def seen(q: Array, times: Array) -> Array:
+        return centers_in_base(q, centers_at(times, spheres))
+
+    bounds = sphere_bounds(
+        robot, placed_bodies(robot, q_start[None, 7:]), seen(q_start[None], np.zeros(1)), radius
+    )
+    near = bounds[0] < NEAR
+    if is_near_goal(problem, q_start, 0.0):
+        near.reshape(-1)[split_spheres(problem)[1]] = False
+    bodies, numbers = np.nonzero(near)
+    if not bodies.size:
+        return
+
+    def of_bodies(q: Array, times: Array) -> Array:
+        rows = (
+            np.repeat(np.arange(len(q)), len(bodies)),
+            *(np.tile(one, len(q)) for one in (bodies, numbers)),
+        )
+        placed = placed_bodies(robot, q[:, 7:])
+        found = sphere_distances(robot, placed, seen(q, times), radius, rows)
+        return found.distance.reshape(len(q), -1)
+
+    found = approached(problem, of_bodies)
+    if found is not None:
+        body, sphere = robot.bodies[bodies[found.pair]], spheres[numbers[found.pair]]
+        refuse_approached(sphere.id, body.name, found)
 
 
 def _body_and_sphere(problem: PlanningProblem, least: Least) -> tuple[str, ...]:

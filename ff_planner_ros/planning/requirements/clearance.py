@@ -27,6 +27,7 @@ from ff_planner_ros.planning.distance.search_certificate import search_certifica
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.paths.start_approach import approached, refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, quarter_way
@@ -71,6 +72,18 @@ class Clearance(Requirement):
                 f"{-distance[segment, sphere]:.4f} m deep",
                 "at the start the arm must be outside every obstacle",
             )
+        if not problem.spheres:
+            return
+
+        def of_lines(q: Array, times: Array) -> Array:
+            found = clearances(arm_points(problem.robot, q), times, starts, problem.spheres)
+            return found.distance.reshape(len(q), -1)
+
+        found = approached(problem, of_lines)
+        if found is not None:
+            line, sphere = divmod(found.pair, len(problem.spheres))
+            link = link_name(problem.robot, int(starts[line]))
+            refuse_approached(problem.spheres[sphere].id, link, found)
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
         """Return the clearance that the search keeps at the points [m]."""

@@ -1,0 +1,110 @@
+"""A start that moves towards an obstacle: whatever a plan does, it comes nearer before it stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.momentum import base_twist
+
+# Whatever is further away at the start [m] is no matter of the first moments, the times [s] at
+# which these are looked at; a plan may turn any start round in less.
+NEAR, _SECONDS, _TIMES = 0.01, 0.2, 41
+# Turn of a joint that shows what it does to a distance [rad].
+_TURN = 1e-6
+# What a joint does to a distance changes as the arm moves on: by less than so many times.
+_SPARE = 1.5
+# Plans that are shorter than this [s] change accelerations faster, by the cube.
+_CALM = 2.0
+# Where a start does not say how its joints accelerate, that is what their rates make of each other,
+# in times of their greatest squared.
+_UNTOLD = 2.0
+
+# Distances of all that may touch, of each configuration at its time: (configurations, pairs) [m].
+Distances = Callable[[Array, Array], Array]
+
+
+class Approached(NamedTuple):
+    """What a start comes too near to."""
+
+    pair: int  # of the distances
+    clearance: float  # at the start [m]
+    needed: float  # at the start, so that a plan can stop before [m]
+    speed: float  # at which it comes nearer at the start [m/s]
+
+
+def approached(problem: PlanningProblem, distances: Distances) -> Approached | None:
+    """Return what is hit for certain soon after the start, the worst; None: nothing is.
+
+    Joints go on as they begin, but for what the fastest change of their accelerations can do.
+    """
+    robot, start = problem.robot, problem.start
+    q_start, _ = configuration(robot, start)
+    clear = distances(q_start[None], np.zeros(1))[0]
+    near = np.flatnonzero(clear < NEAR)
+    if not near.size:
+        return None
+    rates, known = start.joint_velocities, start.joint_accelerations
+    accelerations = np.zeros_like(rates) if known is None else known
+    times = np.linspace(0.0, min(_SECONDS, problem.duration), _TIMES)
+    t = times[:, None]
+    motion = JointMotion(
+        times,
+        start.joint_positions + t * rates + t**2 / 2 * accelerations,
+        rates + t * accelerations,
+        np.broadcast_to(accelerations, (len(times), robot.joints)).copy(),
+    )
+    q = np.array(
+        [configuration(robot, carried_forward(robot, start, s, motion))[0] for s in times.tolist()]
+    )
+    going_on = distances(q, times)[:, near]
+    data, none = robot.model.createData(), np.zeros(6)
+    turned = np.array(
+        [
+            pin.integrate(
+                robot.model,
+                q_start,
+                _TURN * np.concatenate([base_twist(robot, data, q_start, none, one), one]),
+            )
+            for one in np.eye(robot.joints)
+        ]
+    )
+    by_joints = (distances(turned, np.zeros(len(turned)))[:, near] - clear[near]) / _TURN
+    most = np.abs(by_joints).sum(axis=0)
+    window = problem.duration_range
+    shortest = problem.duration if window is None else window.minimum
+    changed = FASTEST_CHANGE * max(1.0, (_CALM / shortest) ** 3) * t**3 / 6
+    if known is None:
+        changed = changed + _UNTOLD * float(np.abs(rates).max()) ** 2 * t**2 / 2
+    at_most = (going_on + _SPARE * most * changed).min(axis=0)
+    worst = int(at_most.argmin())
+    if at_most[worst] >= 0.0:
+        return None
+    speed = (going_on[0, worst] - going_on[1, worst]) / (times[1] - times[0])
+    found = float(clear[near[worst]])
+    return Approached(int(near[worst]), found, found - float(at_most[worst]), float(speed))
+
+
+def refuse_approached(obstacle: str, body: str, found: Approached) -> None:
+    """Refuse a start that moves into an obstacle whatever follows.
+
+    Raises:
+        InvalidInput: It does.
+    """
+    raise InvalidInput(
+        Status.START_IN_COLLISION,
+        f"obstacles[{obstacle}]",
+        f"{found.clearance * 1e3:.3f} mm from {body}, which nears it by {found.speed:.3g} m/s",
+        f"at this speed {found.needed * 1e3:.3f} mm are needed at the start, or else no plan stops "
+        "it before they touch; start further away, or slower",
+    )
