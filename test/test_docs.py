@@ -169,6 +169,8 @@ def scenario(tmp_path: Path) -> Any:
     def allowed(*place: Any) -> set[str]:
         if place[-2:] == ("obstacles", 0):  # a sphere or a body
             return keys_with("no_such_key", *place) | keys_with("shape", *place)
+        if place == ("target",):  # of the end effector or of the joints
+            return keys_with("no_such_key", *place) | keys_with("at_rest", *place)
         return keys_with("no_such_key", *place)
 
     def keys_with(key: str, *place: Any) -> set[str]:
@@ -178,6 +180,8 @@ def scenario(tmp_path: Path) -> Any:
             changed["target_body"] = json.loads(json.dumps(body))
         if place[:1] == ("duration",):
             changed["duration"] = {"min": 9.0, "max": 10.0}
+        if place[:2] == ("target", "joints"):
+            changed["target"] = {}
         block = changed
         for name in place:
             block = block[name] if isinstance(name, int) else block.setdefault(name, {})

@@ -142,7 +142,6 @@ def _too_fast(request: PlanRequest) -> None:
 
 # What messages have a place for, and no plan can have yet, by its place.
 NOT_YET: dict[str, Any] = {
-    "goal.kind": Goal.JOINTS,
     "payload": [Payload()],
     "then": [Phase()],
     "scene.0.bodies": [Obstacle()],
@@ -366,8 +365,11 @@ CASES = {
         ("search.depth is 'deep'", "it must be quick, normal or thorough"),
         _set("search.depth", "deep"),
     ),
-    "a goal at rest": Case(
-        Status.UNSUPPORTED, ("goal.kind is 3", "POSE (0)"), _set("goal.kind", Goal.AT_REST)
+    "a goal of no kind": Case(
+        Status.OUT_OF_RANGE, ("goal.kind is 4", "POSE (0)"), _set("goal.kind", 4)
+    ),
+    "a posture without joints": Case(
+        Status.UNKNOWN_JOINT, ("goal.joints.name", "missing"), _set("goal.kind", Goal.JOINTS)
     ),
     **{
         f"{place}, which no plan has yet": Case(

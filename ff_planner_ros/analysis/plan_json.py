@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.analysis.robot_json import (
+    chaser_told,
     peaks_told,
     robot_told,
     wheels_of_robot_read,
     wheels_read,
-    wheels_told,
 )
 from ff_planner_ros.common.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.common.declared import (
@@ -32,6 +32,7 @@ from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.obstacles import Obstacle, with_mesh_read
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
+    Target,
     attached,
     lasting,
 )
@@ -125,7 +126,7 @@ def _of_plan(plan: Plan, solve_time: float) -> dict[str, Any]:
         "effort": plan.effort,
         "xi": plan.xi.tolist(),
         "orientation_reading": plan.orientation_reading,
-        **wheels_told(plan.wheels),
+        **chaser_told(plan),
         **_how_good(plan, solve_time),
     }
 
@@ -179,9 +180,10 @@ def planned_scene(answer: object) -> Scene | None:
 def _scene(asked: dict[str, Any]) -> Scene:
     """Return the scene of what a plan's dictionary says of its problem, by key."""
     body, told = asked.get("target_body"), fields_of(PlanningProblem, asked)
+    target = asked.get("target")
     return Scene(
         **{name: told[name] for name in ("obstacles", *OF_PROBLEM) if name in told},
-        target=asked.get("target") if body is None else None,
+        target=target if body is None and isinstance(target, Target) else None,
         target_body=body,
         capture_time=asked.get("duration"),
     )
@@ -270,6 +272,7 @@ def plan_document(answer: Any) -> PlanDocument:
 def _asked(problem: PlanningProblem, times: Array) -> dict[str, Any]:
     """Return what a scenario says of a problem, and where its target body is at some times."""
     values = {key: getattr(problem, one.name) for key, one in _KEYS.items()}
+    values["target"] = problem.posture or problem.target
     values["obstacles"] = [one for one in problem.obstacles if one.body is None]
     asked = written(_KEYS, values)
     if problem.target_body is not None:

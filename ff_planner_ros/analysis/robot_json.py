@@ -8,7 +8,7 @@ from ff_planner_ros.common.arrays import Array, finite_vector, frozen
 from ff_planner_ros.common.declared import written_object
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.motion.plan import WheelMotion
+from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.wheels_file import WheelsFile, wheels_file
 from ff_planner_ros.robot.wheels import Wheels
@@ -41,11 +41,14 @@ def wheels_of_robot_read(robot: dict[str, Any]) -> Wheels | None:
     return found.wheels
 
 
-def wheels_told(wheels: WheelMotion | None) -> dict[str, Any]:
-    """Return what wheels hold and give, a row a point; none: nothing."""
-    if wheels is None:
-        return {}
-    return {"wheels": {name: getattr(wheels, name).tolist() for name in _ROWS}}
+def chaser_told(plan: Plan) -> dict[str, Any]:
+    """Return what wheels hold and give, a row a point, and how all turns at rest, if it does."""
+    told: dict[str, Any] = {}
+    if plan.wheels is not None:
+        told["wheels"] = {name: getattr(plan.wheels, name).tolist() for name in _ROWS}
+    if plan.turn_rate_at_rest is not None:
+        told["turn_rate_at_rest"] = plan.turn_rate_at_rest
+    return told
 
 
 def peaks_told(wheels: WheelMotion | None) -> dict[str, tuple[float, ...]]:

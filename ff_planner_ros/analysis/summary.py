@@ -44,12 +44,19 @@ def plan_rows(
         *([] if plan.wheels is None else _wheel_rows(plan.wheels)),
         *([] if plan.robust is None else [("robust", plan.robust.told(metrics.joint_path_length))]),
         *([("parametrisation", plan.family)] if plan.family else []),
+        *_at_rest(plan),
         *(("note", note) for note in plan.notes),
         ("solver", solver.stop_reason),
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
         ("digest of the task", digest),
     ]
+
+
+def _at_rest(plan: Plan) -> list[tuple[str, str]]:
+    """Return name and value of how all turns together at the goal, where the joints rest there."""
+    rate = plan.turn_rate_at_rest
+    return [] if rate is None else [("turns at rest", f"{np.rad2deg(rate):.4g} deg/s")]
 
 
 def _wheel_rows(wheels: WheelMotion) -> list[tuple[str, str]]:

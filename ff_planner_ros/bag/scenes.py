@@ -64,7 +64,8 @@ class Received:
 def asked_scene(request: Any) -> AskedScene:
     """Return what a request says of the scene."""
     captures = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE
-    goal = () if captures else ("target",)
+    has_place = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.POSE
+    goal = ("target",) if has_place else ()
     names = (*OF_PROBLEM, *goal)
     scene, body = (value_at(request, f"{part}[0]", None) for part in ("scene", "target_body"))
     told = {name: _told(request, name) for name in names}

@@ -10,7 +10,7 @@ from ff_planner_ros.commands import METHODS, NO_PLAN, OPTIMAL, SOLVED
 from ff_planner_ros.commands.options import Add, add_renamed
 from ff_planner_ros.commands.printed import print_table, write_json
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.planning.problem.parametrisation import Parametrisation
+from ff_planner_ros.planning.problem.goal_words import Parametrisation
 
 
 def add_plan(add: Add) -> None:

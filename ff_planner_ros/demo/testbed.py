@@ -31,7 +31,7 @@ from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE
-from ff_planner_ros.ros.messages.from_messages import joint_order
+from ff_planner_ros.ros.messages.joint_names import joint_order
 from ff_planner_ros.ros.messages.to_messages import (
     bodies_message,
     obstacles_message,

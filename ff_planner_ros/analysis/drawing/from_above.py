@@ -46,7 +46,8 @@ def view_from_above(problem: PlanningProblem, motions: Mapping[Method, Trajector
     for method, motion in motions.items():
         _draw_motion(axes, problem, method, motion)
     target = problem.target
-    axes.plot(*target.position[:2], "x", color=_TARGET, label="target", zorder=4)
+    if problem.posture is None:  # which has no place
+        axes.plot(*target.position[:2], "x", color=_TARGET, label="target", zorder=4)
     if target.orientation is Orientation.FIXED:
         ahead = Rotation.from_quat(target.quaternion_xyzw).apply([_HEADING, 0.0, 0.0])
         axes.plot(*np.array([target.position, target.position + ahead]).T[:2], color=_TARGET)

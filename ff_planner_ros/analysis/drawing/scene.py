@@ -58,8 +58,11 @@ def save_scene(
     path: Path,
 ) -> None:
     """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
-    figure = scene_figure(problem.robot, problem.obstacles, problem.target, motions, shown)
     first = next(iter(motions.values()))
+    goal = problem.target
+    if problem.posture is not None:  # it has no place: where the end effector comes is shown
+        goal = Target(first.ee_positions[-1], first.ee_quaternions_xyzw[-1])
+    figure = scene_figure(problem.robot, problem.obstacles, goal, motions, shown)
     figure.add_traces(list(drawn_constraints(scene_of(problem), problem.robot, first)))
     save_page(figure, ", ".join(method.label for method in motions), path)
 

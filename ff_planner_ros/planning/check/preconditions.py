@@ -35,7 +35,8 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
     for required in requirements_of(problem):
         required.refuse_start(problem, q_start, settings)
     momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
-    _require_reachable_goal(problem, q_start, momentum)
+    if problem.posture is None:
+        _require_reachable_goal(problem, q_start, momentum)
 
 
 def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: Array) -> None:

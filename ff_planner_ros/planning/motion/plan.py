@@ -114,12 +114,17 @@ class Plan:
     effort: int = 0
     notes: tuple[str, ...] = ()  # on what it was made among
 
+    # At which chaser and arm turn together where the joints rest at the goal [rad/s]; None: they do
+    # not, or it was not asked for
+    turn_rate_at_rest: float | None = None
+
     @property
     def message(self) -> str:
-        """Why the search ended, what a robust plan keeps back at which price, and notes."""
-        robust = self.robust
+        """Why the search ended, what a robust plan keeps back, how it rests, and notes."""
+        robust, rate = self.robust, self.turn_rate_at_rest
         kept = [] if robust is None else [robust.told(self.metrics.joint_path_length)]
-        return "; ".join([self.solver.stop_reason, *kept, *self.notes])
+        rests = [] if rate is None else [f"at rest the whole turns at {rate:.4g} rad/s"]
+        return "; ".join([self.solver.stop_reason, *kept, *rests, *self.notes])
 
     def __post_init__(self) -> None:
         """Make the decision variables read-only."""

@@ -165,6 +165,8 @@ class PathProgram:
     def with_correction(self, motion: Motion, driven: FollowedMotion) -> PathProgram:
         """Return the program that knows what a controller makes of a path, and aims accordingly."""
         robot, target = self.problem.robot, self.problem.target
+        if self.problem.posture is not None:  # the last point has the goal's own joints
+            return replace(self, correction=Correction.between(robot.model, motion, driven))
         aim = beside(self.aim or target, *miss(robot, driven.q[-1], target))
         return replace(
             self,

@@ -4,6 +4,9 @@ theta(t) = B(t) c. Start angle, rate and acceleration fix the first three contro
 are the decision variables. Nothing is inverted but the system's inertia, so that a motion knows no
 singularities, and any number of joints will do. Its end need not be at the goal: what it misses is
 the goal error, which the solver brings to zero.
+
+A goal of the joints fixes control points instead, and nothing is missed: a posture with its rates
+the last three; rest in any posture makes the last three the same.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import ClassVar, cast
+from typing import ClassVar, TypeAlias, cast
 
 import numpy as np
 
@@ -26,6 +29,9 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
+
+# As the core returns them: of q, v, q half-way and the goal error; then dv/dt itself.
+Derivatives: TypeAlias = tuple[Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,9 +71,40 @@ class JointSplines:
         return self.basis.start(start.joint_positions, start.joint_velocities, accelerations)
 
     @property
+    def ending(self) -> str:
+        """What the goal fixes of the last control points; empty: nothing, the solver does."""
+        posture = self.problem.posture
+        return "" if posture is None else ("same" if posture.at_rest else "given")
+
+    @cached_property
+    def last(self) -> Array:
+        """What the goal adds to the control points behind the start's. Shape (points, joints)."""
+        added = np.zeros((self.basis.count - FIXED, self.robot.joints))
+        posture = self.problem.posture
+        if posture is not None and posture.positions is not None:
+            still = np.zeros(self.robot.joints)
+            added[-FIXED:] = self.basis.end(posture.positions, still + posture.rates, still)
+        return added
+
+    @property
+    def each(self) -> int:
+        """Variables of each joint."""
+        return int(_spread(self.basis.count, self.ending).shape[1])
+
+    @property
     def variables(self) -> int:
         """Free control points of all joints, those of the first joint first."""
-        return self.robot.joints * (self.basis.count - FIXED)
+        return self.robot.joints * self.each
+
+    def free(self, rows: Array) -> Array:
+        """Return what the variables of a joint contribute where control points do as rows say."""
+        contributed: Array = rows[:, FIXED:] @ _spread(self.basis.count, self.ending)
+        return contributed
+
+    def known(self, rows: Array) -> Array:
+        """Return what start and goal contribute. Shape (rows, joints)."""
+        contributed: Array = rows[:, :FIXED] @ self.fixed + rows[:, FIXED:] @ self.last
+        return contributed
 
     def decision_variables(self, x: Array) -> Array:
         """Return nothing: the paper has no such variables."""
@@ -82,7 +119,7 @@ class JointSplines:
     def near(self, q: Array) -> Array:
         """Return the control points of the splines through the joint angles of a motion."""
         rows = self.basis.rows(np.linspace(0.0, 1.0, len(q)))
-        free, *_ = np.linalg.lstsq(rows[:, FIXED:], q[:, 7:] - rows[:, :FIXED] @ self.fixed)
+        free, *_ = np.linalg.lstsq(self.free(rows), q[:, 7:] - self.known(rows))
         return np.asarray(free.T.ravel(), np.float64)
 
     def towards(self, target: Target) -> JointSplines:
@@ -98,7 +135,9 @@ class JointSplines:
 
     def control_points(self, x: Array) -> Array:
         """Return all control points of a spline. Shape (control points, joints) [rad]."""
-        return np.concatenate([self.fixed, x.reshape(self.robot.joints, -1).T])
+        of_joints = x.reshape(self.robot.joints, self.each).T
+        behind = _spread(self.basis.count, self.ending) @ of_joints + self.last
+        return np.concatenate([self.fixed, behind])
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the base along one spline; there is nothing to damp."""
@@ -112,24 +151,33 @@ class JointSplines:
             q=motion.q,
             v=motion.v,
             q_half_way=motion.q_half_way,
-            goal_error=motion.goal_error(self._goal),
+            goal_error=np.empty(0) if self.ending else motion.goal_error(self._goal),
             hull=JointHull(*(matrix @ controls for matrix in _hulls(self.basis))),
             compiled=motion,
         )
 
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
         """Differentiate a motion of this family, exact as discretised."""
-        rows = _rows_of_free(self.basis, len(motion.q))
+        rows = _rows_of_free(self.basis, len(motion.q), self.ending)
         compiled_motion = cast(SplineMotion, motion).compiled
-        hull, goal_motion = _hulls_by_x(self.basis, self.robot.joints), self.goal_motion
+        hull = _hulls_by_x(self.basis, self.robot.joints, self.ending)
+        goal_motion = self.goal_motion
         if goal_motion is None:
-            return Sensitivity(*compiled_motion.sensitivity(*rows, self._goal), hull=hull)
+            found = compiled_motion.sensitivity(*rows, self._goal)
+            return Sensitivity(*self._without_goal(found), hull=hull)
         of_goal = np.array([goal_motion.place, goal_motion.twist, goal_motion.acceleration])
         by_duration, hulls = self._by_duration(motion.x, len(motion.q))
         columns = (hull.positions, hull.rates), hulls
         wide = JointHull(*(np.dstack(both) for both in zip(*columns, strict=True)))
         found = compiled_motion.sensitivity(*rows, self._goal, by_duration, of_goal)
-        return Sensitivity(*found, hull=wide, goal_motion=goal_motion)
+        return Sensitivity(*self._without_goal(found), hull=wide, goal_motion=goal_motion)
+
+    def _without_goal(self, found: Derivatives) -> Derivatives:
+        """Return derivatives without those of the goal error, where there is none."""
+        if not self.ending:
+            return found
+        q, v, half_way, goal_error, acceleration = found
+        return q, v, half_way, goal_error[:0], acceleration
 
     def _by_duration(self, x: Array, points: int) -> tuple[Array, tuple[Array, Array]]:
         """Return the derivatives of a spline by the duration T at fixed parts s of it.
@@ -146,11 +194,14 @@ class JointSplines:
         accelerated = still if start.joint_accelerations is None else start.joint_accelerations
         in_parts = replace(self.basis, duration=1.0)
         moved = in_parts.start(still, start.joint_velocities, 2.0 * duration * accelerated)
+        of_end, posture = np.zeros((FIXED, self.robot.joints)), self.problem.posture
+        if posture is not None and posture.positions is not None:
+            of_end = in_parts.end(still, still + posture.rates, still)
         controls = self.control_points(x)
 
         def changed(rows: Array, order: int) -> Array:
-            found: Array = rows[:, :FIXED] @ moved - order / duration * (rows @ controls)
-            return found
+            ends: Array = rows[:, :FIXED] @ moved + rows[:, -FIXED:] @ of_end
+            return ends - order / duration * (rows @ controls)
 
         angles, rates, accelerations = _rows(self.basis, points)
         of_joints = [changed(angles, 0), changed(rates, 1), changed(accelerations[-1:], 2)]
@@ -181,13 +232,26 @@ def _rows(basis: SplineBasis, points: int) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=32)
-def _rows_of_free(basis: SplineBasis, points: int) -> tuple[Array, Array, Array]:
+def _spread(count: int, ending: str) -> Array:
+    """Return the matrix from a joint's variables to the control points behind the start's."""
+    every = np.eye(count - FIXED)
+    if not ending:
+        return every
+    kept = every[:, : -FIXED if ending == "given" else 1 - FIXED].copy()
+    if ending == "same":
+        kept[-FIXED:, -1] = 1.0
+    return kept
+
+
+@lru_cache(maxsize=32)
+def _rows_of_free(basis: SplineBasis, points: int, ending: str) -> tuple[Array, Array, Array]:
     """Return what free control points contribute: to angles and rates, and to accelerations last.
 
     Shapes (half steps, free), twice, and (free,).
     """
-    angles, rates, accelerations = _rows(basis, points)
-    return angles[:, FIXED:], rates[:, FIXED:], accelerations[-1, FIXED:]
+    spread = _spread(basis.count, ending)
+    angles, rates, accelerations = (rows[:, FIXED:] @ spread for rows in _rows(basis, points))
+    return angles, rates, accelerations[-1]
 
 
 @lru_cache(maxsize=32)
@@ -201,14 +265,14 @@ def _hulls(basis: SplineBasis) -> tuple[Array, Array]:
 
 
 @lru_cache(maxsize=32)
-def _hulls_by_x(basis: SplineBasis, joints: int) -> JointHull:
-    """Return the derivatives of both hulls by the free control points of all joints."""
-    return JointHull(*(_of_joints(matrix, joints) for matrix in _hulls(basis)))
+def _hulls_by_x(basis: SplineBasis, joints: int, ending: str) -> JointHull:
+    """Return the derivatives of both hulls by the variables of all joints."""
+    spread = _spread(basis.count, ending)
+    return JointHull(*(_of_joints(matrix[:, FIXED:] @ spread, joints) for matrix in _hulls(basis)))
 
 
-def _of_joints(rows: Array, joints: int) -> Array:
-    """Return rows for the free control points of one joint as those for all. (rows, joints, x)."""
-    free = rows[:, FIXED:]
-    of_joints = np.zeros((len(rows), joints, joints, free.shape[1]))
+def _of_joints(free: Array, joints: int) -> Array:
+    """Return rows for the variables of one joint as those for all. (rows, joints, x)."""
+    of_joints = np.zeros((len(free), joints, joints, free.shape[1]))
     of_joints[:, range(joints), range(joints)] = free[:, None]
-    return of_joints.reshape(len(rows), joints, -1)
+    return of_joints.reshape(len(free), joints, joints * free.shape[1])

@@ -47,6 +47,12 @@ class SplineBasis:
         fixed: Array = np.linalg.solve(at_start, np.array([positions, rates, accelerations]))
         return fixed
 
+    def end(self, positions: Array, rates: Array, accelerations: Array) -> Array:
+        """Return the last control points of a spline that ends so. Shape (3, joints)."""
+        at_end = np.array([self.on_grid(2, order)[1, -FIXED:] for order in range(3)])
+        fixed: Array = np.linalg.solve(at_end, np.array([positions, rates, accelerations]))
+        return fixed
+
     def hull(self, order: int = 0) -> Array:
         """Return the matrix from control points to points that span a derivative's values.
 

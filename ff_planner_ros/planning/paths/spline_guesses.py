@@ -19,6 +19,7 @@ from ff_planner_ros.planning.distance.contact import deepest_contact
 from ff_planner_ros.planning.paths.end_effector_polynomial import applies, end_effector_families
 from ff_planner_ros.planning.paths.spline_basis import FIXED
 from ff_planner_ros.planning.problem.obstacles import Obstacle
+from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.target import conditions_of
 
 if TYPE_CHECKING:
@@ -68,6 +69,9 @@ def _touching_later(family: JointSplines, guesses: Iterator[Array]) -> Iterator[
 
 
 def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -> Iterator[Array]:
+    if family.problem.posture is not None:
+        yield from _ways_of_joints(family, family.problem.posture)
+        return
     joints = family.robot.joints
     ways = list[Array]()
     for guess in _near_papers_path(family, obstacles, points, slice(1)):
@@ -76,19 +80,53 @@ def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -
     ways.append(_way_to_posture(family, family.q_start[7:]))
     yield ways[-1]
     yield from _near_papers_path(family, obstacles, points, slice(1, _PAPERS_GUESSES))
-    from scipy.stats import qmc  # half a second to load, and most plans never come here
-
-    sequence = qmc.MultivariateNormalQMC(
-        np.zeros(2 * joints), engine=qmc.Halton(2 * joints, rng=np.random.default_rng(0))
-    )
     bump = _bump(family)
-    for number in range(10**9):
-        aside, across = np.split(sequence.random(1)[0], 2)
+    for number, (aside, across) in enumerate(_drawn(joints)):
         if number % 2 == 0:
             ways.append(_way_to_posture(family, family.q_start[7:] + _POSTURES * aside))
             yield ways[-1]
         way = ways[(number // 2) % len(ways)]
         yield way + np.outer(_DETOURS * across, bump).ravel()
+
+
+def _drawn(joints: int) -> Iterator[tuple[Array, Array]]:
+    """Yield pairs of normal numbers, two for each joint, that fill the space evenly."""
+    from scipy.stats import qmc  # half a second to load, and most plans never come here
+
+    sequence = qmc.MultivariateNormalQMC(
+        np.zeros(2 * joints), engine=qmc.Halton(2 * joints, rng=np.random.default_rng(0))
+    )
+    for _ in range(10**9):
+        aside, across = np.split(sequence.random(1)[0], 2)
+        yield aside, across
+
+
+def _ways_of_joints(family: JointSplines, posture: Posture) -> Iterator[Array]:
+    """Yield straight ways to a posture, or to rest in any, and detours from them without end."""
+    yield _way_of_joints(family, posture, np.zeros(family.robot.joints))
+    bump = _bump(family)
+    for aside, across in _drawn(family.robot.joints):
+        way = _way_of_joints(family, posture, _POSTURES * aside)
+        yield way + np.outer(_DETOURS * across, bump).ravel()
+
+
+def _way_of_joints(family: JointSplines, posture: Posture, aside: Array) -> Array:
+    """Return a straight way: the start's motion fades, and what is missing is made up smoothly.
+
+    Args:
+        aside: From where the joints come to rest by themselves, where any posture will do [rad].
+    """
+    robot, start = family.robot, family.problem.start
+    s = np.linspace(0.0, 1.0, 4 * _POINTS)[:, None]
+    way = family.basis.duration * start.joint_velocities
+    fading = start.joint_positions + way * (s - s**3 + s**4 / 2.0)
+    end = posture.positions
+    if end is None:
+        lowest = robot.lower_position_limits + _FROM_LIMITS
+        highest = robot.upper_position_limits - _FROM_LIMITS
+        end = np.clip(fading[-1] + aside, lowest, highest)
+    smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return _fitted(family, fading + smooth * (end - fading[-1]))
 
 
 def _near_papers_path(
@@ -148,7 +186,7 @@ def _fitted(family: JointSplines, angles: Array) -> Array:
     """Return the control points of splines near joint angles at equal steps: (points, joints)."""
     s = np.linspace(0.0, 1.0, len(angles))
     rows, wanted = _with_curvature(family, s, angles)
-    free, *_ = np.linalg.lstsq(rows[:, FIXED:], wanted - rows[:, :FIXED] @ family.fixed)
+    free, *_ = np.linalg.lstsq(family.free(rows), wanted - family.known(rows))
     x: Array = np.asarray(free.T.ravel(), np.float64)
     return x
 
@@ -165,7 +203,7 @@ def _bump(family: JointSplines) -> Array:
     """Return the free control points of a joint that goes from 0 to 1 and back."""
     s = np.linspace(0.0, 1.0, 4 * _POINTS)
     rows, wanted = _with_curvature(family, s, (64.0 * s**3 * (1.0 - s) ** 3)[:, None])
-    free, *_ = np.linalg.lstsq(rows[:, FIXED:], wanted)
+    free, *_ = np.linalg.lstsq(family.free(rows), wanted)
     return np.asarray(free[:, 0], np.float64)
 
 

@@ -1,4 +1,4 @@
-"""What goals and their orientations are called, in words and numbers, for who reads no more."""
+"""What goals, orientations and path families are called, for all that only chooses among them."""
 
 from __future__ import annotations
 
@@ -20,3 +20,12 @@ class Orientation(enum.StrEnum):
     FIXED = "fixed"
     FREE = "free"
     ABOUT_AXIS = "about_axis"  # free to turn about one axis of the end effector
+
+
+class Parametrisation(enum.StrEnum):
+    """Which motions a plan is looked for among; but for `AUTO` the name of a path family."""
+
+    # The paper's; joint splines where it does not apply, finds no plan, or the attitude counts
+    AUTO = "auto"
+    END_EFFECTOR_POLYNOMIAL = "end_effector_polynomial"
+    JOINT_SPLINE = "joint_spline"

@@ -25,7 +25,7 @@ from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
-from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.planning.problem.goal_words import Orientation, Parametrisation
 from ff_planner_ros.planning.problem.limits import Limits
 from ff_planner_ros.planning.problem.objective import SHORTEST, DurationRange, Objective
 from ff_planner_ros.planning.problem.obstacles import (
@@ -40,7 +40,7 @@ from ff_planner_ros.planning.problem.obstacles import (
     spheres_in,
     with_attached,
 )
-from ff_planner_ros.planning.problem.parametrisation import Parametrisation
+from ff_planner_ros.planning.problem.posture import GOAL, Posture, target_of_posture
 from ff_planner_ros.planning.problem.target import (
     Target,
     require_enough_joints,
@@ -68,6 +68,7 @@ __all__ = [
     "Orientation",
     "Parametrisation",
     "PlanningProblem",
+    "Posture",
     "Sphere",
     "Target",
     "TargetBody",
@@ -116,8 +117,8 @@ class PlanningProblem:
     start: SystemState  # state at the first point of the plan
     # By `capturing` that of a body
     target: Target = declare(
-        part(Target),
-        "what the end effector shall do at the last point of the plan",
+        GOAL,
+        "what the end effector, or the joints, shall do at the last point of the plan",
         optional=True,
         message="goal",
     )
@@ -185,6 +186,8 @@ class PlanningProblem:
         default=None,
         late=True,
     )
+    # Of the joints, instead of the target, which says nothing then; None: the target is the goal
+    posture: Posture | None = None
     # Of which the planner chooses a duration; None: the duration is given
     duration_range: DurationRange | None = None
     approach: Approach | None = declare(
@@ -227,10 +230,14 @@ class PlanningProblem:
             object.__setattr__(self, "start", held(self.robot.wheels, self.start))
         if self.robot.base is Base.PLANAR:
             object.__setattr__(self, "start", on_the_table(self.start))
+        if self.posture is not None:
+            object.__setattr__(self, "target", target_of_posture(self, self.posture))
+        elif self.robot.base is Base.PLANAR:
             with fields_named({} if self.target_body is None else _OF_BODY):
                 target = target_on_the_table(self.robot, self.start, self.target)
             object.__setattr__(self, "target", target)
-        require_enough_joints(self.robot, self.target)
+        if self.posture is None:
+            require_enough_joints(self.robot, self.target)
         require_foretold(self.obstacle_bodies, self.durations.maximum)
         # In one order, so that equal problems are equal.
         object.__setattr__(self, "allowed_collisions", tuple(sorted(set(self.allowed_collisions))))

@@ -113,7 +113,7 @@ def scene_of(problem: PlanningProblem) -> Scene:
     """Return the scene of a problem."""
     return Scene(
         obstacles=problem.obstacles,
-        target=problem.target if problem.target_body is None else None,
+        target=problem.target if problem.target_body is None and problem.posture is None else None,
         target_body=problem.target_body,
         capture_time=problem.duration,
         **{name: getattr(problem, name) for name in OF_PROBLEM},

@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import Failure
+from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.problem.problem import Orientation, Target
+from ff_planner_ros.planning.problem.problem import Orientation, Posture, Target
 from ff_planner_ros.planning.requirements.requirement import (
     Requirement,
     Samples,
@@ -38,6 +38,8 @@ class Goal(Requirement):
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return how far the end effector is from the target: where it comes, or should come."""
         robot, target, motion = samples.problem.robot, samples.problem.target, samples.followed
+        if samples.problem.posture is not None:  # of the end effector nothing is asked
+            return {"final_position_error": 0.0, "final_orientation_error": 0.0}
         reached = motion.q[motion.pieces * samples.goal]
         misses = [miss(robot, q, target) for q in (reached, samples.q[samples.goal])]
         position, turn = np.linalg.norm(misses, axis=2).max(axis=0).tolist()
@@ -45,9 +47,29 @@ class Goal(Requirement):
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield each error that is too large."""
+        if samples.problem.posture is not None:
+            yield from _off_posture(samples, samples.problem.posture)
         for quantity, unit in (("position", " m"), ("orientation", " rad")):
             tolerance = getattr(samples.settings, f"{quantity}_tolerance")
             yield from too_large(metrics, f"final_{quantity}_error", tolerance, unit, _FOLLOW)
+
+
+def _off_posture(samples: Samples, posture: Posture) -> Iterator[Failure]:
+    """Yield how far the joints are from a posture, or from rest, at the goal."""
+    motion, goal = samples.trajectory, samples.goal
+    tolerance = samples.settings.orientation_tolerance
+    off = [(motion.joint_velocities[goal] - posture.rates, "is faster", "rad/s")]
+    if posture.positions is not None:
+        off.append((motion.joint_positions[goal] - posture.positions, "is further", "rad"))
+    for misses, verb, unit in off:
+        worst = int(np.abs(misses).argmax())
+        if not abs(misses[worst]) <= tolerance:
+            yield Failure(
+                Status.CHECK_FAILED,
+                f"at the goal joint {samples.problem.robot.joint_names[worst]} {verb} than asked "
+                f"by {misses[worst]:.3g} {unit}, allowed is {tolerance:.3g} {unit}",
+                (_FOLLOW,),
+            )
 
 
 def miss(robot: Robot, q: Array, target: Target) -> Array:

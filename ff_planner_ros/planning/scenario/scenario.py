@@ -26,6 +26,7 @@ from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.obstacles import InTheWay, with_mesh_read
+from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
 from ff_planner_ros.planning.problem.problem import (
     USUAL_POINTS,
     DurationRange,
@@ -236,9 +237,13 @@ def _problem(read: Mapping[str, Any], robot: Robot, limits: Limits) -> PlanningP
     if body is not None:
         given["target"] = body.target(given["duration"])
         given["obstacles"] = with_attached(given["obstacles"], body)
+    given["limits"] = replace(limits, **given.get("limits", {}))
+    if isinstance(posture := given["target"], Posture):
+        start = _start(robot, read)
+        given |= {"target": end_effector_at(robot, start), "posture": posture}
+        return PlanningProblem(robot=robot, start=start, **given)
     # Before the start: an arm that cannot meet the target may well be unable to rest, too.
     require_enough_joints(robot, given["target"])
-    given["limits"] = replace(limits, **given.get("limits", {}))
     return PlanningProblem(robot=robot, start=_start(robot, read), **given)
 
 

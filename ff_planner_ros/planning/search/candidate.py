@@ -11,7 +11,7 @@ from ff_planner_ros.planning.check.check import measure, wheels_told
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.followed_path import followed_path
 from ff_planner_ros.planning.motion.motion import to_trajectory
-from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.optimisation.program import PathLinearisation
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -61,6 +61,14 @@ def _is_near(q: Array, others: Array) -> bool:
     return bool(max(np.abs(q[:, :3] - others[:, :3]).max(), np.abs(turns).max()) <= _NEAR)
 
 
+def _turn_rate_at_rest(problem: PlanningProblem, trajectory: Trajectory) -> float | None:
+    """Return how fast all turns together at the goal, where the joints rest there [rad/s]."""
+    posture = problem.posture
+    if posture is None or posture.rates.any():
+        return None
+    return float(np.linalg.norm(trajectory.chaser_angular_velocities[-1]))
+
+
 def plan_of_motion(
     problem: PlanningProblem,
     settings: PlannerSettings,
@@ -87,4 +95,5 @@ def plan_of_motion(
         solver=solver,
         duration=problem.duration,
         wheels=wheels_told(problem, trajectory, settings),
+        turn_rate_at_rest=_turn_rate_at_rest(problem, trajectory),
     )

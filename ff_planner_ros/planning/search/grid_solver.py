@@ -231,6 +231,8 @@ class GridSolver:
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
         problem, settings = self.problem, self.settings
+        if problem.posture is not None:  # the last point has the goal's own joints
+            return True
         position, turn = np.linalg.norm(miss(problem.robot, motion.q[-1], problem.target), axis=1)
         return bool(
             position <= _MISS * settings.position_tolerance

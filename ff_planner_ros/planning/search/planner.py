@@ -171,7 +171,7 @@ def _plan_in_time(
             return near
     conditions = conditions_of(problem.robot, problem.target)
     met = steered(problem.robot, problem.target)
-    too_many = met < sum(conditions.values())
+    too_many = problem.posture is None and met < sum(conditions.values())
     if too_many:  # a goal that happens to be one of those that it can meet is found soon
         settings = replace(settings, starts=min(settings.starts, _STARTS_OF_A_POOR_ARM))
     refusals: list[NoPlanFound] = []

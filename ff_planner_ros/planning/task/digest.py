@@ -92,7 +92,7 @@ def _is_absent(value: Any, name: str) -> bool:
         if name in ("allowed_collisions", "contact_distance"):
             return not value.allowed_collisions
         if name == "target":
-            return value.target_body is not None
+            return value.target_body is not None or value.posture is not None
     if isinstance(value, PlannerSettings) and name == "robust":
         return not value.robust.sigmas
     said = declared_by_name(kind).get(name)

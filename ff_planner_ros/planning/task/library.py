@@ -21,7 +21,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -120,13 +120,15 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     """
     _, problem = as_it_begins(task.problem, task.ahead, task.running)
     target, reach = problem.target, _reach(problem.robot)
-    shared = [
+    shared: list[Any] = [
         problem.objective,
         problem.parametrisation,
         target.orientation,
         target.free_axis_in_ee,
         len(problem.obstacles),
     ]
+    if problem.posture is not None:
+        shared.append(int(problem.posture.at_rest))
     if problem.obstacle_bodies:
         shared.append([one.shape for one in problem.obstacle_bodies])
     parts_of_kind = [_canonical_robot(problem.robot), *map(b"".join, map(canonical, shared))]
@@ -142,6 +144,8 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
         target.angular_velocity * lasts,
         _attitude(problem),
     ]
+    if problem.posture is not None and problem.posture.positions is not None:
+        parts.append(problem.posture.positions)
     for sphere in problem.spheres:
         parts += [sphere.center / reach, np.array([sphere.radius / reach])]
         parts.append(sphere.velocity * lasts / reach)

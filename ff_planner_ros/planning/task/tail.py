@@ -72,6 +72,9 @@ def with_tail(
     if end_behaviour is EndBehaviour.NONE:
         return plan
     robot, motion = problem.robot, plan.trajectory
+    if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR and problem.posture is not None:
+        allowed = "with a goal of the joints it must be none or stop_joints: the goal has no place"
+        raise InvalidInput(Status.UNSUPPORTED, "end_behaviour", end_behaviour, allowed)
     seconds = finite_number("post_goal_duration", seconds, above=0.0)
     name = f"{end_behaviour}, {seconds:g} s"
     time = np.linspace(0.0, seconds, 1 + _intervals(problem, motion, seconds))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -24,6 +23,7 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.posture import end_effector_at
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
@@ -37,6 +37,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.joint_names import GOAL_JOINTS, joint_order, posture_in
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
     from builtin_interfaces.msg import Time
@@ -61,8 +62,6 @@ _NOT_YET = (
     *("payload", "then"),
     *("limits.grasp_force", "limits.grasp_torque", "limits.capture_impulse"),
 )
-# Of joints at fault: more than any arm has would bury the message.
-_NAMES_SHOWN = 20
 
 
 class OnCancel(StrEnum):
@@ -80,10 +79,9 @@ def require_supported(request: PlanRequest) -> None:
     """
     require_left_out(request, _NOT_YET)
     kind = request.goal.kind
-    if kind not in (GoalKind.POSE, GoalKind.CAPTURE):
-        allowed = f"it must be POSE ({GoalKind.POSE:d}) or CAPTURE ({GoalKind.CAPTURE:d})"
-        status = Status.UNSUPPORTED if kind in iter(GoalKind) else Status.OUT_OF_RANGE
-        raise InvalidInput(status, "goal.kind", kind, allowed)
+    if kind not in iter(GoalKind):
+        named = ", ".join(f"{one.name} ({one:d})" for one in GoalKind)
+        raise InvalidInput(Status.OUT_OF_RANGE, "goal.kind", kind, f"it must be one of {named}")
     a_word(OnCancel).read("on_cancel", request.on_cancel or OnCancel.DISCARD)
 
 
@@ -107,17 +105,20 @@ def problem_from_request(
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
     """
-    if body is None:
+    posture = posture_in(request.goal, robot)
+    if request.goal.kind == GoalKind.POSE:
         target_frame = request.goal.pose.header.frame_id
         require_frame("goal.pose.header.frame_id", target_frame, parameters.inertial_frame)
     most = parameters.limits.limits().of_joints(robot.joints)
     names = names_in(PlanningProblem) | names_in(DurationRange, "duration")
-    with fields_named(NAMED_AS | names):
+    with fields_named(NAMED_AS | names | GOAL_JOINTS):
         given = values_in(PlanningProblem, request, names=_names(request, body))
         given["duration"], given["duration_range"] = _duration(request, remaining)
         given["limits"] = _limits(given.get("limits", {}), robot, most)
         given["requirements"] = parameters.requirements
         given["points"] = request.search.points or parameters.points
+        if posture is not None:
+            given |= {"target": end_effector_at(robot, start), "posture": posture}
         if body is not None:
             given["target"] = body.target(given["duration"])
             obstacles = with_attached(obstacles, body)
@@ -127,8 +128,10 @@ def problem_from_request(
 
 
 def _names(request: PlanRequest, body: TargetBody | None) -> list[str]:
-    """Return the fields of the problem that are looked at; of a body the request has no target."""
+    """Return the fields of the problem that are looked at; only a pose has a target."""
     names = [item.name for item in fields(PlanningProblem)]
+    if request.goal.kind in (GoalKind.JOINTS, GoalKind.AT_REST):
+        names.remove("target")
     if body is None:
         return names
     told = values_in(Target, request.goal, "target", ("orientation", "free_axis_in_ee"))
@@ -300,41 +303,6 @@ def require_frame(field: str, frame_id: str, allowed: str) -> None:
     """
     if frame_id != allowed:
         raise InvalidInput(Status.WRONG_FRAME, field, repr(frame_id), f"it must be '{allowed}'")
-
-
-def joint_order(
-    field: str, found: Sequence[str], wanted: Sequence[str], others_allowed: bool = False
-) -> list[int]:
-    """Return where each wanted joint stands among those found, with or without other joints.
-
-    Raises:
-        InvalidInput: A joint is unknown, missing or named twice.
-    """
-    known = set(wanted)
-    counts = Counter(name for name in found if name in known) if others_allowed else Counter(found)
-    faults = [
-        f"{fault}: {_listed(names)}"
-        for fault, names in (
-            ("unknown", sorted(counts.keys() - known)),
-            ("missing", sorted(known - counts.keys())),
-            ("more than once", sorted(name for name, times in counts.items() if times > 1)),
-        )
-        if names
-    ]
-    if faults:
-        raise InvalidInput(
-            Status.UNKNOWN_JOINT,
-            field,
-            list(found),
-            f"it must name each of {', '.join(wanted)} once ({'; '.join(faults)})",
-        )
-    return [found.index(name) for name in wanted]
-
-
-def _listed(names: list[str]) -> str:
-    shown = ", ".join(names[:_NAMES_SHOWN])
-    rest = len(names) - _NAMES_SHOWN
-    return f"{shown} and {rest} more" if rest > 0 else shown
 
 
 def xyz(message: Point | Vector3) -> Array:

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.common.arrays import Array, finite_vector, unit_quaternion
 from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.messages.from_messages import joint_order, require_frame, xyz, xyzw
+from ff_planner_ros.ros.messages.from_messages import require_frame, xyz, xyzw
+from ff_planner_ros.ros.messages.joint_names import joint_order
 
 if TYPE_CHECKING:
     from nav_msgs.msg import Odometry

@@ -27,6 +27,7 @@ from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh, SolidPrimitive
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -52,6 +53,7 @@ from ff_planner_ros.planning.problem.obstacles import (
     bodies_in,
     spheres_in,
 )
+from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.robot.collision.solids import MESH, MeshFile
@@ -70,7 +72,19 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanReques
         write_object(problem.duration_range, request, entry_of)
     if problem.target_body is not None:
         request.goal.kind = Goal.CAPTURE
+    if problem.posture is not None:
+        request.goal = _goal_of_joints(problem.posture, problem.robot.joint_names)
     return request
+
+
+def _goal_of_joints(posture: Posture, joint_names: Sequence[str]) -> Goal:
+    """Write a goal of the joints as a message."""
+    if posture.positions is None:
+        return Goal(kind=Goal.AT_REST)
+    joints = JointState(name=list(joint_names), position=posture.positions.tolist())
+    if posture.velocities is not None:
+        joints.velocity = posture.velocities.tolist()
+    return Goal(kind=Goal.JOINTS, joints=joints)
 
 
 def state_message(

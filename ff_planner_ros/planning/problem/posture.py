@@ -1,0 +1,144 @@
+"""Goals of the joints instead of the end effector: a posture, or any in which they rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.declared import check_declared, declare, written_object
+from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.forms import TRUTH, Schema, a_vector
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.planning.problem.target import Target
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+if TYPE_CHECKING:
+    from ff_planner_ros.planning.problem.problem import PlanningProblem
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """A goal of the joints instead of the end effector: a posture, or any in which they rest.
+
+    Raises:
+        InvalidInput: Not finite, or velocities of another number of joints than positions.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    positions: Array | None = declare(  # None: any
+        a_vector(None),
+        "of each joint at the end",
+        key="joints.position",
+        unit="rad",
+        optional=True,
+        default=None,
+    )
+    velocities: Array | None = declare(  # None: zero
+        a_vector(None),
+        "of each joint at the end; default: zero",
+        key="joints.velocity",
+        unit="rad/s",
+        optional=True,
+        default=None,
+    )
+    at_rest: bool = declare(
+        TRUTH,
+        "instead of joints: any posture, in which all joints rest",
+        brief=True,
+        default=False,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, "target")
+        if (self.positions is not None) == self.at_rest:
+            allowed = "it must be true, or joints.position must be given, and not both"
+            raise InvalidInput(Status.OUT_OF_RANGE, "target.at_rest", self.at_rest, allowed)
+        if self.velocities is None:
+            return
+        if self.positions is None:
+            allowed = "with at_rest it must be left out"
+            raise InvalidInput(Status.OUT_OF_RANGE, "target.joints.velocity", "given", allowed)
+        finite_vector("target.joints.velocity", self.velocities, len(self.positions))
+
+    @property
+    def rates(self) -> Array:
+        """Velocities at the end, or the zero that stands for them. (joints,) or () [rad/s]."""
+        return np.zeros(()) if self.velocities is None else self.velocities
+
+    def require_fits(self, robot: Robot, keeps_rates: bool) -> None:
+        """Refuse a posture of another robot, or one beyond its limits.
+
+        Raises:
+            InvalidInput: It names the joint.
+        """
+        if self.positions is None:
+            return
+        finite_vector("target.joints.position", self.positions, robot.joints)
+        lower, upper = robot.lower_position_limits, robot.upper_position_limits
+        rates = np.broadcast_to(self.rates, lower.shape)
+        most = robot.velocity_limits if keeps_rates else np.full(robot.joints, np.inf)
+        for name, values, low, high, unit in (
+            ("position", self.positions, lower, upper, "rad"),
+            ("velocity", rates, -most, most, "rad/s"),
+        ):
+            for joint in np.flatnonzero((values < low) | (values > high)):
+                raise InvalidInput(
+                    Status.OUT_OF_RANGE,
+                    f"target.joints.{name}[{robot.joint_names[joint]}]",
+                    f"{values[joint]:.6g} {unit}",
+                    f"the joint's limits are {low[joint]:.6g} to {high[joint]:.6g} {unit}",
+                )
+
+
+def _goal(field: str, value: object) -> Target | Posture:
+    """Read a target, or the posture that some of its keys stand for."""
+    of_joints = isinstance(value, dict) and value.keys() & {"joints", "at_rest"}
+    found: Target | Posture = part(Posture if of_joints else Target).read(field, value)
+    return found
+
+
+def _goal_schema() -> Schema:
+    return {"anyOf": [part(Target).schema(), part(Posture).schema()]}
+
+
+# Of a target, or of a posture instead.
+GOAL = replace(part(Target), read=_goal, schema=_goal_schema, written=written_object)
+
+
+def end_effector_at(robot: Robot, start: SystemState) -> Target:
+    """Return where the end effector is in a state, its orientation free: for a goal of the joints.
+
+    Nothing asks for it: it stands where other goals have a target.
+    """
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, *configuration(robot, start))
+    place = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
+    return Target(place, np.array([0.0, 0.0, 0.0, 1.0]), orientation=Orientation.FREE)
+
+
+def target_of_posture(problem: PlanningProblem, posture: Posture) -> Target:
+    """Return the target of a problem whose goal is of the joints: it says nothing.
+
+    Raises:
+        InvalidInput: The robot does not have the posture, or something needs a goal with a place.
+    """
+    posture.require_fits(problem.robot, problem.limits.joint_velocities)
+    for field, given in (
+        ("target_body", problem.target_body),
+        ("approach", problem.approach),
+        ("camera", problem.camera),
+        ("allowed_collisions.pairs", problem.allowed_collisions or None),
+    ):
+        if given is not None:
+            allowed = "with a goal of the joints it must be left out: the goal has no place"
+            raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
+    return end_effector_at(problem.robot, problem.start)

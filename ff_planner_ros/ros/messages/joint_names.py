@@ -1,0 +1,78 @@
+"""Joints in messages, which may come in any order: their names, and goals of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ff_planner_ros.common.arrays import finite_vector
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.posture import Posture
+from ff_planner_ros.robot.model import Robot
+
+if TYPE_CHECKING:
+    from ff_planner_msgs.msg import Goal
+
+# Of joints at fault: more than any arm has would bury the message.
+_NAMES_SHOWN = 20
+# How messages name a goal of the joints.
+GOAL_JOINTS = {
+    f"target.joints.{ours}": f"goal.joints.{theirs}"
+    for ours, theirs in (("position", "position"), ("velocity", "velocity"))
+}
+
+
+def posture_in(goal: Goal, robot: Robot) -> Posture | None:
+    """Return the posture that a goal asks for; None: it is one of the end effector.
+
+    Raises:
+        InvalidInput: A joint is unknown, missing or named twice, or has no position.
+    """
+    if goal.kind == GoalKind.AT_REST:
+        return Posture(at_rest=True)
+    if goal.kind != GoalKind.JOINTS:
+        return None
+    told = goal.joints
+    order = joint_order("goal.joints.name", told.name, robot.joint_names)
+    positions = finite_vector("goal.joints.position", told.position, robot.joints)[order]
+    if not len(told.velocity):
+        return Posture(positions)
+    velocities = finite_vector("goal.joints.velocity", told.velocity, robot.joints)[order]
+    return Posture(positions, velocities)
+
+
+def joint_order(
+    field: str, found: Sequence[str], wanted: Sequence[str], others_allowed: bool = False
+) -> list[int]:
+    """Return where each wanted joint stands among those found, with or without other joints.
+
+    Raises:
+        InvalidInput: A joint is unknown, missing or named twice.
+    """
+    known = set(wanted)
+    counts = Counter(name for name in found if name in known) if others_allowed else Counter(found)
+    faults = [
+        f"{fault}: {_listed(names)}"
+        for fault, names in (
+            ("unknown", sorted(counts.keys() - known)),
+            ("missing", sorted(known - counts.keys())),
+            ("more than once", sorted(name for name, times in counts.items() if times > 1)),
+        )
+        if names
+    ]
+    if faults:
+        raise InvalidInput(
+            Status.UNKNOWN_JOINT,
+            field,
+            list(found),
+            f"it must name each of {', '.join(wanted)} once ({'; '.join(faults)})",
+        )
+    return [found.index(name) for name in wanted]
+
+
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(names[:_NAMES_SHOWN])
+    rest = len(names) - _NAMES_SHOWN
+    return f"{shown} and {rest} more" if rest > 0 else shown

@@ -1,0 +1,237 @@
+"""Goals of the joints: a posture, or rest in any, and the shortest way there."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from robots import CONFIG, LEMUR_SCENARIO
+
+from ff_planner_ros.analysis.drawing.figures import plot_plan
+from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
+from ff_planner_ros.planning.optimisation.free_program import goal_motion
+from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.problem.problem import (
+    Approach,
+    DurationRange,
+    Limits,
+    Objective,
+    PlanningProblem,
+    Posture,
+    lasting,
+)
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.robot.model import Base
+from ff_planner_ros.robot.momentum import total_momenta
+from ff_planner_ros.simulation.verification import verify
+
+SETTINGS = load_parameters().planner
+STOW = CONFIG / "scenarios/stow.yaml"
+FOLDED = np.array([0.0, -0.5, 0.3, -0.8, -1.0, 0.5, -1.0])
+MOVING = np.array([0.02, -0.01, 0.03, 0.0, 0.01, -0.02, 0.01])
+GOALS = {
+    "posture": Posture(FOLDED),
+    "moving": Posture(FOLDED, MOVING),
+    "rest": Posture(at_rest=True),
+}
+
+
+def asking(posture: Posture, **changes: Any) -> PlanningProblem:
+    return replace(load_scenario(LEMUR_SCENARIO), posture=posture, **changes)
+
+
+@pytest.fixture(scope="module", params=GOALS)
+def solved(request: pytest.FixtureRequest) -> tuple[PlanningTask, Plan]:
+    """A plan to each goal."""
+    task = PlanningTask(asking(GOALS[request.param]), SETTINGS)
+    return task, perform(task)
+
+
+def test_the_joints_are_where_they_shall_be_and_nothing_pushes_the_system(
+    solved: tuple[PlanningTask, Plan],
+) -> None:
+    task, plan = solved
+    posture, motion = task.problem.posture, plan.trajectory
+    assert posture is not None
+    np.testing.assert_allclose(motion.joint_velocities[-1] - posture.rates, 0.0, atol=1e-12)
+    np.testing.assert_allclose(motion.joint_accelerations[-1], 0.0, atol=1e-10)
+    if posture.positions is not None:
+        np.testing.assert_allclose(motion.joint_positions[-1], posture.positions, atol=1e-12)
+    robot = task.problem.robot
+    momenta = total_momenta(robot, robot.model.createData(), *from_trajectory(robot, motion))
+    np.testing.assert_allclose(momenta - momenta[0], 0.0, atol=1e-6)
+    assert verify(robot, motion).passed
+    assert plan.family == "joint_spline"
+
+
+def test_the_answer_tells_how_all_turns_together_at_rest(solved: tuple[PlanningTask, Plan]) -> None:
+    task, plan = solved
+    posture, robot = task.problem.posture, task.problem.robot
+    assert posture is not None
+    if posture.rates.any():
+        assert plan.turn_rate_at_rest is None
+        assert "at rest" not in plan.message
+        return
+    # All is one body then, whose inertia and angular momentum say how it turns.
+    q, v = (rows[-1] for rows in from_trajectory(robot, plan.trajectory))
+    data = robot.model.createData()
+    pin.ccrba(robot.model, data, q, v)
+    rate = np.linalg.solve(np.asarray(data.Ig.inertia), np.asarray(data.hg.angular))
+    assert plan.turn_rate_at_rest == pytest.approx(np.linalg.norm(rate), rel=1e-9)
+    assert f"at rest the whole turns at {plan.turn_rate_at_rest:.4g} rad/s" in plan.message
+
+
+@pytest.mark.parametrize("name", GOALS)
+def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
+    window = DurationRange(6.0, 12.0)
+    problem = in_own_frame(asking(GOALS[name], duration=9.0, duration_range=window))
+    family = joint_splines(problem, SETTINGS)
+    rng = np.random.default_rng(0)
+    x = family.near(np.hstack([np.zeros((20, 7)), np.linspace(0, 1, 20)[:, None] * FOLDED]))
+    x = x + 0.1 * rng.normal(size=family.variables)
+    by, step = rng.normal(size=len(x)), 1e-6
+
+    def at(way: float) -> Any:
+        there = lasting(problem, 9.0 + way)
+        return family.lasting(there, goal_motion(problem, 9.0 + way)).motion(x + way * by, 9)
+
+    here = family.lasting(lasting(problem, 9.0), goal_motion(problem, 9.0))
+    found = here.sensitivity(here.motion(x, 9))
+    low, high = at(-step), at(step)
+    along = np.append(by, 1.0)
+    np.testing.assert_allclose(found.v @ along, (high.v - low.v) / (2 * step), atol=1e-7)
+    joints = (high.q[:, 7:] - low.q[:, 7:]) / (2 * step)
+    np.testing.assert_allclose(found.q[:, 6:] @ along, joints, atol=1e-7)
+    assert found.hull is not None
+    hulls = (high.hull.rates - low.hull.rates) / (2 * step)
+    np.testing.assert_allclose(found.hull.rates @ along, hulls, atol=1e-7)
+    assert found.goal_error.shape == (0, family.variables + 1)
+
+
+def test_the_shortest_stop_is_as_short_as_the_accelerations_allow() -> None:
+    start = load_scenario(LEMUR_SCENARIO).start
+    start = replace(start, joint_velocities=np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    problem = asking(
+        Posture(at_rest=True),
+        start=start,
+        duration=20.0,
+        duration_range=DurationRange(0.5, 20.0),
+        objective=Objective(0.0, 0.0, 1.0),
+        limits=Limits(joint_velocities=False, joint_accelerations=(0.1,)),
+        obstacles=(),
+    )
+    plan = perform(PlanningTask(problem, SETTINGS))
+    assert plan.duration is not None
+    # At constant deceleration 2 s; from zero to it and back takes longer, never twice as long.
+    assert 2.0 < plan.duration < 4.0
+    assert np.abs(plan.trajectory.joint_accelerations).max() <= 0.1 * (1 + 1e-3)
+    assert plan.metrics.min_acceleration_margin > -1e-5
+    shorter = replace(problem, duration=0.9 * plan.duration, duration_range=None)
+    with pytest.raises(Exception, match="acceleration"):
+        perform(PlanningTask(shorter, replace(SETTINGS, starts=3)))
+
+
+def test_a_motion_that_ends_elsewhere_is_refused_by_the_check() -> None:
+    problem = asking(Posture(FOLDED))
+    plan = perform(PlanningTask(problem, SETTINGS))
+    seen = system_frame(problem.robot, problem.start).plan(plan)
+    other = in_own_frame(asking(Posture(FOLDED + 0.01)))
+    assert [one.status for one in failures(other, seen, SETTINGS)] == [Status.CHECK_FAILED]
+    (failure,) = failures(other, seen, SETTINGS)
+    assert "is further than asked by -0.01 rad" in failure.finding
+    moving = in_own_frame(asking(Posture(FOLDED, MOVING)))
+    (failure,) = failures(moving, seen, SETTINGS)
+    assert "joint_3 is faster than asked by -0.03 rad/s" in failure.finding
+
+
+def test_a_scenario_and_an_answer_hold_the_goal(tmp_path: Path) -> None:
+    for name, posture in GOALS.items():
+        task = PlanningTask(asking(posture), SETTINGS)
+        write_scenario(task, tmp_path / f"{name}.yaml")
+        again = load_task(tmp_path / f"{name}.yaml", Defaults(SETTINGS))
+        assert again.digest == task.digest
+        written = yaml.safe_load((tmp_path / f"{name}.yaml").read_text())["target"]
+        assert written.keys() == ({"at_rest"} if posture.at_rest else {"joints"})
+    digests = {PlanningTask(asking(one), SETTINGS).digest for one in GOALS.values()}
+    assert len(digests) == len(GOALS)
+    task = PlanningTask(asking(GOALS["rest"]), SETTINGS)
+    plan = perform(task)
+    answer = json.loads(json.dumps(plan_dictionary(plan, task, 0.1)))
+    assert answer["target"] == {"at_rest": True}
+    assert answer["turn_rate_at_rest"] == plan.turn_rate_at_rest
+    document = plan_document(answer)
+    assert document.scene.target is None
+    assert plot_plan(task.problem, plan, tmp_path / "drawn")
+
+
+def test_the_stow_scenario_is_planned_in_a_duration_of_its_own_and_stops_its_joints() -> None:
+    task = load_task(STOW, Defaults(SETTINGS))
+    plan = perform(replace(task, settings=replace(SETTINGS, starts=4)))
+    assert plan.duration is not None
+    assert 5.0 < plan.duration < 20.0
+    assert plan.metrics.min_clearance >= 0.0
+    assert verify(task.problem.robot, plan.trajectory).passed
+    held = replace(task, end_behaviour=EndBehaviour.HOLD_END_EFFECTOR, tail=1.0)
+    with pytest.raises(InvalidInput, match=r"end_behaviour .*the goal has no place"):
+        perform(replace(held, problem=lasting(task.problem, plan.duration)))
+
+
+def test_wheels_hold_a_chaser_that_stows_its_arm() -> None:
+    problem = load_scenario(CONFIG / "scenarios/lemur_wheels.yaml")
+    plan = perform(PlanningTask(replace(problem, posture=Posture(FOLDED)), SETTINGS))
+    assert problem.robot.base is Base.ATTITUDE_HELD
+    assert plan.turn_rate_at_rest == 0.0
+    assert plan.wheels is not None
+    assert (plan.wheels.peak_momenta <= 4.0 + 1e-6).all()
+
+
+def refused(path: Path) -> InvalidInput:
+    with pytest.raises(InvalidInput) as found:
+        load_task(path, Defaults(SETTINGS))
+    return found.value
+
+
+@pytest.mark.parametrize(
+    ("target", "field"),
+    [
+        ({"joints": {"position": [0.0] * 6}}, "target.joints.position"),
+        ({"joints": {"position": [9.0] * 7}}, "target.joints.position[joint_1]"),
+        ({"joints": {"position": [0.0] * 7, "velocity": [1.0]}}, "target.joints.velocity"),
+        (
+            {"joints": {"position": [0.0] * 7, "velocity": [9.0] * 7}},
+            "target.joints.velocity[joint_1]",
+        ),
+        ({"at_rest": False}, "target.at_rest"),
+        ({"at_rest": True, "joints": {"position": [0.0] * 7}}, "target.at_rest"),
+        ({"at_rest": True, "position": [0.0] * 3}, "target.position"),
+    ],
+)
+def test_a_goal_of_the_joints_that_is_none_is_refused_by_name(
+    tmp_path: Path, target: dict[str, Any], field: str
+) -> None:
+    document = yaml.safe_load(STOW.read_text())
+    document["robot"]["urdf"] = str(CONFIG / "robots/lemur/lemur.urdf")
+    document["target"] = target
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(document))
+    assert refused(tmp_path / "s.yaml").field == field
+
+
+def test_what_needs_a_place_of_the_goal_is_refused_with_a_goal_of_the_joints() -> None:
+    corridor = Approach(direction=np.array([1.0, 0.0, 0.0]), distance=0.1)
+    with pytest.raises(InvalidInput, match=r"approach .*the goal has no place"):
+        asking(Posture(FOLDED), approach=corridor)
