@@ -62,8 +62,9 @@ from ff_planner_ros.simulation.free_floating import carried_back
 
 PERFECT = Imperfections()
 LEAD = 1.5  # of a testbed that waits [s]
-# What the testbed's sensors measure of a state: everything but accelerations.
-MEASURED = [item.name for item in fields(SystemState) if item.name != "joint_accelerations"]
+# What the testbed's sensors measure of a state: everything but these.
+NOT_MEASURED = ("joint_accelerations", "wheel_momenta")
+MEASURED = [item.name for item in fields(SystemState) if item.name not in NOT_MEASURED]
 
 
 def trajectory(names: list[str], times: list[float], start_ns: int = 0) -> JointTrajectory:
