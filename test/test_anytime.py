@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,8 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, l
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.planner import _Best
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import all_features
+from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -133,6 +136,45 @@ def test_of_plans_that_are_offered_the_best_is_kept_and_not_the_last(lemur_plan:
         kept.append(best.plan.metrics.joint_path_length)
     assert kept == [3.0, 1.0, 1.0, 1.0, 0.5, 0.5]
     assert watch.offered == [offered[0], offered[1], offered[4]]
+
+
+def test_whatever_the_clock_decided_the_effort_gives_it_again(
+    times: Callable[[int, int], int],
+) -> None:
+    """Requests of all kinds with random budgets, of the clock of this machine."""
+    rng = np.random.default_rng(31)
+    ended = 0
+    for number in range(times(200, 200)):
+        problem = _drawn_problem(rng, number)
+        task = PlanningTask(problem, replace(SETTINGS, search=SearchDepth.NORMAL))
+        budget = Budget(float(10.0 ** rng.uniform(-2.0, -0.3)))
+        found, refused = answered(task, TimeBudget(budget))
+        told = found or refused
+        assert told is not None
+        again, refused_again = answered(task.ended_at(told.effort), Watch())
+        ended += told.effort > 0
+        if found is not None:
+            assert again is not None, number
+            assert same(again, found), number
+            assert again.effort == found.effort
+            continue
+        assert refused is not None
+        assert refused_again is not None, number
+        assert (refused_again.status, refused_again.effort) == (refused.status, refused.effort)
+        assert refused_again.failures == refused.failures
+    assert ended > 0
+
+
+def _drawn_problem(rng: np.random.Generator, number: int) -> PlanningProblem:
+    """Return one problem of each kind in turn."""
+    which = int(rng.integers(8))
+    if number % 5 == 0:
+        return all_features.problem(which).problem
+    if number % 5 == 1:
+        return PROBLEMS["moment"]
+    kind, robot = ("ordinary", "cluttered")[which % 2], ("lemur", "arm6", "off7")[which % 3]
+    objective = (LEAST_ATTITUDE, Objective(1.0, 0.0), Objective(1.0, 1.0))[number % 5 - 2]
+    return replace(scenario(kind, robot, which // 2, turned=False).problem, objective=objective)
 
 
 def test_what_is_handed_out_early_keeps_everything_by_the_truth() -> None:
