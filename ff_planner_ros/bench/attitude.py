@@ -2,18 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import TypeAlias
 
 import numpy as np
 
-from ff_planner_ros.bench.measurement import OBJECTIVES, Measurement, timed_plan
+from ff_planner_ros.bench.direct import Stop
+from ff_planner_ros.bench.exact import solve_by_slsqp
+from ff_planner_ros.bench.measurement import OBJECTIVES, Measurement, median, timed_plan
 from ff_planner_ros.common.text_table import Table
+from ff_planner_ros.errors import NoPlanFound, OutOfTime
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.motion.system_frame import in_own_frame
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.optimisation.program import PathProgram, path_program
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings, SearchDepth
+from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
+from ff_planner_ros.planning.search.planner import plan as plan_of
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.problems.robots import ROBOTS
 from ff_planner_ros.problems.scenarios import scenario
+
+# Processor times at which plans were found [s], and their attitudes [rad].
+_Found: TypeAlias = tuple[tuple[float, ...], tuple[float, ...]]
 
 _HEADER = (
     *("search", "scenarios", "min(L)", "min(Theta) too", "worse than min(L)"),
@@ -86,6 +104,156 @@ def _attitude(problem: PlanningProblem, settings: PlannerSettings) -> tuple[floa
     """Return the largest Euler angle of a plan, and what it took [s]; None: there is no plan."""
     made, outcome = timed_plan(PlanningTask(problem, settings))
     return made.metrics.max_chaser_euler if made else None, outcome["seconds"]
+
+
+# Processor time after which plans are compared [s].
+TIMES = (0.1, 0.2, 0.5, 1.0, 3.0)
+_SLSQP_ITERATIONS = 200
+_TIMES_HEADER = (
+    *("processor time [s]", "scenarios", "ours: plans", "better than min(L)"),
+    *("attitude / best, median", "SLSQP: plans", "attitude / best, median"),
+    *("with restarts: plans", "attitude / best, median"),
+)
+_SHARES_HEADER = ("class", "processor time [s]", "scenarios", "plans", "better than min(L)")
+
+
+@dataclass(frozen=True)
+class EqualTime:
+    """How good the plans of one scenario are that pass the check, by when they were found."""
+
+    kind: str
+    robot: str
+    number: int
+    method: str
+    best_known: float | None  # [rad]; None: it is not known
+    found_after: tuple[float, ...]  # processor time at which each better plan was found [s]
+    attitudes: tuple[float, ...]  # of each [rad]
+
+    def at(self, seconds: float) -> tuple[int, float | None]:
+        """Return how many plans were found until a time, and the attitude of the best [rad]."""
+        until = [a for t, a in zip(self.found_after, self.attitudes, strict=True) if t <= seconds]
+        return len(until), min(until, default=None)
+
+
+def equal_time_measurement(count: int, ordinary: int, settings: PlannerSettings) -> Measurement:
+    """Compare plans after equal times: of the scenarios whose best is known, and ordinary ones.
+
+    Args:
+        count: Of those whose best is known.
+        ordinary: Scenarios that only ours is made for, for the second of the times.
+    """
+    known = list(islice(BEST_KNOWN.items(), count))
+    methods = {"ours": _ours, "SLSQP": _slsqp, "with restarts": _slsqp_with_restarts}
+    results = [
+        EqualTime(*key, method, best, *search(_least_attitude(*key), settings, TIMES[-1]))
+        for key, best in known
+        for method, search in methods.items()
+    ]
+    rows = [(f"{at:g}", f"{count}", *_qualities(results, methods, at)) for at in TIMES]
+    drawn = [("ordinary", ROBOTS[n % len(ROBOTS)], n // len(ROBOTS)) for n in range(ordinary)]
+    at = TIMES[1]
+    small = [
+        EqualTime(*key, "ours", None, *_ours(_least_attitude(*key), settings, at)) for key in drawn
+    ]
+    has, better = ([each.at(at)[0] >= least for each in small] for least in (1, 2))
+    share = (
+        "ordinary",
+        f"{at:g}",
+        f"{len(small)}",
+        f"{np.mean(has):.1%}",
+        f"{np.mean(better):.1%}",
+    )
+    tables = [
+        Table("Least attitude after equal times", _TIMES_HEADER, rows),
+        Table("Least attitude with a small budget", _SHARES_HEADER, [share]),
+    ]
+    return Measurement([*results, *small], tables)
+
+
+def _qualities(
+    results: Sequence[EqualTime], methods: Iterable[str], seconds: float
+) -> Iterator[str]:
+    """Yield cells of each method: how many have a plan after a time, and how good it is."""
+    for method in methods:
+        group = [(each, *each.at(seconds)) for each in results if each.method == method]
+        found = [a / each.best_known for each, _, a in group if a is not None and each.best_known]
+        yield f"{len(found)}"
+        if method == "ours":
+            yield f"{sum(plans > 1 for _, plans, _ in group)}"
+        yield median(found, 2)
+
+
+def _least_attitude(kind: str, robot: str, number: int) -> PlanningProblem:
+    problem = scenario(kind, robot, number, turned=False).problem
+    return in_own_frame(replace(problem, objective=OBJECTIVES["min(Theta)"]))
+
+
+class _Offers(Watch):
+    """Ends a search after a processor time, and notes when it found what."""
+
+    def __init__(self, seconds: float) -> None:
+        self._begun, self._seconds = time.process_time(), seconds
+        self.found = list[tuple[float, float]]()
+
+    def require_time(self, _: str = "", /) -> None:
+        if time.process_time() - self._begun > self._seconds:
+            raise OutOfTime("the time of the benchmark is over")
+
+    def offer(self, plan: Plan) -> None:
+        self.found.append((time.process_time() - self._begun, plan.metrics.max_chaser_euler))
+
+
+def _ours(problem: PlanningProblem, settings: PlannerSettings, seconds: float) -> _Found:
+    """Return when our search found plans, and their attitudes."""
+    watch = _Offers(seconds)
+    with suppress(NoPlanFound, OutOfTime):
+        plan_of(problem, settings, watch)
+    return _in_columns(watch.found)
+
+
+def _slsqp(problem: PlanningProblem, settings: PlannerSettings, seconds: float) -> _Found:
+    """Return likewise of SLSQP with exact gradients, from the straight path alone."""
+    return _slsqp_from(problem, settings, seconds, 1)
+
+
+def _slsqp_with_restarts(
+    problem: PlanningProblem, settings: PlannerSettings, seconds: float
+) -> _Found:
+    """Return likewise of SLSQP from one first guess of ours after the other."""
+    return _slsqp_from(problem, settings, seconds, None)
+
+
+def _slsqp_from(
+    problem: PlanningProblem, settings: PlannerSettings, seconds: float, starts: int | None
+) -> _Found:
+    program = path_program(problem, end_effector_paths(problem), settings)
+    guesses = program.family.first_guesses(problem.spheres, program.points, 0.0)
+    begun, found = time.process_time(), list[tuple[float, float]]()
+    for guess in islice(guesses, starts):
+        with suppress(NoPlanFound):
+            stop = solve_by_slsqp(program, _SLSQP_ITERATIONS, guess)
+            attitude = _checked_attitude(program, settings, stop)
+            if attitude is not None:
+                found.append((time.process_time() - begun, attitude))
+        if time.process_time() - begun > seconds:
+            break
+    return _in_columns(found)
+
+
+def _checked_attitude(program: PathProgram, settings: PlannerSettings, stop: Stop) -> float | None:
+    """Return the attitude of the plan along a path, if that passes the check [rad]."""
+    at_x = program.linearise(stop.x)
+    if not at_x.is_defined:
+        return None
+    path = Candidate(at_x, SolverReport(1, 0, stop.rollouts, np.inf, stop.message))
+    made = plan_of_path(program.problem, settings, program.family, path)
+    if any(failures(program.problem, made, settings)):
+        return None
+    return made.metrics.max_chaser_euler
+
+
+def _in_columns(found: Sequence[tuple[float, float]]) -> _Found:
+    return tuple(at for at, _ in found), tuple(attitude for _, attitude in found)
 
 
 def _nearness(group: Sequence[Steadiness]) -> Iterator[str]:

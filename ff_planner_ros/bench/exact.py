@@ -26,12 +26,12 @@ _FAR = 10.0
 TOLERANCE = 1e-6
 
 
-def solve_by_slsqp(program: PathProgram, max_iterations: int) -> Stop:
-    """Solve by SciPy's SLSQP with exact gradients, from the straight path."""
+def solve_by_slsqp(program: PathProgram, max_iterations: int, x: Array | None = None) -> Stop:
+    """Solve by SciPy's SLSQP with exact gradients, from a path; None: from the straight one."""
     functions = ExactFunctions(program)
     result = minimize(
         functions.objective,
-        functions.start(),
+        functions.start(x),
         jac=functions.gradient,
         method="SLSQP",
         constraints={"type": "ineq", "fun": functions.constraints, "jac": functions.jacobian},
@@ -112,9 +112,9 @@ class ExactFunctions:
     _x: Array = field(default_factory=lambda: np.empty(0))
     _here: Linearisation | None = None
 
-    def start(self) -> Array:
-        """Return the straight path and, where there are max terms, the largest."""
-        x = np.zeros(self.program.family.variables)
+    def start(self, x: Array | None = None) -> Array:
+        """Return a path and, where there are max terms, the largest; None: the straight path."""
+        x = np.zeros(self.program.family.variables) if x is None else x
         max_terms = self._at(x).max_terms
         return np.append(x, max_terms.max()) if max_terms.size else x
 

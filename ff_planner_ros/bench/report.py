@@ -49,7 +49,7 @@ _GEOMETRIES = 60
 _CAPTURES = 60
 # Of which the planner chooses the duration, in each range; a sweep over durations follows.
 _FASTEST = 20
-# Problems that ask for everything at once.
+# Problems that ask for everything at once, and ordinary ones with a small budget.
 _EVERYTHING = 100
 # Scenarios of each class whose plans are executed: as many as in a published check by others.
 _EXECUTED = 40
@@ -110,6 +110,8 @@ def _measurements(
     yield "free moments", captures.fastest_measurement(fastest, settings, quick=quick)
     yield "all features", all_features.measurement(min(scenarios, _EVERYTHING), settings)
     yield "steadiness", attitude.measurement(1 if quick else len(attitude.BEST_KNOWN), settings)
+    count, ordinary = (1, 1) if quick else (len(attitude.BEST_KNOWN), min(scenarios, _EVERYTHING))
+    yield "equal time", attitude.equal_time_measurement(count, ordinary, settings)
     count = 1 if quick else min(scenarios, _EXECUTED)
     yield "executions", beliefs.measurement(count, settings)
 
