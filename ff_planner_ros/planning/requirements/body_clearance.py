@@ -121,8 +121,10 @@ class BodyClearance(Requirement):
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the deepest collision."""
         problem = samples.problem
-        least = _from_spheres(problem, samples.followed) if problem.robot.bodies else NOTHING
-        if least.certified >= 0.0:
+        if not problem.robot.bodies or metrics.min_clearance >= 0.0:
+            return
+        least = _from_spheres(problem, samples.followed)
+        if problem.obstacle_bodies and least.certified >= 0.0:
             return
         body, sphere = _body_and_sphere(problem, least)
         yield collision(samples, least, body, f"obstacle {sphere}", DETOURS)

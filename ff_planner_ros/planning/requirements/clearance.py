@@ -149,7 +149,9 @@ class Clearance(Requirement):
         if problem.robot.geometry is Geometry.SHAPES or metrics.min_clearance >= 0.0:
             return
         arm = arm_points(problem.robot, samples.followed.q)
-        if not problem.spheres or _certified(problem, samples.followed, arm) >= 0.0:
+        if problem.obstacle_bodies and not (
+            problem.spheres and _certified(problem, samples.followed, arm) < 0.0
+        ):
             return
         nearest = _nearest(problem, samples.followed, arm)
         depth, obstacle = -nearest.distance, nearest.obstacle
