@@ -148,7 +148,7 @@ def test_a_fine_rollout_ends_where_the_paper_s_equations_end(
     rollout = case.roll_out(points=301)
     end = system_state(case.robot, rollout.q[-1], rollout.v[-1])
     for name in end.__dataclass_fields__:
-        if name == "joint_accelerations":
+        if name in ("joint_accelerations", "wheel_momenta"):
             continue
         expected, found = getattr(exact_end, name), getattr(end, name)
         if name == "quaternion_chaser_to_inertial_xyzw":

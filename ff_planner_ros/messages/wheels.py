@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,9 @@ from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.messages.trajectories import table
 from ff_planner_ros.planning.motion.plan import WheelMotion
-from ff_planner_ros.robot.model import Robot
+
+if TYPE_CHECKING:  # to read a bag's table loads no Pinocchio
+    from ff_planner_ros.robot.model import Robot
 
 
 def wheel_momenta_in(state: Any, field: str, robot: Robot) -> Array | None:
