@@ -19,7 +19,12 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.problem.problem import (
+    Objective,
+    Parametrisation,
+    PlanningProblem,
+    Target,
+)
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
 from ff_planner_ros.planning.search.planner import plan
@@ -162,6 +167,8 @@ def test_mujocos_own_integrator_comes_to_the_same_end() -> None:
 
 def test_what_is_left_is_little_however_few_the_points_are() -> None:
     problem, _ = planned(LEMUR_SCENARIO, LENGTH)
+    # Along one path at all numbers of points.
+    problem = replace(problem, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
     settings = load_parameters().planner
     for points in (5, 8, 25, 49):
         motion = plan(replace(problem, points=points), settings).trajectory
