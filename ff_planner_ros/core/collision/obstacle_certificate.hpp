@@ -28,9 +28,8 @@ struct ObstaclesOnTheWay {
   }
   double distance(int number, double step) {
     const BodiesOnTheWay::At& at = bodies.at(step);
-    const Gap found =
-        gap(bodies.of.bodies[body(number)].solid, at.placed.solids[body(number)],
-            obstacle(number).solid, seen(at, obstacle(number)), known[number]);
+    const Gap found = gap(bodies.of.bodies[body(number)].solid, at.placed.solids[body(number)],
+                          obstacle(number).solid, seen(at, obstacle(number)), known[number]);
     return found.is_known ? found.distance : -kInfinite;
   }
   double way(int number, double begin, double end) const {

@@ -76,9 +76,8 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
     for (int body = 0; body < bodies; ++body) {
       const double around = of.bodies[body].radius + interest;
       if (ways[body].exteriorDistance(way) >= around + obstacle.radius) continue;
-      if (obstacle.rests() &&
-          bound(ways[body].center(), ways[body].diagonal().norm() / 2, obstacle, obstacle.begin) >=
-              around)
+      if (obstacle.rests() && bound(ways[body].center(), ways[body].diagonal().norm() / 2, obstacle,
+                                    obstacle.begin) >= around)
         continue;
       near.push_back({body, static_cast<int>(number), {}});
       is_near[number] = true;
@@ -86,8 +85,7 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
   }
   std::vector<Pose> seen(obstacles.size());
   for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
-    const Pose to_base =
-        Pose{at[i].position, at[i].attitude.toRotationMatrix()}.inverse();
+    const Pose to_base = Pose{at[i].position, at[i].attitude.toRotationMatrix()}.inverse();
     const auto by_x = path.derivatives(i);
     for (size_t number = 0; number < obstacles.size(); ++number)
       if (is_near[number]) seen[number] = to_base * obstacles[number].at(times.at[i]);
@@ -98,10 +96,10 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
       if (bound(placed[i].centers[pair.body], solid.radius, obstacle, there) >= interest) continue;
       const Gap found = gap(solid.solid, placed[i].solids[pair.body], obstacle.solid, there,
                             pair.known, interest);
-      const long long name = static_cast<long long>(i) * count +
-                             static_cast<long long>(pair.body) *
-                                 static_cast<long long>(obstacles.size()) +
-                             pair.obstacle;
+      const long long name =
+          static_cast<long long>(i) * count +
+          static_cast<long long>(pair.body) * static_cast<long long>(obstacles.size()) +
+          pair.obstacle;
       if (!found.is_known) rows.unknown.push_back(name);
       if (std::isnan(found.distance)) throw std::domain_error("a distance is not a number");
       if (!found.is_known || !(found.distance < interest)) continue;
@@ -114,8 +112,9 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
       if (times.by_last.size() > 0) {
         const Matrix3 to_inertial = at[i].attitude.toRotationMatrix();
         const Vector3 point = at[i].position + to_inertial * found.point;
-        row[row.size() - 1] += times.by_last[i] * (to_inertial * found.normal)
-                                                      .dot(obstacle.velocity_at(point, times.at[i]));
+        row[row.size() - 1] +=
+            times.by_last[i] *
+            (to_inertial * found.normal).dot(obstacle.velocity_at(point, times.at[i]));
       }
     }
   }

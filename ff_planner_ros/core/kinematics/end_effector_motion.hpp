@@ -36,7 +36,9 @@ class EndEffectorMotion {
   EndEffectorMotion(const Posture& posture, const SystemState& state, Base base)
       : posture_(posture),
         state_(state),
-        first_borne_(base == Base::kPlanar ? 2 : base == Base::kHeld ? 3 : 6),
+        first_borne_(base == Base::kPlanar ? 2
+                     : base == Base::kHeld ? 3
+                                           : 6),
         inertia_(free_inertia(posture.composite[0].matrix())),
         to_tip_(posture.tip.motion_to_inner()) {
     // Nothing pushes the base, Eq. (20): its acceleration is what the wrench needs to be zero.

@@ -90,8 +90,7 @@ class DrivenMotion {
                                              Base base) {
     std::vector<SystemMomentum> found;
     found.reserve(angles.rows());
-    for (int i = 0; i < angles.rows(); ++i)
-      found.emplace_back(Posture(chain, angles.row(i)), base);
+    for (int i = 0; i < angles.rows(); ++i) found.emplace_back(Posture(chain, angles.row(i)), base);
     return found;
   }
 
