@@ -159,7 +159,7 @@ def _spline_motion(self: JointSplines, x: Array, points: int, _: float = 0.0) ->
 
 def _spline_sensitivity(self: JointSplines, motion: Motion, _: float = 0.0) -> Sensitivity:
     found = reference_sensitivity(self, cast(_SplineMotion, motion).reference)
-    return replace(found, hull=joint_spline._hulls_by_x(self.basis, self.robot.joints))
+    return replace(found, hull=joint_spline._hulls_by_x(self.basis, self.robot.joints, self.ending))
 
 
 def _velocity(
