@@ -104,6 +104,7 @@ def _measurements(
     yield "crowds", geometries.crowd_measurement(settings, quick=quick)
     yield "prices", scaling.price_measurement(settings, quick=quick)
     yield "shapes", success.shapes_measurement(scenarios, settings)
+    yield "joint goals", success.joint_goals_measurement(scenarios, settings)
     count = 1 if quick else min(scenarios, _CAPTURES)
     yield "captures", captures.measurement(count, settings)
     fastest = min(scenarios, _FASTEST)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ff_planner_ros.bench.measurement import (
     Attempt,
     Measurement,
+    median,
     misses,
     solved_and_times,
     timed_plan,
@@ -15,7 +16,7 @@ from ff_planner_ros.bench.measurement import (
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.problems import shapes
+from ff_planner_ros.problems import joint_goals, shapes
 from ff_planner_ros.problems.robots import ROBOTS
 from ff_planner_ros.problems.scenarios import KINDS, scenario
 
@@ -108,7 +109,43 @@ def shapes_attempts(count: int, settings: PlannerSettings) -> Iterator[ShapesAtt
         yield ShapesAttempt(drawn.situation, drawn.robot, lines, number, starts, **outcome)
 
 
-def _summary(group: Sequence[ScenarioAttempt | ShapesAttempt]) -> Iterator[str]:
+@dataclass(frozen=True)
+class JointGoalAttempt(Attempt):
+    """What became of one problem of a held chaser, or of a goal of the joints."""
+
+    kind: str  # of `joint_goals.KINDS`
+    robot: str  # of `joint_goals.ROBOTS`
+    number: int
+    starts: int  # first guesses tried; 0 for a miss
+    longer: float | None  # duration over the witness's; None: it is given, or there is no plan
+
+
+def joint_goals_measurement(count: int, settings: PlannerSettings) -> Measurement:
+    """Plan so many problems of each kind."""
+    tried = list(joint_goals_attempts(count, settings))
+    rows = []
+    for kind in joint_goals.KINDS:
+        group = [each for each in tried if each.kind == kind]
+        longer = [each.longer for each in group if each.longer is not None]
+        rows.append((kind, *_summary(group), median(longer, 2)))
+    header = ("kind", "problems", *_HEADER[3:], "duration / witness's")
+    table = Table("Chasers held by wheels, and goals of the joints", header, rows)
+    return Measurement(tried, [table], misses(tried, "{0.kind} {0.robot} {0.number}"))
+
+
+def joint_goals_attempts(count: int, settings: PlannerSettings) -> Iterator[JointGoalAttempt]:
+    """Plan so many problems of each kind."""
+    for kind in joint_goals.KINDS:
+        for number, drawn in enumerate(joint_goals.problems(kind, count)):
+            made, outcome = timed_plan(PlanningTask(drawn.problem, settings))
+            longer = None
+            if made and made.duration and drawn.problem.duration_range:
+                longer = made.duration / float(drawn.witness.time[-1])
+            starts = made.solver.starts if made else 0
+            yield JointGoalAttempt(kind, drawn.robot, number, starts, longer, **outcome)
+
+
+def _summary(group: Sequence[ScenarioAttempt | ShapesAttempt | JointGoalAttempt]) -> Iterator[str]:
     if not group:
         yield from "0-----"
         return

@@ -87,7 +87,7 @@ def problem(kind: str, number: int) -> PlanningProblem:
     orientation = asked.orientations[number % len(asked.orientations)]
     rng = np.random.default_rng([*kind.encode(), number])
     while True:
-        posture = _posture(robot, asked.singular, rng)
+        posture = random_posture(robot, asked.singular, rng)
         if posture is not None:
             drawn = drawn_problem(robot, posture, orientation, asked.spheres, rng)
             if drawn is not None:
@@ -105,10 +105,24 @@ def drawn_problem(
 
     None: the motion leaves a joint's limits, or the end effector could not rest at its end.
     """
+    drawn = drawn_with_witness(robot, posture, orientation, spheres, rng)
+    return None if drawn is None else drawn[0]
+
+
+def drawn_with_witness(
+    robot: Robot,
+    posture: Array,
+    orientation: Orientation,
+    spheres: int,
+    rng: np.random.Generator,
+) -> tuple[PlanningProblem, JointMotion] | None:
+    """Draw what `drawn_problem` does, and return the motion, too: it keeps what is asked."""
     planar, joints = robot.base is Base.PLANAR, robot.joints
     drift, spin = _DRIFT * rng.normal(size=3), _SPIN * rng.normal(size=3)
     if planar:
         drift[2] = spin[0] = spin[1] = 0.0
+    if robot.wheels is not None:
+        spin[:] = 0.0
     start = SystemState(
         position_chaser_in_inertial=np.zeros(3),
         quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
@@ -137,7 +151,7 @@ def drawn_problem(
     pin.forwardKinematics(robot.model, data, way[-1])
     goal = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
     axis = rng.normal(size=3)
-    return PlanningProblem(
+    problem = PlanningProblem(
         robot=robot,
         start=start,
         target=Target(
@@ -152,9 +166,10 @@ def drawn_problem(
         objective=Objective(1.0, 0.0),
         limits=Limits(joint_velocities=True),
     )
+    return problem, witness
 
 
-def _posture(robot: Robot, singular: bool, rng: np.random.Generator) -> Array | None:
+def random_posture(robot: Robot, singular: bool, rng: np.random.Generator) -> Array | None:
     """Return a posture well within the limits; None: no singular one was found near what is drawn.
 
     A joint without limits is drawn from one turn.

@@ -1,0 +1,139 @@
+"""Problems of chasers that wheels hold, and of goals of the joints; each has a plan: its witness.
+
+- "held": a chaser that wheels hold shall bring its end effector somewhere, among spheres. In every
+  other problem the witness comes within a twentieth of the wheels' limits, else they are far.
+- "stow": a posture shall be reached in a given time, among spheres.
+- "stop": the joints shall rest as soon as possible, and their accelerations are limited to little
+  more than those of the witness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.forward import driven
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.wheel_motion import wheels_along
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Limits,
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Posture,
+)
+from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.witnessed import drawn_with_witness, random_posture
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.wheels import Wheels
+
+KINDS = ("held", "stow", "stop")
+ROBOTS = ("lemur", "arm6", "arm7", "arm10")  # in turn
+# Limits of the wheels over the witness's peaks, in turn.
+NEAR, FAR = 1.05, 3.0
+# What wheels hold at the start, over the witness's peaks.
+_STORED = 0.2
+# Of a stop: how fast the joints begin [rad/s], how long the witness takes [s], how much more than
+# its accelerations are allowed, and from when to when the planner may choose.
+_FAST, _STOPS_IN, _SPARE, _WINDOW = 0.15, (3.0, 6.0), 1.05, (0.2, 2.0)
+_SPHERES, _STEPS = 3, 200
+
+
+@dataclass(frozen=True, eq=False)
+class JointGoal:
+    """A problem, and the motion that keeps what it asks."""
+
+    robot: str  # of `ROBOTS`
+    problem: PlanningProblem
+    witness: JointMotion
+
+
+def problems(kind: str, count: int) -> Iterator[JointGoal]:
+    """Yield the first problems of a kind, always the same."""
+    for number in range(count):
+        yield problem(kind, number)
+
+
+@cache
+def problem(kind: str, number: int) -> JointGoal:
+    """Return one problem of a kind, always the same."""
+    rng = np.random.default_rng([*kind.encode(), number])
+    name = ROBOTS[number % len(ROBOTS)]
+    robot = bench_robot(name)
+    if kind == "held":
+        robot = replace(robot, base=Base.ATTITUDE_HELD, wheels=Wheels())
+    while True:
+        posture = random_posture(robot, False, rng)
+        if posture is None:
+            continue
+        drawn = drawn_with_witness(robot, posture, Orientation.FIXED, _SPHERES, rng)
+        if drawn is None:
+            continue
+        asked, witness = drawn
+        if kind == "held":
+            factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
+            return JointGoal(name, _with_wheels(asked, witness, factor, rng), witness)
+        if kind == "stow":
+            return JointGoal(name, replace(asked, posture=Posture(witness.positions[-1])), witness)
+        stopping = _stopping(asked, rng)
+        if stopping is not None:
+            return JointGoal(name, *stopping)
+
+
+def way_of(robot: Robot, problem: PlanningProblem, witness: JointMotion) -> tuple[Array, ...]:
+    """Return times of a witness, configurations and tangent velocities then, and accelerations."""
+    q, v = configuration(robot, problem.start)
+    momentum = total_momentum(robot, robot.model.createData(), q, v)
+    times = np.linspace(0.0, witness.time[-1], _STEPS + 1)
+    way, velocities, _ = driven(robot, q, momentum, witness, times)
+    _, _, accelerations = witness.at(times)
+    return times, way, velocities, accelerations
+
+
+def _with_wheels(
+    problem: PlanningProblem, witness: JointMotion, factor: float, rng: np.random.Generator
+) -> PlanningProblem:
+    """Return a problem with wheels whose limits are so many times what the witness needs."""
+    robot, wheels = problem.robot, Wheels()
+    _, q, v, accelerations = way_of(robot, problem, witness)
+    momenta, torques = wheels_along(robot, wheels, np.zeros(3), q, v, accelerations)
+    stored = _STORED * np.abs(momenta).max() * rng.uniform(-1.0, 1.0, 3)
+    limits = (
+        tuple((factor * np.abs(rows).max(axis=0)).tolist()) for rows in (momenta + stored, torques)
+    )
+    held = replace(robot, wheels=Wheels(wheels.axes, *limits))
+    return replace(problem, robot=held, start=replace(problem.start, wheel_momenta=stored))
+
+
+def _stopping(
+    problem: PlanningProblem, rng: np.random.Generator
+) -> tuple[PlanningProblem, JointMotion] | None:
+    """Return a problem to stop as soon as possible, and a witness; None: it leaves its limits."""
+    robot, joints = problem.robot, problem.robot.joints
+    rates, lasts = rng.uniform(-_FAST, _FAST, joints), float(rng.uniform(*_STOPS_IN))
+    begin = problem.start.joint_positions
+    end, still = begin + rates * lasts / 2.0, np.zeros(joints)
+    if ((end < robot.lower_position_limits) | (end > robot.upper_position_limits)).any():
+        return None
+    ends = np.array([begin, end]), np.array([rates, still]), np.zeros((2, joints))
+    witness = JointMotion(np.array([0.0, lasts]), *ends)
+    (lowest, highest), _ = witness.extremes(2)
+    allowed = _SPARE * np.maximum(-lowest, highest)
+    first, last = (part * lasts for part in _WINDOW)
+    return replace(
+        problem,
+        start=replace(problem.start, joint_velocities=rates),
+        posture=Posture(at_rest=True),
+        duration=last,
+        duration_range=DurationRange(first, last),
+        obstacles=(),
+        objective=Objective(0.0, 0.0, 1.0),
+        limits=Limits(joint_velocities=True, joint_accelerations=tuple(allowed.tolist())),
+    ), witness
