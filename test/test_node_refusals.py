@@ -144,7 +144,6 @@ def _too_fast(request: PlanRequest) -> None:
 NOT_YET: dict[str, Any] = {
     "payload": [Payload()],
     "then": [Phase()],
-    "scene.0.bodies": [Obstacle()],
     "limits.grasp_force": [1.0],
     "limits.grasp_torque": [1.0],
     "limits.capture_impulse": [1.0],
@@ -339,7 +338,7 @@ CASES = {
         Status.GOAL_OUT_OF_REACH, ("target",), _set("goal.pose.pose.position.x", 10.0)
     ),
     "a goal of a kind that nobody knows": Case(
-        Status.OUT_OF_RANGE, ("goal.kind is 4", "POSE (0) or CAPTURE (1)"), _set("goal.kind", 4)
+        Status.OUT_OF_RANGE, ("goal.kind is 4", "POSE (0), CAPTURE (1)"), _set("goal.kind", 4)
     ),
     "an orientation that nobody knows": Case(
         Status.OUT_OF_RANGE, ("goal.orientation is 3",), _set("goal.orientation", 3)
@@ -355,18 +354,22 @@ CASES = {
         _set("start_state.0.wheel_momenta", [0.1]),
     ),
     "what the target body looks like": Case(
-        Status.UNSUPPORTED, ("target_body.urdf is",), _of_a_body_with(urdf="<robot/>")
+        Status.OUT_OF_RANGE, ("target_body.urdf is",), _of_a_body_with(urdf="<robot/>")
     ),
     "a target body with bodies": Case(
-        Status.UNSUPPORTED, ("target_body.bodies is",), _of_a_body_with(bodies=[Obstacle()])
+        Status.WRONG_SIZE,
+        ("target_body.bodies[0].primitive is missing",),
+        _of_a_body_with(bodies=[Obstacle()]),
+    ),
+    "a scene with a body without a shape": Case(
+        Status.WRONG_SIZE,
+        ("scene.bodies[0].primitive is missing",),
+        _set("scene.0.bodies", [Obstacle()]),
     ),
     "a depth of the search that is none": Case(
         Status.OUT_OF_RANGE,
         ("search.depth is 'deep'", "it must be quick, normal or thorough"),
         _set("search.depth", "deep"),
-    ),
-    "a goal of no kind": Case(
-        Status.OUT_OF_RANGE, ("goal.kind is 4", "POSE (0)"), _set("goal.kind", 4)
     ),
     "a posture without joints": Case(
         Status.UNKNOWN_JOINT, ("goal.joints.name", "missing"), _set("goal.kind", Goal.JOINTS)
@@ -448,12 +451,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
                 return client.plan_until(request, arrived)
 
             seen = ObstacleArray(source="camera", bodies=[Obstacle(id="panel")])
-            seen.header.stamp.sec = 12
+            seen.header.stamp.sec, seen.header.frame_id = 12, FRAME
             run.refusals["bodies on their topic"] = among(seen, Status.WRONG_SIZE)
             own_scene = scene.complete_request()
             own_scene.plan_only = True
             run.own_scene = client.plan(own_scene)
-            seen.header.frame_id = FRAME
             seen.bodies[0].primitive = [SolidPrimitive(type=1, dimensions=[1.0, 2.0, 0.1])]
             seen.bodies[0].pose.position.x = 30.0
             run.among_bodies = among(seen, Status.SOLVED)
