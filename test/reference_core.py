@@ -27,9 +27,8 @@ from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled, velocity_map
 from ff_planner_ros.core.conversions import sphere_arrays
 from ff_planner_ros.planning.distance import clearance, search_certificate
-from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
-    centers_in_base,
     least_pair_distance,
     least_sphere_distance,
 )

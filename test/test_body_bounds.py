@@ -12,8 +12,7 @@ import pytest
 from straight_arms import ball, straight_arm
 from test_body_distances import all_pairs, configurations, every_row, spheres_around
 
-from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     _as_spheres,
     pair_bounds,

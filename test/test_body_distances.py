@@ -22,8 +22,7 @@ from robots import random_state
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, sphere_arrays, spheres_of
-from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     distance_from,
     pair_distances,

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.bodies import placed_bodies, radii
-from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies, radii
 from ff_planner_ros.planning.distance.body_distances import sphere_bounds, sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
 from ff_planner_ros.planning.distance.obstacle_distances import (

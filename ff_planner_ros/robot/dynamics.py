@@ -73,9 +73,9 @@ def torques_on_base(robot: Robot, q: Array, v: Array, joint_accelerations: Array
 
     In axes of the base frame, about any point: no force comes with them. Shape (points, 3).
     """
-    of_base, forces, _ = _pushed_by_nothing(robot, q, v, joint_accelerations)
-    mass = momentum_maps(robot, robot.model.createData(), q)[:, 3:, :6]
-    torques: Array = forces[:, 3:6] + (mass @ of_base[:, :, None])[:, :, 0]
+    maps = momentum_maps(robot, robot.model.createData(), q)
+    of_base, forces, _ = _pushed_by_nothing(robot, q, v, joint_accelerations, maps)
+    torques: Array = forces[:, 3:6] + (maps[:, 3:, :6] @ of_base[:, :, None])[:, :, 0]
     return torques
 
 

@@ -15,6 +15,7 @@ from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.robot.collision.bodies import kind_and_sizes
 from ff_planner_ros.robot.kinematics import joint_rotations
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 class Placed(NamedTuple):
@@ -49,6 +50,12 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
         origins=positions[:, 1:],
         axes=axes,
     )
+
+
+def centers_in_base(q: Array, centers: Array) -> Array:
+    """Return points as the chaser sees them. Shape (configurations, points, 3)."""
+    turns = rotation_from_quaternion(q[:, 3:7])
+    return np.asarray((centers - q[:, None, :3]) @ turns, np.float64)
 
 
 @lru_cache(maxsize=8)

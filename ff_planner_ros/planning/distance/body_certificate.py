@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.planning.distance.bodies import Placed, placed_bodies
+from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     pair_bounds,
     pair_distances,
@@ -33,9 +33,8 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     seen_from_chaser,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, ObstacleBody, Sphere
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 # What is far apart need not be known to half a millimetre, but to this part of the distance.
 EXACT_PART = 0.02
@@ -119,9 +118,6 @@ def least_sphere_distance(
         return NOTHING
     radius = np.array([sphere.radius for sphere in spheres])
 
-    speeds = np.array([sphere.highest_speed for sphere in spheres])
-    of_bodies = _sums(body_ways(robot, motion))
-
     def bounds(steps: Array) -> Array:
         at = _seen_at(robot, motion, steps)
         centers = centers_in_base(at.q, centers_at(at.times, spheres))
@@ -135,12 +131,8 @@ def least_sphere_distance(
         rows = at.rows, bodies, column
         return sphere_distances(robot, at.placed, centers, radius[few], rows).distance
 
-    def ways(steps: Array, which: Indices) -> Array:
-        bodies, sphere = np.divmod(which, len(spheres))
-        moved: Array = _reached(of_bodies, steps, bodies) + _times(motion, steps) * speeds[sphere]
-        return moved
-
-    return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)
+    kind = _Kind(bounds, distances, _ways_beside(robot, motion, spheres))
+    return _least(kind, chosen, last, motion.time, part)
 
 
 def least_obstacle_distance(
@@ -159,8 +151,6 @@ def least_obstacle_distance(
     """
     if not len(chosen) or last < 0:
         return NOTHING
-    speeds = np.array([one.highest_speed for one in obstacles])
-    of_bodies = _sums(body_ways(robot, motion))
 
     def bounds(steps: Array) -> Array:
         at = _seen_at(robot, motion, steps)
@@ -175,12 +165,23 @@ def least_obstacle_distance(
         poses, rows = seen_from_chaser(at.q, at.times, chosen_ones), (at.rows, bodies, column)
         return obstacle_distances(robot, at.placed, poses, chosen_ones, rows).distance
 
+    kind = _Kind(bounds, distances, _ways_beside(robot, motion, obstacles))
+    return _least(kind, chosen, last, motion.time, part)
+
+
+def _ways_beside(
+    robot: Robot, motion: FollowedMotion, obstacles: Sequence[Obstacle]
+) -> Callable[[Array, Indices], Array]:
+    """Return how far bodies and obstacles have moved against each other at most, for `_Kind`."""
+    speeds = np.array([one.highest_speed for one in obstacles])
+    of_bodies = _sums(body_ways(robot, motion))
+
     def ways(steps: Array, which: Indices) -> Array:
-        bodies, obstacle = np.divmod(which, len(obstacles))
-        moved: Array = _reached(of_bodies, steps, bodies) + _times(motion, steps) * speeds[obstacle]
+        body, obstacle = np.divmod(which, len(obstacles))
+        moved: Array = _reached(of_bodies, steps, body) + _times(motion, steps) * speeds[obstacle]
         return moved
 
-    return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)
+    return ways
 
 
 @lru_cache(maxsize=4)
@@ -230,12 +231,6 @@ def _seen_at(robot: Robot, motion: FollowedMotion, steps: Array) -> _Seen:
 @lru_cache(maxsize=4)
 def _placed_at_points(robot: Robot, motion: FollowedMotion) -> Placed:
     return placed_bodies(robot, motion.q[:, 7:])
-
-
-def centers_in_base(q: Array, centers: Array) -> Array:
-    """Return points as the chaser sees them. Shape (configurations, points, 3)."""
-    turns = rotation_from_quaternion(q[:, 3:7])
-    return np.asarray((centers - q[:, None, :3]) @ turns, np.float64)
 
 
 def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) -> Least:

@@ -89,10 +89,24 @@ def _as_spheres(
 ) -> tuple[float, Array, Array]:
     """Return how far the spheres around a pair of bodies are apart, with point and normal."""
     first, second = robot.pairs[number]
-    start, end = placed.centers[at, first], placed.centers[at, second]
+    ends = placed.centers[at, first], placed.centers[at, second]
+    return between_spheres(*ends, robot.bodies[first].radius, robot.bodies[second].radius)
+
+
+def between_spheres(
+    start: Array, end: Array, first: float, second: float
+) -> tuple[float, Array, Array]:
+    """Return how far two spheres are apart, with point and normal as in `Distances`.
+
+    Args:
+        start: Centre of the first. Shape (3,) [m].
+        end: Centre of the second.
+        first: Radius of the first [m].
+        second: Radius of the second.
+    """
     apart = float(np.linalg.norm(end - start))
     normal = (end - start) / apart if apart > NO_DIRECTION else np.array([1.0, 0.0, 0.0])
-    return apart - robot.bodies[first].radius - robot.bodies[second].radius, end, normal
+    return apart - first - second, end, normal
 
 
 @lru_cache(maxsize=8)

@@ -16,8 +16,7 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     split_pairs,
     split_spheres,
 )
-from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     distance_from,
     pair_bounds,

@@ -14,12 +14,13 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, Indices, frozen
-from ff_planner_ros.planning.distance.bodies import Placed, radii
+from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base
 from ff_planner_ros.planning.distance.body_distances import (
-    NO_DIRECTION,
     Distances,
+    between_spheres,
     coal_request,
     has_failed,
+    sphere_bounds,
 )
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.target_body import TargetBody
@@ -45,7 +46,7 @@ def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[ObstacleBody]) 
     to_inertial = rotation_from_quaternion(q[:, 3:7])
     return Poses(
         np.einsum("cji,cojk->coik", to_inertial, rotations),
-        np.asarray((positions - q[:, None, :3]) @ to_inertial, np.float64),
+        centers_in_base(q, positions),
     )
 
 
@@ -92,7 +93,10 @@ def poses_at(times: Array, obstacles: Sequence[ObstacleBody]) -> tuple[Array, Ar
             fixed.setdefault(id(one.body), (one.body, []))[1].append(number)
     for body, held in fixed.values():
         every = [obstacles[number].place_in_body for number in held]
-        places, turned = [place for place in every if place], body.motion(np.zeros(3), times)
+        places, turned = (
+            [place for place in every if place is not None],
+            body.motion(np.zeros(3), times),
+        )
         offsets = np.array([place.translation for place in places])
         positions[:, held] = turned.positions[:, None] + np.einsum(
             "tij,oj->toi", turned.rotations, offsets
@@ -115,11 +119,8 @@ def obstacle_bounds(
         Shape (configurations, bodies, obstacles) [m].
     """
     around = np.array([one.solid.radius for one in obstacles])
-    to_inertial = rotation_from_quaternion(q[:, 3:7])
-    there = (body_centers(obstacles, times) - q[:, None, :3]) @ to_inertial
-    apart = np.linalg.norm(placed.centers[:, :, None] - there[:, None], axis=-1)
-    bounds: Array = apart - radii(robot)[:, None] - around
-    return bounds
+    centers = centers_in_base(q, body_centers(obstacles, times))
+    return sphere_bounds(robot, placed, centers, around)
 
 
 def obstacle_distances(
@@ -149,10 +150,9 @@ def obstacle_distances(
         at, body, number = (int(each[row]) for each in rows)
         solid = obstacles[number].solid
         center = poses.positions[at, number] + poses.rotations[at, number] @ solid.center
-        way = center - placed.centers[at, body]
-        apart = float(np.linalg.norm(way))
-        normal[row] = way / apart if apart > NO_DIRECTION else [1.0, 0.0, 0.0]
-        point[row], distance[row] = center, apart - robot.bodies[body].radius - solid.radius
+        distance[row], point[row], normal[row] = between_spheres(
+            placed.centers[at, body], center, robot.bodies[body].radius, solid.radius
+        )
     return Distances(distance, point, normal)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of, spheres_of
 from ff_planner_ros.planning.distance.body_certificate import (
+    Least,
     body_ways,
     cubics_of,
     least_obstacle_distance,
@@ -47,20 +48,20 @@ def search_pair_distance(
     robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float
 ) -> float:
     """Return what is certified by `least_pair_distance`, or as good a bound."""
-    if not len(chosen) or last < 0:
-        return np.inf
-    found = compiled.certified_pair_distance(
-        _cubic_motion(robot, motion),
-        bodies_of(robot),
-        pair_ways(robot, motion),
+    return _certified(
         chosen,
         last,
-        CERTIFICATE_GAP,
-        part,
+        lambda: compiled.certified_pair_distance(
+            _cubic_motion(robot, motion),
+            bodies_of(robot),
+            pair_ways(robot, motion),
+            chosen,
+            last,
+            CERTIFICATE_GAP,
+            part,
+        ),
+        lambda: least_pair_distance(robot, motion, chosen, last, part),
     )
-    if np.isfinite(found):
-        return found
-    return least_pair_distance(robot, motion, chosen, last, part).certified
 
 
 def search_sphere_distance(
@@ -72,21 +73,21 @@ def search_sphere_distance(
     part: float,
 ) -> float:
     """Return what is certified by `least_sphere_distance`, or as good a bound."""
-    if not len(chosen) or last < 0:
-        return np.inf
-    found = compiled.certified_sphere_distance(
-        _cubic_motion(robot, motion),
-        bodies_of(robot),
-        body_ways(robot, motion),
-        spheres_of(spheres, float(motion.time[-1])),
+    return _certified(
         chosen,
         last,
-        CERTIFICATE_GAP,
-        part,
+        lambda: compiled.certified_sphere_distance(
+            _cubic_motion(robot, motion),
+            bodies_of(robot),
+            body_ways(robot, motion),
+            spheres_of(spheres, float(motion.time[-1])),
+            chosen,
+            last,
+            CERTIFICATE_GAP,
+            part,
+        ),
+        lambda: least_sphere_distance(robot, motion, spheres, chosen, last, part),
     )
-    if np.isfinite(found):
-        return found
-    return least_sphere_distance(robot, motion, spheres, chosen, last, part).certified
 
 
 def search_obstacle_distance(
@@ -98,21 +99,31 @@ def search_obstacle_distance(
     part: float,
 ) -> float:
     """Return what is certified by `least_obstacle_distance`, or as good a bound."""
-    if not len(chosen) or last < 0:
-        return np.inf
-    found = compiled.certified_obstacle_distance(
-        _cubic_motion(robot, motion),
-        bodies_of(robot),
-        body_ways(robot, motion),
-        obstacles_of(obstacles, float(motion.time[-1])),
+    return _certified(
         chosen,
         last,
-        CERTIFICATE_GAP,
-        part,
+        lambda: compiled.certified_obstacle_distance(
+            _cubic_motion(robot, motion),
+            bodies_of(robot),
+            body_ways(robot, motion),
+            obstacles_of(obstacles, float(motion.time[-1])),
+            chosen,
+            last,
+            CERTIFICATE_GAP,
+            part,
+        ),
+        lambda: least_obstacle_distance(robot, motion, obstacles, chosen, last, part),
     )
-    if np.isfinite(found):
-        return found
-    return least_obstacle_distance(robot, motion, obstacles, chosen, last, part).certified
+
+
+def _certified(
+    chosen: Indices, last: int, by_core: Callable[[], float], by_check: Callable[[], Least]
+) -> float:
+    """Return the core's bound, or the check's where the core has none."""
+    if not len(chosen) or last < 0:
+        return np.inf
+    found = by_core()
+    return found if np.isfinite(found) else by_check().certified
 
 
 def _cubic_motion(robot: Robot, motion: FollowedMotion) -> compiled.CubicMotion:

@@ -229,8 +229,6 @@ class ObstacleBody:
         """Return one that is fixed to no body as it will be in a time [s]."""
         if time == 0.0:
             return self  # to the last bit
-        if time == 0.0:
-            return self
         rotations, positions = self.poses(np.array([time]))
         turned = pin.Quaternion(rotations[0]).coeffs() if self.turns else self.quaternion_xyzw
         return replace(self, position=positions[0], quaternion_xyzw=turned)

@@ -17,11 +17,10 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     split_pairs,
     split_spheres,
 )
-from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
-    centers_in_base,
     least_pair_distance,
     least_sphere_distance,
     lesser,

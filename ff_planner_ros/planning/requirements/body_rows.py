@@ -19,8 +19,7 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     split_pairs,
     split_spheres,
 )
-from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     pair_distances,
     pair_gradients,
@@ -71,13 +70,8 @@ def pair_rows(
         deeper = along_variables(gradients, at.sensitivity[:, 6:], rows[0])
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    configurations, pairs = np.unravel_index(names, shape)
-    margins = np.minimum(margin, _room_of_pairs(problem)[pairs])
-    rows_found = Rows(distances - margins, jacobian, names)
-    if not problem.allowed_collisions:
-        return rows_found
-    apart = np.isin(pairs, split_pairs(problem)[0])
-    return chosen_rows(rows_found, np.flatnonzero(apart | (configurations < at.until)))
+    margins, apart = np.minimum(margin, _room_of_pairs(problem)), split_pairs(problem)[0]
+    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
 
 
 def sphere_rows(
@@ -110,18 +104,26 @@ def sphere_rows(
                 problem, gradients, at, rows[0], rows[2]
             )
         jacobian = np.vstack([jacobian, deeper])
-    configurations, bodies, spheres = np.unravel_index(names, shape)
-    margins = np.minimum(margin, _room_of_spheres(problem)[bodies, spheres])
-    rows_found = Rows(distances - margins, jacobian, names)
+    margins, apart = np.minimum(margin, _room_of_spheres(problem)), split_spheres(problem)[0]
+    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
+
+
+def kept_rows(
+    problem: PlanningProblem, at: LookedAt, found: Rows, margins: Array, apart: Indices
+) -> Rows:
+    """Return distances less their margins, without those of what may touch at the goal, there.
+
+    Args:
+        found: Distances [m]; their names number first configurations, then what is measured.
+        margins: Of all that is measured, in the order of its numbers [m].
+        apart: Numbers of what must never touch.
+    """
+    configurations, numbers = np.divmod(found.names, margins.size)
+    values = found.values - margins.ravel()[numbers]
     if not problem.allowed_collisions:
-        return rows_found
-    apart = np.isin(bodies * len(problem.spheres) + spheres, split_spheres(problem)[0])
-    return chosen_rows(rows_found, np.flatnonzero(apart | (configurations < at.until)))
-
-
-def chosen_rows(rows: Rows, which: Indices) -> Rows:
-    """Return some rows of many, by their numbers."""
-    return Rows(rows.values[which], rows.jacobian[which], rows.names[which])
+        return Rows(values, found.jacobian, found.names)
+    kept = np.isin(numbers, apart) | (configurations < at.until)
+    return Rows(values[kept], found.jacobian[kept], found.names[kept])
 
 
 @lru_cache(maxsize=4)

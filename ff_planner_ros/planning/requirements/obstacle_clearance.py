@@ -40,7 +40,7 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
     OF_INTEREST,
     along_variables,
-    chosen_rows,
+    kept_rows,
     looked_at,
 )
 from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
@@ -139,13 +139,8 @@ def obstacle_rows(
             deeper[:, -1] += at.times_by_last[rows[0]] * speeds
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    configurations, bodies, numbers = np.unravel_index(names, shape)
-    margins = np.minimum(margin, _room_of_obstacles(problem)[bodies, numbers])
-    rows_found = Rows(distances - margins, jacobian, names)
-    if not problem.allowed_collisions:
-        return rows_found
-    apart = np.isin(bodies * len(obstacles) + numbers, split_obstacles(problem)[0])
-    return chosen_rows(rows_found, np.flatnonzero(apart | (configurations < at.until)))
+    margins, apart = np.minimum(margin, _room_of_obstacles(problem)), split_obstacles(problem)[0]
+    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
 
 
 @lru_cache(maxsize=4)
