@@ -110,7 +110,7 @@ def test_the_witness_of_a_still_goal_solves_its_written_scenario(tmp_path):
     for kind, number in (("planar", 0), ("planar", 1), ("high_momentum", 1)):
         drawn = still_goals.problem(kind, number)
         robot = drawn.problem.robot
-        way, times, _ = drawn.witness
+        way, times, *_ = drawn.witness
         path = tmp_path / "scenarios" / f"{kind}{number}" / "0000.yaml"
         path.parent.mkdir(parents=True)
         path.write_text(dataset.scenario_text(drawn.problem))

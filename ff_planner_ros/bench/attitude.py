@@ -16,7 +16,6 @@ from ff_planner_ros.bench.exact import solve_by_slsqp
 from ff_planner_ros.bench.measurement import OBJECTIVES, Measurement, median, timed_plan
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import NoPlanFound, OutOfTime
-from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.motion.watch import Watch
@@ -26,7 +25,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings, SearchDepth
 from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
 from ff_planner_ros.planning.search.planner import plan as plan_of
-from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.planning.task.task import PlanningTask, perform, without_search
 from ff_planner_ros.problems.robots import ROBOTS
 from ff_planner_ros.problems.scenarios import scenario
 
@@ -247,9 +246,11 @@ def _checked_attitude(program: PathProgram, settings: PlannerSettings, stop: Sto
         return None
     path = Candidate(at_x, SolverReport(1, 0, stop.rollouts, np.inf, stop.message))
     made = plan_of_path(program.problem, settings, program.family, path)
-    if any(failures(program.problem, made, settings)):
+    task = PlanningTask(program.problem, settings)
+    try:
+        return perform(task, method=without_search(lambda *_: made)).metrics.max_chaser_euler
+    except NoPlanFound:
         return None
-    return made.metrics.max_chaser_euler
 
 
 def _in_columns(found: Sequence[tuple[float, float]]) -> _Found:
