@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 
-from ff_planner_msgs.msg import PlanAnswer, PlanRequest
+from ff_planner_msgs.msg import PlanRequest
 from quick_capture import resting_capture
 from ros_processes import Client, Scene, connected_client
 
-from ff_planner_ros.errors import Status
+from ff_planner_ros.errors import FfPlannerError, Status
 
 POINTS = 1200
 LEAD = 120  # [s] before the plan begins
@@ -21,14 +21,19 @@ def main(door: str) -> None:
         request.search.points = POINTS
         request.start_time = client.node.get_clock().now().to_msg()
         request.start_time.sec += LEAD
-        code = Status.BUSY
-        while code == Status.BUSY:  # with whoever wants to know whether this one is planned for
-            answer = client.plan(request) if door == "service" else _result(client, request)
-            code = answer.status.code
+        # BUSY with whoever wants to know whether this one is planned for.
+        while _planned(client, door, request) == Status.BUSY:
+            pass
 
 
-def _result(client: Client, request: PlanRequest) -> PlanAnswer:
-    return client.send_goal(request).result()[1]
+def _planned(client: Client, door: str, request: PlanRequest) -> Status:
+    try:
+        answer = (
+            client.plan(request) if door == "service" else client.send_goal(request).result()[1]
+        )
+    except FfPlannerError as refused:
+        return refused.status
+    return Status(answer.status.code)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,14 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    around_obstacles,
+    obstacle_geometry,
+    obstacle_poses,
+)
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Obstacle, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 
 
@@ -39,31 +43,24 @@ def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Obstacle]) -> 
     q, _ = from_trajectory(robot, motion)
     times = motion.time - motion.time[0]
     data, placed, balls = robot.model.createData(), [], []
-    others = [_places(one, times) for one in obstacles]
-    middles = [np.zeros(3) if isinstance(one, Sphere) else one.solid.center for one in obstacles]
+    others = [
+        [pin.SE3(*at) for at in zip(*obstacle_poses(one, times), strict=True)] for one in obstacles
+    ]
+    centers, around_each = around_obstacles(obstacles, times)
     for row, q_i in enumerate(q):
         pin.forwardKinematics(robot.model, data, q_i)
         places = [data.oMi[body.joint] * body.placement_in_joint for body in robot.bodies]
-        there = [each[row] for each in others]
-        placed.append([*places, *there])
-        balls.append(
-            [data.oMi[body.joint].act(body.center_in_joint) for body in robot.bodies]
-            + [place.act(middle) for place, middle in zip(there, middles, strict=True)]
-        )
+        placed.append([*places, *(each[row] for each in others)])
+        own = [data.oMi[body.joint].act(body.center_in_joint) for body in robot.bodies]
+        balls.append([*own, *centers[row]])
     count = len(robot.bodies)
     pairs = [*robot.pairs, *((a, count + b) for a in range(count) for b in range(len(obstacles)))]
     if not pairs:
         return None
     solids = [body.solid for body in robot.bodies]
     names = [body.name for body in robot.bodies] + [one.id for one in obstacles]
-    radii = np.array(
-        [body.radius for body in robot.bodies]
-        + [one.radius if isinstance(one, Sphere) else one.solid.radius for one in obstacles]
-    )
-    solids += [
-        coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
-        for one in obstacles
-    ]
+    radii = np.append([body.radius for body in robot.bodies], around_each)
+    solids += map(obstacle_geometry, obstacles)
     first, second = np.array(pairs).T
     around = np.array(balls)
     apart = np.linalg.norm(around[:, first] - around[:, second], axis=-1)
@@ -79,13 +76,6 @@ def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Obstacle]) -> 
         if found is None or distance < found.distance:
             found = Nearest(f"{names[a]}/{names[b]}", float(times[row]), distance, ends)
     return found
-
-
-def _places(one: Obstacle, times: Array) -> list[pin.SE3]:
-    """Return where an obstacle is at some times [s]."""
-    if isinstance(one, Sphere):
-        return [pin.SE3(np.eye(3), center) for center in centers_at(times, [one])[:, 0]]
-    return [pin.SE3(*pose) for pose in zip(*one.poses(times), strict=True)]
 
 
 def _measured(

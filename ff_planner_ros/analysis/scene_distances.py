@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem, Sphere
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_place
+from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
@@ -68,7 +69,7 @@ def _from_obstacles(
     problem: PlanningProblem, placed: Sequence[tuple[Body, pin.SE3]], time: float
 ) -> Iterator[Gap]:
     for one in problem.obstacles if placed else ():
-        there = _place(one, time)
+        there = obstacle_place(one, time)
         yield _sorted(_gap(problem, body, at, one, there) for body, at in placed)[0]
 
 
@@ -76,22 +77,13 @@ def _sorted(gaps: Iterable[Gap]) -> list[Gap]:
     return sorted(gaps, key=lambda gap: gap.distance)
 
 
-def _place(one: Obstacle, time: float) -> pin.SE3:
-    if isinstance(one, Sphere):
-        return pin.SE3(np.eye(3), one.center + one.way(time))
-    rotations, positions = one.poses(np.array([time]))
-    return pin.SE3(rotations[0], positions[0])
-
-
 def _gap(
     problem: PlanningProblem, body: Body, at: pin.SE3, other: Body | Obstacle, there: pin.SE3
 ) -> Gap:
     if isinstance(other, Body):
         solid, name, link = other.solid, other.name, other.link
-    elif isinstance(other, Sphere):
-        solid, name, link = coal.Sphere(other.radius), other.id, other.id
     else:
-        solid, name, link = other.solid.geometry, other.id, other.id
+        solid, name, link = obstacle_geometry(other), other.id, other.id
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     places = [coal.Transform3s(place.rotation, place.translation) for place in (at, there)]
     distance = float(coal.distance(body.solid, places[0], solid, places[1], request, result))

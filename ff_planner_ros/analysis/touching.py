@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import coal
 import numpy as np
 import pinocchio as pin
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_place
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Obstacle, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 
 RATE = 1000.0  # [Hz]
@@ -32,7 +32,7 @@ def touching(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Obstacle]
         for one in obstacles:
             if one.moves:
                 number = geometry.getGeometryId(_obstacle(one))
-                geometry.geometryObjects[number].placement = _place(one, time)
+                geometry.geometryObjects[number].placement = obstacle_place(one, time)
         pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
         if pin.computeCollisions(geometry, placed, False):
             found |= {
@@ -75,8 +75,8 @@ def _geometry(robot: Robot, obstacles: Sequence[Obstacle]) -> tuple[pin.Geometry
             pin.GeometryObject(f"body {number}", body.joint, body.placement_in_joint, body.solid)
         )
     for one in obstacles:
-        solid = coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
-        place = _place(one, 0.0)
+        solid = obstacle_geometry(one)
+        place = obstacle_place(one, 0.0)
         geometry.addGeometryObject(pin.GeometryObject(_obstacle(one), 0, place, solid))
     bodies = len(robot.bodies)
     pairs = [
@@ -87,13 +87,6 @@ def _geometry(robot: Robot, obstacles: Sequence[Obstacle]) -> tuple[pin.Geometry
     for first, second in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
     return geometry, [f"{told[first]}/{told[second]}" for first, second in pairs]
-
-
-def _place(one: Obstacle, time: float) -> pin.SE3:
-    if isinstance(one, Sphere):
-        return pin.SE3(np.eye(3), one.center + one.way(time))
-    rotations, origins = one.poses(np.array([time]))
-    return pin.SE3(rotations[0], origins[0])
 
 
 def _obstacle(one: Obstacle) -> str:

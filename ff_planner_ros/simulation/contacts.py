@@ -17,7 +17,8 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.problem.problem import Obstacle, Sphere
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
@@ -64,8 +65,7 @@ class Touch:
             _add_geom(spec, spec.body(names[body.link]), geom, body.solid, placement)
         for geom, one in zip(others, obstacles, strict=True):
             mover = spec.worldbody.add_body(name=geom, mocap=True)
-            solid = coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
-            _add_geom(spec, mover, geom, solid, pin.SE3.Identity())
+            _add_geom(spec, mover, geom, obstacle_geometry(one), pin.SE3.Identity())
         pairs = [(bodies[first], bodies[second]) for first, second in robot.pairs]
         pairs += [(body, other) for body in bodies for other in others]
         for first, second in pairs:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from ff_planner_ros.analysis.drawing.solids import Triangles, surface_of
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_poses
 from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
 
 
 def obstacle_surface(one: Obstacle, around: int) -> tuple[Array, Triangles]:
     """Return the surface of an obstacle in its own frame; around: corners of a circle."""
-    return surface_of(
-        coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry, around
-    )
+    return surface_of(obstacle_geometry(one), around)
 
 
 def placed(one: Obstacle, corners: Array, times: Array) -> Array:
@@ -33,25 +29,6 @@ def placed(one: Obstacle, corners: Array, times: Array) -> Array:
     rotations, origins = obstacle_poses(one, times)
     points: Array = origins[:, None] + corners @ rotations.swapaxes(1, 2)
     return points
-
-
-def obstacle_poses(one: Obstacle, times: Array) -> tuple[Array, Array]:
-    """Return its axes to inertial axes, (times, 3, 3), and its origin, (times, 3) [m]."""
-    if isinstance(one, Sphere):
-        ways = [one.way(float(time)) for time in times]
-        axes = np.broadcast_to(np.eye(3), (len(times), 3, 3))
-        return axes, one.center + np.reshape(ways, (-1, 3))
-    return one.poses(times)
-
-
-def around_obstacles(obstacles: Sequence[Obstacle], times: Array) -> tuple[Array, Array]:
-    """Return centres of spheres around obstacles, (times, obstacles, 3), and radii [m]."""
-    inside = [np.zeros(3) if isinstance(one, Sphere) else one.solid.center for one in obstacles]
-    centers = [
-        placed(one, at[None], times)[:, 0] for one, at in zip(obstacles, inside, strict=True)
-    ]
-    radii = [one.radius if isinstance(one, Sphere) else one.solid.radius for one in obstacles]
-    return np.reshape(centers, (-1, len(times), 3)).swapaxes(0, 1), np.array(radii)
 
 
 def outline(points: Array) -> Array:

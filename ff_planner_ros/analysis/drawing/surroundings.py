@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import (
-    around_obstacles,
     obstacle_surface,
     obstacle_words,
     placed,
 )
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.obstacle_distances import around_obstacles
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach

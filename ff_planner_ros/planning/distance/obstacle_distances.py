@@ -22,10 +22,50 @@ from ff_planner_ros.planning.distance.body_distances import (
     has_failed,
     sphere_bounds,
 )
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
+
+
+def obstacle_geometry(one: Obstacle) -> coal.CollisionGeometry:
+    """Return an obstacle as Coal holds it, in its own frame."""
+    return coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
+
+
+def obstacle_poses(one: Obstacle, times: Array) -> tuple[Array, Array]:
+    """Return its axes to inertial axes, (times, 3, 3), and its origin, (times, 3) [m].
+
+    Args:
+        times: From the plan's first point on. Shape (times,) [s].
+    """
+    if isinstance(one, Sphere):
+        return np.broadcast_to(np.eye(3), (len(times), 3, 3)), centers_at(times, [one])[:, 0]
+    return one.poses(times)
+
+
+def obstacle_place(one: Obstacle, time: float) -> pin.SE3:
+    """Return where an obstacle is at a time from the plan's first point on [s]."""
+    rotations, origins = obstacle_poses(one, np.array([time]))
+    return pin.SE3(rotations[0], origins[0])
+
+
+def around_obstacles(obstacles: Sequence[Obstacle], times: Array) -> tuple[Array, Array]:
+    """Return centres of spheres around obstacles, (times, obstacles, 3), and radii [m].
+
+    Args:
+        times: From the plan's first point on. Shape (times,) [s].
+    """
+    centers, radii = np.empty((len(times), len(obstacles), 3)), np.empty(len(obstacles))
+    for number, one in enumerate(obstacles):
+        rotations, centers[:, number] = obstacle_poses(one, times)
+        if isinstance(one, Sphere):
+            radii[number] = one.radius
+        else:
+            centers[:, number] += rotations @ one.solid.center
+            radii[number] = one.solid.radius
+    return centers, radii
 
 
 class Poses(NamedTuple):

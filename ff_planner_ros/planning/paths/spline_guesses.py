@@ -125,8 +125,7 @@ def _way_of_joints(family: JointSplines, posture: Posture, aside: Array) -> Arra
         lowest = robot.lower_position_limits + _FROM_LIMITS
         highest = robot.upper_position_limits - _FROM_LIMITS
         end = np.clip(fading[-1] + aside, lowest, highest)
-    smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    return _fitted(family, fading + smooth * (end - fading[-1]))
+    return _fitted(family, fading + _smooth(s) * (end - fading[-1]))
 
 
 def _near_papers_path(
@@ -194,9 +193,15 @@ def _fitted(family: JointSplines, angles: Array) -> Array:
 def _straight(family: JointSplines) -> Array:
     """Return the free control points of a joint that goes from 0 to 1 smoothly."""
     s = np.linspace(0.0, 1.0, 4 * _POINTS)
-    rows, wanted = _with_curvature(family, s, (s**3 * (10.0 - 15.0 * s + 6.0 * s**2))[:, None])
+    rows, wanted = _with_curvature(family, s, _smooth(s)[:, None])
     free, *_ = np.linalg.lstsq(rows[:, FIXED:], wanted)
     return np.asarray(free[:, 0], np.float64)
+
+
+def _smooth(s: Array) -> Array:
+    """Return the way from 0 to 1 whose rates and accelerations are zero at its ends."""
+    way: Array = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return way
 
 
 def _bump(family: JointSplines) -> Array:

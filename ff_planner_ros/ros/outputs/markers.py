@@ -9,12 +9,13 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_poses, obstacle_surface
+from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface
 from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
 from ff_planner_ros.analysis.drawing.surroundings import constraint_lines
 from ff_planner_ros.analysis.nearest import Nearest, nearest
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, attached
