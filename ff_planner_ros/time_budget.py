@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 # A step is taken to last as long as the longest of so many before it of the same phase.
 _REMEMBERED = 5
 # The first check, which goes between the points, is taken to last as long as so many of the steps
-# before it: of four arms, with lines and with shapes, it was 4 to 10.
+# before it: of four arms, with lines and with shapes, it was 4 to 10. By the median, since a step
+# that waited for the processor foretells nothing; and the first step alone, which loads what the
+# others find loaded, counts once.
 _STEPS_OF_A_CHECK = 8.0
 
 
@@ -56,7 +58,7 @@ class TimeBudget(Watch):
         step = check if phase == CHECKING else check + max(self._lasted[phase], default=0.0)
         if now + step > deadline:
             end = OutOfTime(f"the time budget of {self._seconds:g} s is used up")
-            end.used_for = self._used_for()
+            end.used_for = self._used_for(foreseen=min(step, deadline - now))
             raise end
 
     def _check(self) -> float:
@@ -65,15 +67,19 @@ class TimeBudget(Watch):
         if checks:
             return max(checks)
         steps = [lasted for phase in self._lasted.values() for lasted in phase]
-        return _STEPS_OF_A_CHECK * statistics.fmean(steps) if steps else 0.0
+        if len(steps) <= 1:
+            return sum(steps)
+        return _STEPS_OF_A_CHECK * statistics.median_low(steps)
 
     def offer(self, plan: Plan) -> None:  # noqa: ARG002 (that there is one is enough)
         """Allow no more than what counts once there is a plan."""
         self._seconds = min(self._budget)
 
-    def _used_for(self) -> str:
-        """Return words on what used the time."""
+    def _used_for(self, foreseen: float) -> str:
+        """Return words on what used the time; foreseen: what the next step would have used [s]."""
         parts = {"before the search": self._before, **self._took}
+        if foreseen > 0.0:
+            parts["too short for the next step and its check"] = foreseen
         if self._reserved:
             parts["kept for the answer"] = self._reserved
         return ", ".join(f"{seconds:.2f} s {what}" for what, seconds in parts.items())

@@ -36,12 +36,23 @@ def test_a_budget_lasts_until_it_is_used_up(clock: list[float]) -> None:
 
 
 def test_the_first_check_is_foretold_from_the_steps_before_it(clock: list[float]) -> None:
-    watch = TimeBudget(Budget(2.0))
-    for clock[0] in (1000.0, 1000.125, 1000.25):
+    watch = TimeBudget(Budget(2.75))
+    for clock[0] in (1000.0, 1000.25, 1000.5):
         watch.require_time()
-    clock[0] = 1000.75  # eight steps of 0.25 s
+    clock[0] = 1000.875  # eight steps of 0.25 s
     with pytest.raises(OutOfTime):
         watch.require_time(CHECKING)
+
+
+def test_a_step_that_had_to_wait_foretells_no_check(clock: list[float]) -> None:
+    watch = TimeBudget(Budget(10.0))
+    # The first step loads what the others find loaded; a later one waits for the processor.
+    for clock[0] in (1000.0, 1001.5, 1001.625, 1001.75, 1003.25, 1003.375):
+        watch.require_time()
+    clock[0] = 1007.0  # eight steps of 0.125 s, and one of 3.625 s
+    with pytest.raises(OutOfTime, match=r"used up$") as end:
+        watch.require_time()
+    assert "3.00 s too short for the next step and its check" in str(end.value.used_for)
 
 
 def test_what_was_just_checked_needs_no_other_check(clock: list[float]) -> None:
