@@ -48,6 +48,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     scene_message,
     state_message,
 )
+from ff_planner_ros.ros.qos import REQUEST_QOS
 
 FRAME = "inertial"
 DEADLINE = 300.0  # [s] a condition that is not met by then on a busy machine never will be
@@ -131,9 +132,17 @@ class Client:
             (MarkerArray, "markers", latched),
         ):
             self.hear(message_type, topic, qos)
-        self._service = self.node.create_client(PlanTrajectory, "plan_trajectory")
-        self._publish_plan = self.node.create_client(PublishPlan, f"{planner}/publish_plan")
-        self._action = ActionClient(self.node, PlanTrajectoryAction, "plan_trajectory_action")
+        # Tests ask many times at once: the middleware drops the oldest of more than ten answers.
+        kept = {"qos_profile": REQUEST_QOS}
+        self._service = self.node.create_client(PlanTrajectory, "plan_trajectory", **kept)
+        self._publish_plan = self.node.create_client(PublishPlan, f"{planner}/publish_plan", **kept)
+        self._action = ActionClient(
+            self.node,
+            PlanTrajectoryAction,
+            "plan_trajectory_action",
+            goal_service_qos_profile=REQUEST_QOS,
+            result_service_qos_profile=REQUEST_QOS,
+        )
         self._refused = RefusedGoals(self.node)
         # After the other services: see `wait_for_planner`.
         self._probe = self.node.create_client(GetParameters, f"{planner}/get_parameters")

@@ -78,6 +78,7 @@ def _velocity_of_chaser(drawn: all_features.EverythingProblem) -> np.ndarray:
     return np.asarray(relative + witness.body.linear_velocity)
 
 
+@pytest.mark.ci
 def test_the_class_has_all_robots_passing_spheres_and_both_weights_of_the_duration() -> None:
     drawn = [one.problem for one in all_features.problems(8)]
     assert len({one.robot.joints for one in drawn}) == 3
@@ -89,7 +90,7 @@ def test_the_class_has_all_robots_passing_spheres_and_both_weights_of_the_durati
     assert min(np.linalg.norm(one.start.position_chaser_in_inertial) for one in drawn) > 1e5
 
 
-@pytest.mark.parametrize("number", [3, 9])
+@pytest.mark.parametrize("number", [3, pytest.param(9, marks=pytest.mark.ci)])
 def test_a_plan_is_found_and_sound(number: int) -> None:
     problem = all_features.problem(number).problem
     made = perform(PlanningTask(problem, SETTINGS))

@@ -365,6 +365,7 @@ def test_mutated_scenarios_are_planned_or_refused(
     assert codes >= {2, 3}
 
 
+@pytest.mark.ci
 def test_mutated_answers_are_taken_or_refused(
     answer: dict[str, Any],
     tmp_path: Path,

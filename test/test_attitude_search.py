@@ -74,6 +74,7 @@ def test_no_objective_has_a_worse_plan_than_the_shortest_and_all_have_one(times)
     assert solved >= 6
 
 
+@pytest.mark.ci
 def test_a_deeper_search_and_a_first_guess_never_make_it_worse():
     problem = replace(scenario("ordinary", "lemur", 4, turned=False).problem, objective=ATTITUDE)
     made = [plan(problem, replace(SETTINGS, search=depth)) for depth in (QUICK, NORMAL)]
@@ -97,6 +98,7 @@ def test_every_depth_is_at_least_as_good_as_the_one_before(objective, number):
     assert values == sorted(values, reverse=True)
 
 
+@pytest.mark.ci
 def test_a_quick_search_finds_most_of_it_at_a_fraction_of_the_price(lemur_capture):
     shortest, quick, searched = (
         plan(replace(lemur_capture, objective=objective), replace(SETTINGS, search=depth))
@@ -137,6 +139,7 @@ def test_no_round_is_spent_where_the_attitude_is_a_minor_part(lemur_capture):
     assert value(minor, made[minor, NORMAL]) == value(minor, made[minor, QUICK])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("key", "weight", "gain"),
     [(("cluttered", "off7", 1), 1.0, 0.9), (("ordinary", "lemur", 2), 0.9, 0.8)],

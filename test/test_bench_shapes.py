@@ -129,6 +129,7 @@ def test_each_situation_is_what_it_promises(drawn: ShapesProblem) -> None:
     np.testing.assert_array_equal(problem.target.linear_velocity, still)
 
 
+@pytest.mark.ci
 def test_robots_situations_and_kinds_of_shapes_are_all_there() -> None:
     first = [shapes.problem(number) for number in range(2 * LINES_EVERY)]
     assert {one.robot for one in first} == set(ROBOTS)
@@ -150,6 +151,7 @@ def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None
     assert not np.array_equal(numbers(2)[:7], numbers(7)[:7])
 
 
+@pytest.mark.ci
 def test_the_benchmark_plans_them_and_tells_of_each_situation_and_robot() -> None:
     found = shapes_measurement(6, load_parameters().planner)
     assert [each.status for each in found.results] == [Status.SOLVED] * 6
@@ -160,6 +162,7 @@ def test_the_benchmark_plans_them_and_tells_of_each_situation_and_robot() -> Non
     assert [int(row[1]) for row in table.rows] == [6, *[1] * 6, 2, *[1] * 4, 6]
 
 
+@pytest.mark.ci
 def test_what_shapes_cost_is_measured_against_what_else_is_there() -> None:
     settings = load_parameters().planner
     found = list(scaling.prices(settings, 1, (3, 6)))

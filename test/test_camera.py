@@ -214,6 +214,7 @@ def test_the_goal_stays_in_view_between_the_points_too(
     require_seen(problem, plan)
 
 
+@pytest.mark.ci
 def test_least_attitude_and_a_free_duration_keep_the_view() -> None:
     least = replace(looking(RESTING, "end_effector", 0.2, 0.1), objective=Objective(0.0, 1.0))
     require_seen(least, perform(PlanningTask(least, replace(SETTINGS, search=SearchDepth.QUICK))))

@@ -275,6 +275,7 @@ def test_where_the_chaser_is_held_back_both_families_compete_for_a_free_duration
     require_sound(lasting(problem, made.duration), made, SETTINGS)
 
 
+@pytest.mark.ci
 def test_the_refusal_of_a_range_says_what_is_hardest_to_meet(resting: PlanningProblem) -> None:
     """Not the obstacles, which candidates of some durations were clear of."""
     limits = replace(resting.limits, chaser_attitude=0.005)

@@ -41,6 +41,7 @@ def test_what_faces_the_light_is_bright_from_either_side_and_what_is_along_it_da
     np.testing.assert_allclose(colours, np.outer([1.0, 1.0, _SHADE], np.ones(3)), atol=1e-12)
 
 
+@pytest.mark.ci
 def test_a_robot_with_bodies_has_a_picture_of_its_scene(tmp_path: Path) -> None:
     problem = bodies.problem("arm6", 0).problem
     plan = perform(PlanningTask(problem, load_parameters().planner))

@@ -117,6 +117,7 @@ def test_so_is_every_one_at_the_other_services(
         assert len(all_at_once(planner, client, kind, name, kind.Request(), many)) == many
 
 
+@pytest.mark.ci
 def test_so_is_every_one_of_many_goals(
     planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:

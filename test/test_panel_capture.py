@@ -52,6 +52,7 @@ def test_the_client_tumbles_at_3_deg_a_second_and_is_grasped_at_its_ring_between
     assert problem.allowed_collisions == ("/".join(GRASPED),)
 
 
+@pytest.mark.ci
 def test_the_plan_passes_the_check_and_comes_true_in_mujoco(
     problem: PlanningProblem, plan: Plan
 ) -> None:

@@ -89,6 +89,7 @@ def test_the_plan_with_least_attitude_beats_the_reference_and_touches_nothing(ca
     assert metrics.penalty == 0.0
 
 
+@pytest.mark.ci
 def test_a_weighted_plan_turns_the_chaser_less_than_the_shortest(capture, settings, shortest):
     weighted = plan(replace(capture, objective=Objective(0.2, 0.8)), settings).metrics
     assert weighted.max_chaser_euler < shortest.metrics.max_chaser_euler

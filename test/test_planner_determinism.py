@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 # Both kinds of search, and joint rates at their limits; printed is every bit of the answers.
 PLAN = """
 from dataclasses import fields, replace
@@ -45,6 +47,7 @@ def started(hash_seed: str, threads: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.ci
 def test_fresh_processes_with_other_hashes_and_threads_plan_the_same_to_the_last_bit() -> None:
     processes = [started("1", threads="1"), started("2", threads="2")]
     (first, errors), (second, _) = [process.communicate() for process in processes]

@@ -43,10 +43,10 @@ def test_a_scenario_is_planned_and_passes(capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.parametrize(
     "arguments",
     [
-        (CAPTURE, "--objective", "attitude"),
+        pytest.param((CAPTURE, "--objective", "attitude"), marks=pytest.mark.ci),
         (CAPTURE, "--method", "apf"),
         (str(CANADARM2_SCENARIO),),
-        (str(CANADARM2_SCENARIO), "--objective", "attitude"),
+        pytest.param((str(CANADARM2_SCENARIO), "--objective", "attitude"), marks=pytest.mark.ci),
     ],
     ids=["attitude", "apf", "canadarm2", "canadarm2 attitude"],
 )
