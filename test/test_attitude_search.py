@@ -86,8 +86,15 @@ def test_a_deeper_search_and_a_first_guess_never_make_it_worse():
     assert again.metrics.max_chaser_euler <= angles[-1] + 1e-12
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("objective", [ATTITUDE, *WEIGHTED])
+# The deepest search for the attitude alone takes half a minute.
+@pytest.mark.parametrize(
+    "objective",
+    [
+        pytest.param(ATTITUDE, marks=pytest.mark.nightly),
+        pytest.param(WEIGHTED[0], marks=pytest.mark.ci),
+        *(pytest.param(one, marks=pytest.mark.nightly) for one in WEIGHTED[1:]),
+    ],
+)
 @pytest.mark.parametrize("number", [0, 1, 2])
 def test_every_depth_is_at_least_as_good_as_the_one_before(objective, number):
     drawn = scenario(("ordinary", "cluttered")[number % 2], "arm6", number, turned=False)

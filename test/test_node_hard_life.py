@@ -213,7 +213,7 @@ def test_huge_arrays_leave_nothing_behind(
                 assert client.plan(request).status.code == Status.UNKNOWN_JOINT
             return holdings(planner.process.pid)
 
-        warm = after(times(50, 300))
+        warm = after(times(20, 300))
         last = after(100)
         for _ in range(2):
             if last.memory - warm.memory > GROWTH:
@@ -224,7 +224,7 @@ def test_huge_arrays_leave_nothing_behind(
 def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
     planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:
-    scene, dice, malformed = Scene(resting_capture()), random.Random(SEED), times(200, 300)
+    scene, dice, malformed = Scene(resting_capture()), random.Random(SEED), times(100, 300)
     with connected_client() as client:
         client.wait_for_planner()
         assert client.plan(scene.complete_request()).status.code == Status.SOLVED
@@ -354,7 +354,7 @@ def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
     planner: PlannerProcess, tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
     """Last of all, since it ends the node."""
-    scene, plans = Scene(load_scenario(quick_capture(tmp_path))), times(60, 500)
+    scene, plans = Scene(load_scenario(quick_capture(tmp_path))), times(40, 500)
     with connected_client() as client:
         client.wait_for_planner()
         # It is the node that is tested: the straight way to a goal nearby will do.
