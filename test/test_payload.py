@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,10 @@ from robots import CONFIG, random_state
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
@@ -40,6 +42,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     scene_message,
 )
 from ff_planner_ros.ros.requests.reading import Knowledge, read_request
+from ff_planner_ros.ros.requests.waiting_plan import MadePlan, require_same_start
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -49,7 +52,7 @@ SCENARIO = CONFIG / "scenarios" / "lemur_capture_bodies.yaml"
 SETTINGS = load_parameters().planner
 NOW = 1_000 * NANOSECONDS
 INERTIA = np.array([[3.0, 0.2, -0.1], [0.2, 2.5, 0.3], [-0.1, 0.3, 2.0]])
-BUS = HeldShape("bus", Solid("box", np.array([0.2, 0.15, 0.3])), np.array([0.0, 0.0, 0.3]))
+BUS = HeldShape("bus", Solid("box", np.array([0.15, 0.1, 0.2])), np.array([0.0, 0.0, 0.35]))
 PAYLOAD = Payload("end_effector", 30.0, INERTIA, np.array([0.02, -0.03, 0.24]), (BUS,))
 FILE = {
     "link": "end_effector",
@@ -57,7 +60,7 @@ FILE = {
     "com": [0.02, -0.03, 0.24],
     "inertia": {"ixx": 3.0, "ixy": 0.2, "ixz": -0.1, "iyy": 2.5, "iyz": 0.3, "izz": 2.0},
     "shapes": [
-        {"id": "bus", "shape": {"box": {"size": [0.2, 0.15, 0.3]}}, "position": [0.0, 0.0, 0.3]}
+        {"id": "bus", "shape": {"box": {"size": [0.15, 0.1, 0.2]}}, "position": [0.0, 0.0, 0.35]}
     ],
 }
 
@@ -212,6 +215,33 @@ def asked(robot: Robot, problem: PlanningProblem, request: PlanRequest) -> Plann
     request.scene = [scene_message((), 0, "inertial")]
     knowledge = Knowledge(robot, parameters, states, SceneInput("inertial"), None, NOW)
     return read_request(request, knowledge).task
+
+
+def test_a_plan_that_waits_is_compared_with_where_the_robot_goes_with_its_payload(
+    bare: Robot, held: Robot, problem: PlanningProblem, plan: Plan
+) -> None:
+    moving = replace(problem.start, joint_velocities=np.full(held.joints, 0.1))
+    there = carried_forward(held, moving, 5.0, None)
+    at_start = {
+        "chaser_positions": there.position_chaser_in_inertial,
+        "chaser_quaternions_xyzw": there.quaternion_chaser_to_inertial_xyzw,
+        "chaser_linear_velocities": there.linear_velocity_chaser_in_inertial,
+        "chaser_angular_velocities": there.angular_velocity_chaser_in_inertial,
+        "joint_positions": there.joint_positions,
+        "joint_velocities": there.joint_velocities,
+    }
+    motion = replace(plan.trajectory, **{name: row[None] for name, row in at_start.items()})
+    start_ns, parameters = NOW + 5 * NANOSECONDS, load_parameters()
+    states = Mock()
+    states.snapshot.return_value = Snapshot(moving, NOW, "chaser_state")
+    node = Knowledge(bare, parameters, states, SceneInput("inertial"), None, NOW)
+    for robot, refused in ((held, nullcontext()), (bare, pytest.raises(NoPlanFound))):
+        made = MadePlan(
+            *("run.1", replace(plan, trajectory=motion), start_ns, "none"),
+            *(robot, scene_of(problem), parameters),
+        )
+        with refused:
+            require_same_start(made, (), node)
 
 
 FAULTS: dict[str, tuple[dict[str, Any], Status, str, str]] = {
