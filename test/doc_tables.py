@@ -32,6 +32,7 @@ from ff_planner_ros.planning.scenario.scenario import RobotFile, scenario_schema
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
@@ -159,6 +160,8 @@ def scenario() -> Iterator[tuple[str, ...]]:
             (AttachedSphere, "target_body.obstacles[]", "target_body[0].obstacles[]"),
             (ObstacleBody, "obstacles[]", "scene[0].bodies[]"),
             (Sphere, "obstacles[]", "scene[0].spheres[]"),
+            (Payload, "robot.payload", "payload[0]"),
+            (HeldShape, "robot.payload.shapes[]", "payload[0].bodies[]"),
         )
         for key, place, _ in places_in(kind, block, place)
     }
@@ -169,7 +172,7 @@ def scenario() -> Iterator[tuple[str, ...]]:
         if "default" in schema:
             usual = schema["default"]
             words += f"; default `{f'{usual:.4g}' if isinstance(usual, float) else usual}`"
-        words += _OF_EITHER.get(key.rpartition("[]")[2], "; required" if required else "")
+        words += _OF_EITHER.get(key.rpartition("obstacles[]")[2], "; required" if required else "")
         place = places.get(key)
         yield f"`{key}`", words.lstrip("; "), f"`{place}`" if place else ""
 

@@ -165,6 +165,7 @@ def scenario(tmp_path: Path) -> Any:
     content = yaml.safe_load(text_of(CAPTURE))
     content["robot"]["urdf"] = str((CAPTURE.parent / content["robot"]["urdf"]).resolve())
     body = yaml.safe_load(text_of(CAPTURE.with_name("lemur_tumbling.yaml")))["target_body"]
+    held = yaml.safe_load(text_of(CAPTURE.with_name("lemur_payload.yaml")))["robot"]["payload"]
 
     def allowed(*place: Any) -> set[str]:
         if place[-2:] == ("obstacles", 0):  # a sphere or a body
@@ -178,6 +179,8 @@ def scenario(tmp_path: Path) -> Any:
         if place[:1] == ("target_body",):
             del changed["target"]
             changed["target_body"] = json.loads(json.dumps(body))
+        if place[:2] == ("robot", "payload"):
+            changed["robot"]["payload"] = json.loads(json.dumps(held))
         if place[:1] == ("duration",):
             changed["duration"] = {"min": 9.0, "max": 10.0}
         if place[:2] == ("target", "joints"):

@@ -140,7 +140,7 @@ def test_a_node_plans_on_a_table_from_odometry_and_joint_states(tmp_path: Path) 
     assert abs(headings["whole"] - 40.0) < 0.1
     assert abs(headings["part"] - 40.0) > 3.0  # else it was not free
 
-    assert robot_plans(planner.bag).robot.base is Base.PLANAR
+    assert next(iter(robot_plans(planner.bag).robots.values())).base is Base.PLANAR
     with open_bag(planner.bag) as opened:
         run = recorded_run(opened)
     replayed = {one.name: replay(one) for one in run.requests}

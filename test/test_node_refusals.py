@@ -142,7 +142,6 @@ def _too_fast(request: PlanRequest) -> None:
 
 # What messages have a place for, and no plan can have yet, by its place.
 NOT_YET: dict[str, Any] = {
-    "payload": [Payload()],
     "then": [Phase()],
     "limits.grasp_force": [1.0],
     "limits.grasp_torque": [1.0],
@@ -161,6 +160,9 @@ CASES = {
         Status.START_IN_PAST,
         ("start_time", "s ago", "planning_lead_time"),
         _set("start_time.sec", 12),
+    ),
+    "a payload without a mass": Case(
+        Status.OUT_OF_RANGE, ("payload.inertia.m", "greater than 0"), _set("payload", [Payload()])
     ),
     "a start time in a year": Case(
         Status.OUT_OF_RANGE, ("start_time", "s ahead of now", "start_horizon"), _in_a_year

@@ -201,7 +201,9 @@ def test_the_bag_holds_it_all(run: Run) -> None:
 def test_mujoco_sees_the_recorded_capture_come_true(run: Run) -> None:
     recorded = robot_plans(run.bag)
     scene = recorded.scenes[run.captured.plan_id]
-    found = verify(recorded.robot, recorded.motions[run.captured.plan_id], scene)
+    found = verify(
+        recorded.robots[run.captured.plan_id], recorded.motions[run.captured.plan_id], scene
+    )
     assert found.passed
     assert found.capture is not None
     assert found.corridor is not None

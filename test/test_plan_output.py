@@ -32,7 +32,7 @@ LAST = START + round(DURATION * NANOSECONDS)
 class Output:
     """An output whose publishers keep what is published, by topic, and whose clock is set."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self) -> None:
         self.now_ns, self.heard = START, dict[str, list[Any]]()
         node = Mock(spec=LifecycleNode)
         node.get_clock.return_value.now = lambda: SimpleNamespace(
@@ -45,7 +45,7 @@ class Output:
 
         node.create_lifecycle_publisher.side_effect = publisher
         parameters = replace(load_parameters(), inertial_frame="inertial")
-        self.output = PlanOutput(node, robot, parameters)
+        self.output = PlanOutput(node, parameters)
 
     def publish(
         self,
@@ -63,8 +63,8 @@ class Output:
 
 
 @pytest.fixture
-def output(lemur: Robot) -> Output:
-    return Output(lemur)
+def output() -> Output:
+    return Output()
 
 
 @pytest.fixture
@@ -174,7 +174,7 @@ def test_a_state_is_held_against_where_the_plan_had_the_chaser_when_it_was_measu
 def test_of_a_capture_the_way_of_the_body_and_the_way_to_the_grasp_are_told(lemur: Robot) -> None:
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
-    output, plan = Output(lemur), drawn_plan(lemur, seed=4)
+    output, plan = Output(), drawn_plan(lemur, seed=4)
     output.publish(plan, "run.1", body=body)
     assert len(output.heard["predicted_target_path"]) == 1
     output.now_ns = START + round(float(plan.trajectory.time[9]) * NANOSECONDS)

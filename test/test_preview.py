@@ -74,12 +74,12 @@ def test_it_is_played_again_and_again_and_only_the_first_time_is_new(plan: Plan)
     """A node would play it to whoever looks; the recorder needs it once."""
     node = Mock(spec=LifecycleNode)
     node.get_clock.return_value.now.return_value.to_msg.return_value = Time()
-    played = PlanOutput(node, Mock(), load_parameters())
+    played = PlanOutput(node, load_parameters())
     states = node.create_lifecycle_publisher.return_value
     for number in range(2):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(plan_output, "plan_markers", Mock())
-            played.show(plan, Scene())
+            played.show(Mock(), plan, Scene())
         rate = load_parameters().rates.preview
         states.publish.reset_mock()
         for _ in preview_joint_states(plan, rate):

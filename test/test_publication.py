@@ -67,7 +67,8 @@ class World:
     def made(self, plan_id: str = "run.1", start_ns: int = START) -> MadePlan:
         scene = scene_of(self.problem)
         return MadePlan(
-            plan_id, self.plan, start_ns, "none", scene, self.parameters, token=token(plan_id)
+            *(plan_id, self.plan, start_ns, "none", self.problem.robot, scene, self.parameters),
+            token=token(plan_id),
         )
 
     def ask(self, plan_id: str = "run.1", **fields: Any) -> PlanStatus:
@@ -254,7 +255,7 @@ def test_a_plan_goes_out_with_all_that_was_made_of_it(world: World) -> None:
     executor: Any = world.publication._node.executor
     shown = executor.create_task.call_args.args[0]
     shown()
-    world.output.show.assert_called_once_with(made.plan, made.scene)
+    world.output.show.assert_called_once_with(made.robot, made.plan, made.scene)
 
 
 def test_torques_go_to_a_controller_that_takes_them(world: World) -> None:

@@ -50,8 +50,9 @@ def test_robot_and_plan_come_back_as_they_were(
 ) -> None:
     record_answer(tmp_path / "bag", PlanningTask(lemur_capture, SETTINGS), lemur_plan, 0.5)
     recorded = robot_plans(tmp_path / "bag")
-    assert recorded.robot.urdf == lemur_capture.robot.urdf
-    assert recorded.robot.tip_link == "end_effector"
+    (robot,) = recorded.robots.values()
+    assert robot.urdf == lemur_capture.robot.urdf
+    assert robot.tip_link == "end_effector"
     (found,) = recorded.motions.values()
     for item in fields(lemur_plan.trajectory):
         tolerance = 1e-9 if item.name == "time" else 0.0  # a message counts nanoseconds

@@ -86,8 +86,9 @@ def test_a_recorded_plan_is_replayed_to_the_last_bit_exported_and_verified(
     np.testing.assert_array_equal(columns["wheel_2_momentum_Nms"], plan.wheels.momenta[:, 1])
     np.testing.assert_array_equal(columns["wheel_3_torque_Nm"], plan.wheels.torques[:, 2])
     found = robot_plans(tmp_path / "bag")
-    assert found.robot.base is Base.ATTITUDE_HELD
-    assert found.robot.wheels is not None
+    (robot,) = found.robots.values()
+    assert robot.base is Base.ATTITUDE_HELD
+    assert robot.wheels is not None
     assert found.robot.wheels.momentum == (4.0, 4.0, 4.0)
     (motion,) = found.motions.values()
     assert verify(found.robot, motion).passed

@@ -22,6 +22,7 @@ from ff_planner_ros.bag.scenes import (
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.messages.payloads import payload_in
 from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Limits
@@ -29,6 +30,7 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 
 _ANGLES = ("chaser_attitude", "chaser_rotation")  # of the chaser, that have limits
 
@@ -37,7 +39,7 @@ _ANGLES = ("chaser_attitude", "chaser_rotation")  # of the chaser, that have lim
 class RobotPlans:
     """The plans of a bag, whether the node recorded it or `ff-planner plan --bag` wrote it."""
 
-    robot: Robot
+    robots: Mapping[str, Robot]  # by plan id, with what they hold
     motions: Mapping[str, Trajectory]  # by plan id, in the order of the requests
     # By plan id, as in `PlanMetrics.msg`
     metrics: Mapping[str, Mapping[str, float | str | tuple[float, ...]]]
@@ -83,6 +85,13 @@ def robot_plans(bag: Path) -> RobotPlans:
     }
     scenes = {plan_id: scene for plan_id, scene in told.items() if scene is not None}
     metrics = {one.plan_id: one.metrics for one in answers}
+    robots = {
+        exchange.response[0].plan_id: robot
+        if exchange.request is None or exchange.request[2] is None
+        else with_payload(robot, exchange.request[2])
+        for exchange in found
+        if exchange.response is not None and exchange.response[0].plan_id in motions
+    }
     parameters = _parameters(bag, attachments)
     limits = {
         exchange.response[0].plan_id: _limits(
@@ -91,13 +100,17 @@ def robot_plans(bag: Path) -> RobotPlans:
         for exchange in found
         if exchange.response is not None
     }
-    return RobotPlans(robot, motions, metrics, scenes, limits, _uncertainty(parameters), notes)
+    return RobotPlans(robots, motions, metrics, scenes, limits, _uncertainty(parameters), notes)
 
 
-def _asked(request: Any) -> tuple[AskedScene, Mapping[str, float]]:
-    """Return the scene of a request, and the angles that it limits, by name; zero: any."""
+def _asked(request: Any) -> tuple[AskedScene, Mapping[str, float], Payload | None]:
+    """Return a request's scene, angles that it limits, by name, zero: any, and payload."""
     angles = {name: float(value_at(request, f"limits.{name}[0]", 0.0)) for name in _ANGLES}
-    return asked_scene(request), angles
+    try:
+        payload = payload_in(request)
+    except InvalidInput:
+        payload = None  # it was refused
+    return asked_scene(request), angles, payload
 
 
 def _uncertainty(parameters: Mapping[str, Any]) -> Uncertainty:

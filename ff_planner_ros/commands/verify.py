@@ -102,7 +102,8 @@ def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
             seen, limits = recorded.scenes.get(plan_id), recorded.limits[plan_id]
-            yield _Motion(plan_id, recorded.robot, motion, seen, limits, recorded.uncertainty)
+            robot = recorded.robots[plan_id]
+            yield _Motion(plan_id, robot, motion, seen, limits, recorded.uncertainty)
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)

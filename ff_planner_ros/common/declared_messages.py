@@ -49,11 +49,8 @@ def _getter(path: str) -> Callable[[Any], Any]:
     return value
 
 
-def require_left_out(message: Any, places: Iterable[str], prefix: str = "") -> None:
+def require_left_out(message: Any, places: Iterable[str]) -> None:
     """Refuse a message that says something in places that no plan can be made with yet.
-
-    Args:
-        prefix: In front of the places in errors.
 
     Raises:
         InvalidInput: It names the place.
@@ -61,9 +58,8 @@ def require_left_out(message: Any, places: Iterable[str], prefix: str = "") -> N
     for place in places:
         given = value_at(message, place, None)
         if len(given) if isinstance(given, Sized) else given:
-            field = f"{prefix}{place.replace(_ENTRY, '')}"
             allowed = "it must be left out: this version does not plan with it"
-            raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
+            raise InvalidInput(Status.UNSUPPORTED, place, "given", allowed)
 
 
 def values_in(

@@ -20,6 +20,7 @@ from ff_planner_ros.bag.scenes import asked_scene
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
+from ff_planner_ros.messages.payloads import robot_holding
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.goal_words import GoalKind
@@ -122,7 +123,7 @@ def _plans(
                 for topic, messages in heard_of.items()
                 if k in messages
             }
-            plans[k] = _plan(found[k], robot, received)
+            plans[k] = _plan(found[k], robot_holding(robot, found[k].request), received)
             if found[k] in executed:
                 windows[k] = _window(executed, executed.index(found[k]))
             else:

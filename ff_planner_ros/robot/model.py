@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +23,9 @@ from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NOTHING_HELD, checked_urdf
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS
 from ff_planner_ros.robot.wheels import Wheels
+
+if TYPE_CHECKING:
+    from ff_planner_ros.robot.urdf.payload import Payload
 
 
 class Base(enum.StrEnum):
@@ -80,6 +84,7 @@ class Robot:
     # Indices of bodies that must not touch each other, the smaller one first; empty with lines
     pairs: tuple[tuple[int, int], ...] = ()
     may_touch: tuple[MayTouch, ...] = ()  # links that could, but are not among the pairs
+    payload: Payload | None = None  # a link of the URDF, too; None: it holds none, or nobody said
 
     @property
     def joints(self) -> int:

@@ -36,6 +36,7 @@ from ff_planner_ros.ros.messages.request_values import (
     yaml_or_text,
 )
 from ff_planner_ros.ros.messages.to_messages import (
+    payload_message,
     request_message,
     scene_message,
     state_message,
@@ -102,6 +103,8 @@ def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> P
     """
     problem = load_scenario(scenario)
     request = request_message(problem, frame)
+    if problem.robot.payload is not None:
+        request.payload = [payload_message(problem.robot.payload)]
     # Stamps of zero: as if measured when the node reads it.
     if "state" in bring:
         names = problem.robot.joint_names

@@ -45,6 +45,7 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Base, Robot, load_robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 
 # A scenario names no frame, since it has one; messages about it must.
 SCENARIO_FRAME = "inertial"
@@ -99,6 +100,9 @@ class RobotFile:
         since="0.3",
         default=None,
     )
+    payload: Payload | None = declare(
+        part(Payload), "a body that a link holds; default: none", since="0.3", default=None
+    )
 
     def load(self, directory: Path) -> Robot:
         """Return the robot; its paths are relative to a directory.
@@ -111,7 +115,10 @@ class RobotFile:
         links = self.base_link, self.tip_link
         held = self.locked_joints or {}
         wheels = None if self.wheels is None else self.wheels.wheels
-        return load_robot(urdf, *links, self.base, held, self.geometry, srdf, wheels)
+        robot = load_robot(urdf, *links, self.base, held, self.geometry, srdf, wheels)
+        return (
+            robot if self.payload is None else with_payload(robot, self.payload.loaded(directory))
+        )
 
 
 # Every key of a file.

@@ -23,7 +23,7 @@ from ff_planner_ros.robot.urdf.urdf_faults import Faults, shortened
 MAX_FILE, MAX_FILES = 50_000_100, 200_000_000
 _SUFFIXES = (".stl", ".obj", ".dae")
 # How a recorded URDF carries a hull: x, y, z of each vertex, before `scale`, little-endian.
-_EMBEDDED = "data:application/x-float32-points;base64,"
+EMBEDDED = "data:application/x-float32-points;base64,"
 _FILE_SCHEME = "file://"
 _LINES_NEED_NONE = "with robot.geometry lines no mesh is read"
 
@@ -60,7 +60,7 @@ class Meshes:
             value = "embedded" if name.startswith("data:") else name or "without a filename"
             faults.add("link", link, "collision mesh", value, str(fault))
             return None
-        mesh.set("filename", _EMBEDDED + base64.b64encode(points.astype("<f4").tobytes()).decode())
+        mesh.set("filename", EMBEDDED + base64.b64encode(points.astype("<f4").tobytes()).decode())
         mesh.set("scale", " ".join(repr(float(number)) for number in scale))
         return hull
 
@@ -75,7 +75,7 @@ class Meshes:
             ValueError: A `NoSolid`. It has none, or is not read within the bounds.
         """
         try:
-            if name.startswith(_EMBEDDED):
+            if name.startswith(EMBEDDED):
                 given = _decoded(name)
                 told = Hull(given, 0.0, len(given), 1.0, 1.0)
             else:
@@ -122,7 +122,7 @@ def _scale(text: str | None) -> Array:
 
 def _decoded(uri: str) -> Array:
     try:
-        numbers = base64.b64decode(uri.removeprefix(_EMBEDDED), validate=True)
+        numbers = base64.b64decode(uri.removeprefix(EMBEDDED), validate=True)
         return np.frombuffer(numbers, "<f4").reshape(-1, 3).astype(float)
     except (binascii.Error, ValueError):
         raise NoSolid("it is damaged") from None

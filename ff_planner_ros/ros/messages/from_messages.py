@@ -16,6 +16,7 @@ from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.messages.obstacles import bodies_of, scene_obstacles_of, spheres_of
+from ff_planner_ros.messages.payloads import robot_holding
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
 from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.messages.wheels import wheel_momenta_in, wheels_in
@@ -59,7 +60,7 @@ MAX_MESSAGE_SECONDS = 2**31 - 1
 _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
 # Fields of a request that this version refuses unless they are empty.
 _NOT_YET = (
-    *("payload", "then"),
+    "then",
     *("limits.grasp_force", "limits.grasp_torque", "limits.capture_impulse"),
 )
 
@@ -97,6 +98,7 @@ def problem_from_request(
     """Build the problem of a request; its start state and obstacles are not looked at.
 
     Args:
+        robot: Without the payload that the request may bring.
         obstacles: At the plan's first point.
         body: That is captured, then; None: the goal is the request's pose.
         remaining: Of a running plan [s], the duration of a request that leaves it at zero. None:
@@ -105,6 +107,7 @@ def problem_from_request(
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
     """
+    robot = robot_holding(robot, request)
     posture = posture_in(request.goal, robot)
     if request.goal.kind == GoalKind.POSE:
         target_frame = request.goal.pose.header.frame_id

@@ -22,6 +22,7 @@ from ff_planner_msgs.msg import (
     WheelPoint,
 )
 from ff_planner_msgs.msg import Obstacle as ObstacleMessage
+from ff_planner_msgs.msg import Payload as PayloadMessage
 from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
@@ -58,6 +59,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.robot.collision.solids import MESH, MeshFile
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.messages.interfaces import entry_of
 
 # Field of a request that brings its own state.
@@ -75,6 +77,13 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanReques
     if problem.posture is not None:
         request.goal = _goal_of_joints(problem.posture, problem.robot.joint_names)
     return request
+
+
+def payload_message(payload: Payload) -> PayloadMessage:
+    """Write a payload for the request to a planner whose robot does not hold it."""
+    message: PayloadMessage = write_object(replace(payload, shapes=()), PayloadMessage(), entry_of)
+    message.bodies = [_body_message(one) for one in payload.shapes]
+    return message
 
 
 def _goal_of_joints(posture: Posture, joint_names: Sequence[str]) -> Goal:
@@ -262,7 +271,7 @@ def _body_messages(obstacles: Sequence[Obstacle]) -> list[ObstacleMessage]:
     return [_body_message(one) for one in bodies_in(obstacles) if one.body is None]
 
 
-def _body_message(body: ObstacleBody | AttachedBody) -> ObstacleMessage:
+def _body_message(body: ObstacleBody | AttachedBody | HeldShape) -> ObstacleMessage:
     message: ObstacleMessage = write_object(body, ObstacleMessage(), entry_of)
     shape = body.shape
     if isinstance(shape, MeshFile):

@@ -70,9 +70,9 @@ class PublishedPlan:
 class PlanOutput:
     """Publishes while the node is active, and remembers the last plan."""
 
-    def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
+    def __init__(self, node: LifecycleNode, parameters: NodeParameters) -> None:
         """Create the publishers, which are silent until the node is active."""
-        self._robot, self._frame = robot, parameters.inertial_frame
+        self._frame = parameters.inertial_frame
         self._rates, qos = parameters.rates, parameters.qos
         self._clock = node.get_clock()
         self.published: PublishedPlan | None = None  # the last plan that went out
@@ -164,9 +164,9 @@ class PlanOutput:
             self.tracking = None
         return runs
 
-    def show(self, plan: Plan, scene: Scene) -> None:
+    def show(self, robot: Robot, plan: Plan, scene: Scene) -> None:
         """Publish what is drawn of a plan."""
-        self._markers.publish(plan_markers(self._robot, plan, scene, self._frame))
+        self._markers.publish(plan_markers(robot, plan, scene, self._frame))
         self._preview = self._played(preview_joint_states(plan, self._rates.preview))
         self._timer.reset()
 

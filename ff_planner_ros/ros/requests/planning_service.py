@@ -297,6 +297,7 @@ class PlanningService:
             plan,
             asked.start_ns,
             asked.task.end_behaviour,
+            asked.task.problem.robot,
             scene_of(lasting(asked.task.problem, plan.duration)),
             parameters,
             asked.provenance.previous_plan_id,

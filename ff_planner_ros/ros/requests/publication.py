@@ -123,7 +123,7 @@ class Publication:
                 made.previous_plan_id,
             )
         executor: Any = self._node.executor
-        executor.create_task(partial(self._output.show, made.plan, made.scene))
+        executor.create_task(partial(self._output.show, made.robot, made.plan, made.scene))
 
     def _serve(
         self, request: PublishPlan.Request, response: PublishPlan.Response

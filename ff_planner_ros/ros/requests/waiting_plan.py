@@ -16,6 +16,7 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
@@ -32,6 +33,7 @@ class MadePlan:
     plan: Plan
     start_ns: int  # time of its first point [ns]
     end_behaviour: str
+    robot: Robot  # that it is for, with what it holds
     scene: Scene  # that it was made among, at its first point
     parameters: NodeParameters  # that it was checked by
     previous_plan_id: str = ""  # that the joints follow until it begins; empty: none
@@ -72,7 +74,7 @@ def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Kn
     # A state may be stamped ahead of now by state_future_tolerance, and so be later than the start
     # of a plan that begins at once.
     ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
-    there = carried_forward(knowledge.robot, measured.state, ahead, running)
+    there = carried_forward(made.robot, measured.state, ahead, running)
     allowed = knowledge.parameters.publication
     off = [
         f"{what} by {found:.3g} {unit}, more than publication.{name}, {limit:g} {unit}"

@@ -1,0 +1,49 @@
+"""The payload of a message, as it is or decoded from a bag, and the robot that holds it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.errors import fields_named
+from ff_planner_ros.messages.obstacles import BODIES, require_zero, solid_in
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.urdf.payload import FIELD, HeldShape, Payload, with_payload
+
+PAYLOAD = "payload"  # field of a request
+# Fields of the message, by those of a scenario.
+_NAMES = names_in(Payload, FIELD, PAYLOAD) | {f"{FIELD}.shapes": f"{PAYLOAD}.{BODIES}"}
+
+
+def robot_holding(robot: Robot, request: Any) -> Robot:
+    """Return the robot that a request is for: with the payload that it brings.
+
+    Raises:
+        InvalidInput: The payload cannot be used; the error names its field.
+    """
+    with fields_named(_NAMES):
+        payload = payload_in(request)
+        return robot if payload is None else with_payload(robot, payload)
+
+
+def payload_in(request: Any) -> Payload | None:
+    """Return the payload that a request brings; None: it brings none, or is of an older version.
+
+    Raises:
+        InvalidInput: It cannot be used; the error names its field.
+    """
+    found = value_at(request, PAYLOAD, ())
+    if not len(found):
+        return None
+    with fields_named(_NAMES):
+        bodies = enumerate(found[0].bodies)
+        shapes = tuple(_shape(f"{PAYLOAD}.{BODIES}[{index}]", one) for index, one in bodies)
+        return Payload(**values_in(Payload, found[0], FIELD), shapes=shapes)
+
+
+def _shape(place: str, message: Any) -> HeldShape:
+    for moving in ("twist.linear", "twist.angular"):
+        require_zero(message, moving, "what a link holds moves with it", place)
+    solid = solid_in(message, place)
+    with fields_named(names_in(HeldShape, f"{FIELD}.shapes[{message.id}]", place)):
+        return HeldShape(shape=solid, **values_in(HeldShape, message))

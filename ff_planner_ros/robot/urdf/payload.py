@@ -1,0 +1,226 @@
+"""A body that a link holds, as one link more of the robot: the same equations hold for both."""
+
+from __future__ import annotations
+
+import base64
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, no_turn, zero_vector
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, TEXT, a_number, a_vector, each
+from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.solids import (
+    MESH,
+    SHAPE,
+    SHAPE_SENTENCE,
+    SIZES,
+    MeshFile,
+    Solid,
+)
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.urdf.meshes import EMBEDDED
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# Of the link, and in errors of its field.
+PAYLOAD = "payload"
+FIELD = "robot.payload"
+# URDFs have none, and a cone is no hull of a few corners.
+_NOT_IN_URDF = "cone"
+
+
+@dataclass(frozen=True, eq=False)
+class HeldShape:
+    """A solid of a payload.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    id: str = declare(NAME, "name in refusals, unique among the payload's", message="id")
+    shape: Solid | MeshFile = declare(SHAPE, SHAPE_SENTENCE, unit="m")
+    position: Array = declare(
+        a_vector(),
+        "of the shape's frame",
+        unit="m",
+        frame="in the link's frame",
+        message="pose.position",
+    )
+    quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "axes of the shape to those of the link",
+        default_factory=no_turn,
+        message="pose.orientation",
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, f"{FIELD}.shapes[{self.id}]")
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A body that a link holds from the start on.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, a mass that is not positive, an inertia that no body
+            has, or two shapes with one id.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    link: str = declare(TEXT, "of the arm, that it is fixed to", message="link")
+    mass: float = declare(a_number(above=0.0), "of the body", unit="kg", message="inertia.m")
+    inertia: Array = declare(  # shape (3, 3)
+        INERTIA,
+        "elements of the inertia tensor about the centre of mass, as in a URDF",
+        unit="kg m2",
+        frame="axes of the link",
+        message="inertia",
+    )
+    center_of_mass: Array = declare(
+        a_vector(),
+        "of the body",
+        key="com",
+        unit="m",
+        frame="in the link's frame",
+        default_factory=zero_vector,
+        message="inertia.com",
+    )
+    shapes: tuple[HeldShape, ...] = declare(
+        each(part(HeldShape)),
+        "that it fills: kept clear of all but what it is fixed to",
+        default=(),
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, FIELD)
+        names = [shape.id for shape in self.shapes]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            told, allowed = f"{FIELD}.shapes", "ids must be unique"
+            raise InvalidInput(Status.OUT_OF_RANGE, told, quoted(twice), allowed)
+
+    def loaded(self, directory: Path | None) -> Payload:
+        """Return it with meshes in place of their files, relative to a directory.
+
+        Raises:
+            InvalidInput: A mesh cannot be read, or has no hull.
+        """
+        return replace(self, shapes=tuple(_loaded(shape, directory) for shape in self.shapes))
+
+
+def with_payload(robot: Robot, payload: Payload) -> Robot:
+    """Return a robot that holds a body: what moves the link moves the body, too.
+
+    Raises:
+        InvalidInput: The link is none that the arm moves, no body has such an inertia, or shapes
+            are given for a robot of lines.
+    """
+    _require_moved_link(robot, payload.link)
+    if payload.shapes and robot.geometry is Geometry.LINES:
+        allowed = "with robot.geometry lines nothing but the arm's lines is kept clear"
+        raise InvalidInput(Status.UNSUPPORTED, f"{FIELD}.shapes", "given", allowed)
+    urdf = _urdf_with(robot.drawn_urdf, payload)
+    try:
+        held = robot_from_urdf_text(
+            urdf,
+            robot.base_link,
+            robot.tip_link,
+            robot.base,
+            geometry=robot.geometry,
+            wheels=robot.wheels,
+        )
+    except InvalidInput as error:
+        fault = error.faults[0]
+        told = fault.field.rpartition(f"'{PAYLOAD}' ")[2]
+        raise InvalidInput(
+            Status.OUT_OF_RANGE, f"{FIELD}.{told}", fault.value, fault.allowed
+        ) from None
+    note = f"link {payload.link} holds a payload of {payload.mass:g} kg"
+    return replace(held, notes=(*robot.notes, note), payload=payload)
+
+
+def _require_moved_link(robot: Robot, link: str) -> None:
+    """Refuse a link that there is not, or that no joint of the arm moves."""
+    frames = [one for one in robot.model.frames if one.type is pin.FrameType.BODY]
+    moved = [one.name for one in frames if one.parentJoint > 1]
+    if PAYLOAD in moved:
+        told, allowed = f"{FIELD}.link", "the robot holds a payload already"
+        raise InvalidInput(Status.UNSUPPORTED, told, quoted(link), allowed)
+    if link not in moved:
+        allowed = f"it must be a link that the arm moves: {', '.join(moved)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, f"{FIELD}.link", quoted(link), allowed)
+
+
+def _loaded(shape: HeldShape, directory: Path | None) -> HeldShape:
+    if isinstance(shape.shape, Solid):
+        return shape
+    told = f"{FIELD}.shapes[{shape.id}].shape.{MESH}"
+    return replace(shape, shape=shape.shape.load(told, directory))
+
+
+def _urdf_with(urdf: str, payload: Payload) -> str:
+    """Return a URDF with the payload as a link that is fixed to another."""
+    robot = ElementTree.fromstring(urdf)
+    link = SubElement(robot, "link", name=PAYLOAD)
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "origin", xyz=_words(payload.center_of_mass))
+    SubElement(inertial, "mass", value=repr(payload.mass))
+    rows, columns = np.triu_indices(3)
+    elements = {
+        f"i{'xyz'[row]}{'xyz'[column]}": repr(float(payload.inertia[row, column]))
+        for row, column in zip(rows, columns, strict=True)
+    }
+    SubElement(inertial, "inertia", elements)
+    for shape in payload.shapes:
+        link.append(_collision(shape))
+    joint = SubElement(robot, "joint", name=f"{PAYLOAD}_on_{payload.link}", type="fixed")
+    SubElement(joint, "parent", link=payload.link)
+    SubElement(joint, "child", link=PAYLOAD)
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _collision(shape: HeldShape) -> Element:
+    """Return a solid as a URDF has it.
+
+    Raises:
+        InvalidInput: No URDF has it.
+    """
+    solid = shape.shape
+    if isinstance(solid, MeshFile) or solid.kind == _NOT_IN_URDF:
+        told, allowed = f"{FIELD}.shapes[{shape.id}].shape", "give the mesh of it"
+        kind = solid.kind if isinstance(solid, Solid) else solid.file
+        raise InvalidInput(Status.UNSUPPORTED, told, kind, allowed)
+    collision = Element("collision")
+    turn = pin.Quaternion(shape.quaternion_xyzw).toRotationMatrix()
+    angles = _words(pin.rpy.matrixToRpy(turn))
+    SubElement(collision, "origin", xyz=_words(shape.position), rpy=angles)
+    geometry = SubElement(collision, "geometry")
+    if solid.kind == MESH:
+        points = base64.b64encode(solid.corners.astype("<f4").tobytes()).decode()
+        SubElement(geometry, MESH, filename=EMBEDDED + points)
+        return collision
+    sizes, told_sizes = solid.sizes, dict[str, str]()
+    for word, count in SIZES[solid.kind].items():
+        told_sizes[word], sizes = _words(sizes[:count]), sizes[count:]
+    SubElement(geometry, solid.kind, told_sizes)
+    return collision
+
+
+def _words(numbers: Sequence[float] | Array) -> str:
+    return " ".join(repr(float(number)) for number in numbers)

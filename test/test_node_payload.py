@@ -1,0 +1,56 @@
+"""A node plans for a request's payload; the bag knows, for replay, `verify` and report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from ros_processes import Scene, connected_client, private_domain, read_bag, running_planner
+from test_payload import PAYLOAD, scenario
+
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.bag.robot_plans import robot_plans
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.report.from_bag import report_of_bag
+from ff_planner_ros.ros.messages.to_messages import payload_message
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
+
+pytestmark = pytest.mark.ci
+
+PARAMETERS = ("-p", "planning_lead_time:=5.0", "-p", "robot.geometry:=shapes")
+
+
+def test_each_request_has_its_payload_or_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = Scene(load_scenario(scenario(tmp_path)))
+    with (
+        private_domain(),
+        running_planner(tmp_path, *PARAMETERS) as planner,
+        connected_client() as client,
+    ):
+        client.wait_for_planner()
+        client.wait_for_an_answer()
+        bare, heavy = scene.complete_request(), scene.complete_request()
+        heavy.payload = [payload_message(PAYLOAD)]
+        answers = [client.plan(request) for request in (bare, heavy)]
+        assert [answer.status.code for answer in answers] == [Status.SOLVED] * 2, answers[1].status
+        assert planner.stop() == 0
+    bag = planner.bag
+    with open_bag(bag) as opened:
+        for recorded in recorded_run(opened).requests:
+            assert replay(recorded).verdict is Verdict.IDENTICAL
+    robots = [robot_plans(bag).robots[answer.plan_id] for answer in answers]
+    assert [robot.payload is None for robot in robots] == [True, False]
+    assert main(["verify", str(bag)]) == 0
+    assert capsys.readouterr().out.count("verdict: passed") == 2
+    assert [one.plan is not None for one in report_of_bag(bag, 2).requests][-2:] == [True, True]
+    # Screens show the payload, too: more triangles than those of the robot.
+    surfaces = [
+        max(len(marker.points) for marker in array.markers if marker.ns == "bodies")
+        for array in read_bag(bag)["/markers"]
+    ]
+    assert surfaces[1] > surfaces[0]

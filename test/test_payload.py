@@ -1,0 +1,298 @@
+"""A payload: the robot that holds it weighs, fills and keeps clear what both do together."""
+
+from __future__ import annotations
+
+import math
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from ff_planner_msgs.msg import PlanRequest
+from robots import CONFIG, random_state
+
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.robot.collision.solids import Solid
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.urdf.payload import HeldShape, Payload, with_payload
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.messages.to_messages import (
+    payload_message,
+    request_message,
+    scene_message,
+)
+from ff_planner_ros.ros.requests.reading import Knowledge, read_request
+from ff_planner_ros.ros.requests.waiting_plan import MadePlan, require_same_start
+from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.simulation.verification import verify
+
+SCENARIO = CONFIG / "scenarios" / "lemur_capture_bodies.yaml"
+SETTINGS = load_parameters().planner
+NOW = 1_000 * NANOSECONDS
+INERTIA = np.array([[3.0, 0.2, -0.1], [0.2, 2.5, 0.3], [-0.1, 0.3, 2.0]])
+BUS = HeldShape("bus", Solid("box", np.array([0.15, 0.1, 0.2])), np.array([0.0, 0.0, 0.35]))
+PAYLOAD = Payload("end_effector", 30.0, INERTIA, np.array([0.02, -0.03, 0.24]), (BUS,))
+FILE = {
+    "link": "end_effector",
+    "mass": 30.0,
+    "com": [0.02, -0.03, 0.24],
+    "inertia": {"ixx": 3.0, "ixy": 0.2, "ixz": -0.1, "iyy": 2.5, "iyz": 0.3, "izz": 2.0},
+    "shapes": [
+        {"id": "bus", "shape": {"box": {"size": [0.15, 0.1, 0.2]}}, "position": [0.0, 0.0, 0.35]}
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def bare() -> Robot:
+    return load_scenario(SCENARIO).robot
+
+
+@pytest.fixture(scope="module")
+def held(bare: Robot) -> Robot:
+    return with_payload(bare, PAYLOAD)
+
+
+@pytest.fixture(scope="module")
+def problem(held: Robot) -> PlanningProblem:
+    return replace(load_scenario(SCENARIO), robot=held, obstacles=())
+
+
+@pytest.fixture(scope="module")
+def plan(problem: PlanningProblem) -> Plan:
+    return perform(PlanningTask(problem, SETTINGS))
+
+
+def scenario(directory: Path, **changes: Any) -> Path:
+    document = yaml.safe_load(SCENARIO.read_text(encoding="utf-8"))
+    document["robot"]["urdf"] = str(CONFIG / "robots/lemur/lemur.urdf")
+    document["robot"]["payload"] = FILE | changes
+    document["obstacles"] = []
+    path = directory / "scenario.yaml"
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return path
+
+
+def momentum_of_payload(robot: Robot, q: Array, v: Array) -> Array:
+    """Linear and angular about the origin, of the rigid body alone, by the textbook. Shape (6,)."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q, v)
+    frame = robot.model.getFrameId(PAYLOAD.link, pin.FrameType.BODY)
+    pin.updateFramePlacement(robot.model, data, frame)
+    twist = pin.getFrameVelocity(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+    place = data.oMf[frame]
+    arm = place.rotation @ PAYLOAD.center_of_mass
+    center, velocity = place.translation + arm, twist.linear + np.cross(twist.angular, arm)
+    spin = place.rotation @ PAYLOAD.inertia @ place.rotation.T @ twist.angular
+    linear = PAYLOAD.mass * velocity
+    return np.concatenate([linear, np.cross(center, linear) + spin])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_momentum_is_that_of_the_robot_and_of_the_body(
+    bare: Robot, held: Robot, seed: int
+) -> None:
+    state = random_state(bare, np.random.default_rng(seed))
+    q, v = configuration(bare, state)
+    alone = total_momentum(bare, bare.model.createData(), q, v)
+    both = total_momentum(held, held.model.createData(), *configuration(held, state))
+    wanted = alone + momentum_of_payload(bare, q, v)
+    np.testing.assert_allclose(both, wanted, rtol=1e-10, atol=1e-10)
+
+
+def test_the_chaser_and_the_end_effector_are_where_they_were(bare: Robot, held: Robot) -> None:
+    assert held.joint_names == bare.joint_names
+    np.testing.assert_array_equal(held.position_chaser_in_base, bare.position_chaser_in_base)
+    tips = [robot.model.frames[robot.tip_frame_id].placement.homogeneous for robot in (bare, held)]
+    np.testing.assert_array_equal(*tips)
+
+
+def test_its_shapes_are_kept_clear_of_all_that_moves_against_it(bare: Robot, held: Robot) -> None:
+    (index,) = (k for k, body in enumerate(held.bodies) if body.link == "payload")
+    others = {held.bodies[a + b - index].link for a, b in held.pairs if index in (a, b)}
+    fixed = {body.link for body in held.bodies if body.joint == held.bodies[index].joint}
+    assert others == {body.link for body in bare.bodies} - fixed
+    assert len(held.pairs) - len(bare.pairs) == len(
+        [body for body in bare.bodies if body.link not in fixed]
+    )
+
+
+def test_a_plan_with_it_passes_the_check_and_comes_true_in_mujoco(
+    problem: PlanningProblem, plan: Plan
+) -> None:
+    assert not list(failures(problem, plan, SETTINGS))
+    found = verify(problem.robot, plan.trajectory, scene_of(problem))
+    assert found.passed
+    without = verify(load_scenario(SCENARIO).robot, plan.trajectory, scene_of(problem))
+    assert not without.passed  # the chaser of a robot that holds nothing goes elsewhere
+
+
+def test_a_scenario_says_it_and_a_written_one_has_it(
+    problem: PlanningProblem, tmp_path: Path
+) -> None:
+    task = PlanningTask(problem, SETTINGS)
+    assert load_scenario(scenario(tmp_path)).robot.urdf == problem.robot.urdf
+    write_scenario(task, tmp_path / "written.yaml")
+    again = load_task(tmp_path / "written.yaml", Defaults(SETTINGS))
+    assert again.digest == task.digest
+    assert again.problem.robot.pairs == problem.robot.pairs
+
+
+def test_a_request_brings_it_to_the_node_s_robot_and_its_bag_replays(
+    bare: Robot, problem: PlanningProblem, plan: Plan, tmp_path: Path
+) -> None:
+    request = request_message(problem, "inertial")
+    request.payload = [payload_message(PAYLOAD)]
+    task = asked(bare, problem, request)
+    assert task.problem.robot.urdf == problem.robot.urdf
+    assert task.problem.robot.pairs == problem.robot.pairs
+    assert task.problem.robot.payload is not None
+    record_answer(tmp_path / "bag", PlanningTask(problem, SETTINGS), plan, 0.5)
+    with open_bag(tmp_path / "bag") as bag:
+        (recorded,) = recorded_run(bag).requests
+    assert replay(recorded).verdict is Verdict.IDENTICAL
+
+
+def test_a_fault_of_a_request_is_named_as_in_the_message(
+    bare: Robot, problem: PlanningProblem
+) -> None:
+    for change, field in (
+        ({"link": "hand"}, "payload.link"),
+        ({"bodies": 2}, "payload.bodies"),
+        ({"mass": 0.0}, "payload.inertia.m"),
+        ({"com": math.inf}, "payload.inertia.com"),
+        ({"ixx": -1.0}, "payload.inertia"),
+        ({"turning": 1.0}, "payload.bodies[0].twist.angular"),
+    ):
+        request = request_message(problem, "inertial")
+        message = payload_message(PAYLOAD)
+        request.payload = [message]
+        match next(iter(change.items())):
+            case "link", str(link):
+                message.link = link
+            case "bodies", int(times):
+                message.bodies = times * list(message.bodies)
+            case "mass", float(mass):
+                message.inertia.m = mass
+            case "com", float(x):
+                message.inertia.com.x = x
+            case "ixx", float(ixx):
+                message.inertia.ixx = ixx
+            case _, float(rate):
+                message.bodies[0].twist.angular.z = rate
+        with pytest.raises(InvalidInput) as refused:
+            asked(bare, problem, request)
+        assert refused.value.field == field, refused.value
+
+
+def asked(robot: Robot, problem: PlanningProblem, request: PlanRequest) -> PlanningTask:
+    """Return the task that a node with this robot makes of a request."""
+    parameters = replace(load_parameters(), inertial_frame="inertial", planning_lead_time=0.0)
+    states = Mock()
+    states.snapshot.return_value = Snapshot(problem.start, NOW, "chaser_state")
+    request.scene = [scene_message((), 0, "inertial")]
+    knowledge = Knowledge(robot, parameters, states, SceneInput("inertial"), None, NOW)
+    return read_request(request, knowledge).task
+
+
+def test_a_plan_that_waits_is_compared_with_where_the_robot_goes_with_its_payload(
+    bare: Robot, held: Robot, problem: PlanningProblem, plan: Plan
+) -> None:
+    moving = replace(problem.start, joint_velocities=np.full(held.joints, 0.1))
+    there = carried_forward(held, moving, 5.0, None)
+    at_start = {
+        "chaser_positions": there.position_chaser_in_inertial,
+        "chaser_quaternions_xyzw": there.quaternion_chaser_to_inertial_xyzw,
+        "chaser_linear_velocities": there.linear_velocity_chaser_in_inertial,
+        "chaser_angular_velocities": there.angular_velocity_chaser_in_inertial,
+        "joint_positions": there.joint_positions,
+        "joint_velocities": there.joint_velocities,
+    }
+    motion = replace(plan.trajectory, **{name: row[None] for name, row in at_start.items()})
+    start_ns, parameters = NOW + 5 * NANOSECONDS, load_parameters()
+    states = Mock()
+    states.snapshot.return_value = Snapshot(moving, NOW, "chaser_state")
+    node = Knowledge(bare, parameters, states, SceneInput("inertial"), None, NOW)
+    for robot, refused in ((held, nullcontext()), (bare, pytest.raises(NoPlanFound))):
+        made = MadePlan(
+            *("run.1", replace(plan, trajectory=motion), start_ns, "none"),
+            *(robot, scene_of(problem), parameters),
+        )
+        with refused:
+            require_same_start(made, (), node)
+
+
+FAULTS: dict[str, tuple[dict[str, Any], Status, str, str]] = {
+    "no such link": ({"link": "hand"}, Status.OUT_OF_RANGE, "robot.payload.link", "end_effector"),
+    "the chaser": ({"link": "chaser"}, Status.OUT_OF_RANGE, "robot.payload.link", "the arm moves"),
+    "no mass": ({"mass": 0.0}, Status.OUT_OF_RANGE, "robot.payload.mass", "greater than 0"),
+    "no number": ({"mass": math.nan}, Status.NOT_FINITE, "robot.payload.mass", "finite"),
+    "no inertia": (
+        {"inertia": FILE["inertia"] | {"izz": 9.0}},
+        Status.OUT_OF_RANGE,
+        "robot.payload.inertia",
+        "",
+    ),
+    "twice": (
+        {"shapes": 2 * FILE["shapes"]},
+        Status.OUT_OF_RANGE,
+        "robot.payload.shapes[1].id",
+        "",
+    ),
+    "a cone": (
+        {
+            "shapes": [
+                {
+                    "id": "a",
+                    "shape": {"cone": {"radius": 1.0, "length": 1.0}},
+                    "position": [0.0, 0.0, 0.0],
+                }
+            ]
+        },
+        Status.UNSUPPORTED,
+        "robot.payload.shapes[a].shape",
+        "mesh",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_what_no_link_can_hold_is_refused_by_name(case: str, tmp_path: Path) -> None:
+    changes, status, field, allowed = FAULTS[case]
+    with pytest.raises(InvalidInput) as refused:
+        load_scenario(scenario(tmp_path, **changes))
+    found = refused.value.faults[0]
+    assert (found.status, found.field) == (status, field)
+    assert allowed in found.allowed
+
+
+def test_a_robot_of_lines_holds_what_has_no_shapes(lemur: Robot) -> None:
+    with pytest.raises(InvalidInput, match=r"robot\.payload\.shapes is given: with robot.geometry"):
+        with_payload(lemur, PAYLOAD)
+    heavier = with_payload(lemur, replace(PAYLOAD, shapes=()))
+    whole = sum(one.mass for one in heavier.model.inertias)
+    assert whole == pytest.approx(sum(one.mass for one in lemur.model.inertias) + PAYLOAD.mass)
+    with pytest.raises(InvalidInput, match="holds a payload already"):
+        with_payload(heavier, replace(PAYLOAD, shapes=()))
