@@ -129,7 +129,7 @@ def joint_goals_measurement(count: int, settings: PlannerSettings) -> Measuremen
         longer = [each.longer for each in group if each.longer is not None]
         rows.append((kind, *_summary(group), median(longer, 2)))
     header = ("kind", "problems", *_HEADER[3:], "duration / witness's")
-    table = Table("Chasers held by wheels, and goals of the joints", header, rows)
+    table = Table("Chasers held by wheels, rails, and goals of the joints", header, rows)
     return Measurement(tried, [table], misses(tried, "{0.kind} {0.robot} {0.number}"))
 
 

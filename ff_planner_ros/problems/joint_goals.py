@@ -1,7 +1,8 @@
-"""Problems of chasers that wheels hold, and of goals of the joints; each has a plan: its witness.
+"""Problems of held chasers, of rails, and of goals of the joints; each has a plan: its witness.
 
 - "held": a chaser that wheels hold shall bring its end effector somewhere, among spheres. In every
   other problem the witness comes within a twentieth of the wheels' limits, else they are far.
+- "rail": an arm that slides along its chaser shall bring its end effector somewhere, among spheres.
 - "stow": a posture shall be reached in a given time, among spheres.
 - "stop": the joints shall rest as soon as possible, and their accelerations are limited to little
   more than those of the witness.
@@ -34,8 +35,9 @@ from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.wheels import Wheels
 
-KINDS = ("held", "stow", "stop")
+KINDS = ("held", "rail", "stow", "stop")
 ROBOTS = ("lemur", "arm6", "arm7", "arm10")  # in turn
+ON_RAILS = ("rail6", "rail7")  # likewise
 # Limits of the wheels over the witness's peaks, in turn.
 NEAR, FAR = 1.05, 3.0
 # What wheels hold at the start, over the witness's peaks.
@@ -50,7 +52,7 @@ _SPHERES, _STEPS = 3, 200
 class JointGoal:
     """A problem, and the motion that keeps what it asks."""
 
-    robot: str  # of `ROBOTS`
+    robot: str  # of `ROBOTS`, or of `ON_RAILS`
     problem: PlanningProblem
     witness: JointMotion
 
@@ -65,7 +67,8 @@ def problems(kind: str, count: int) -> Iterator[JointGoal]:
 def problem(kind: str, number: int) -> JointGoal:
     """Return one problem of a kind, always the same."""
     rng = np.random.default_rng([*kind.encode(), number])
-    name = ROBOTS[number % len(ROBOTS)]
+    robots = ON_RAILS if kind == "rail" else ROBOTS
+    name = robots[number % len(robots)]
     robot = bench_robot(name)
     if kind == "held":
         robot = replace(robot, base=Base.ATTITUDE_HELD, wheels=Wheels())
@@ -80,6 +83,8 @@ def problem(kind: str, number: int) -> JointGoal:
         if kind == "held":
             factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
             return JointGoal(name, _with_wheels(asked, witness, factor, rng), witness)
+        if kind == "rail":
+            return JointGoal(name, asked, witness)
         if kind == "stow":
             return JointGoal(name, replace(asked, posture=Posture(witness.positions[-1])), witness)
         stopping = _stopping(asked, rng)

@@ -6,7 +6,7 @@ them, with exact derivatives; the check measures both by Pinocchio's centroidal 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -61,6 +61,10 @@ class WheelLimits(Requirement):
         """Refuse wheels that hold more than they may, or joints that accelerate against them."""
         wheels = problem.robot.wheels
         if wheels is None:
+            if problem.objective.wheel_momentum:
+                allowed = f"with robot.base {problem.robot.base} it must be 0: there are no wheels"
+                given = problem.objective.wheel_momentum
+                raise InvalidInput(Status.UNSUPPORTED, "objective.wheel_momentum", given, allowed)
             return
         stored, limits = momenta_of(wheels, problem.start), wheels.momentum_limits
         for k in np.flatnonzero(np.abs(stored) > (1.0 + ALLOWED_EXCESS) * limits):
@@ -96,7 +100,7 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return None
         of_momenta = _kept(
-            *_momenta_with_derivatives(problem, wheels, motion, sensitivity),
+            *momenta_with_derivatives(problem, wheels, motion, sensitivity),
             wheels.momentum_limits,
             margin,
         )
@@ -117,6 +121,20 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return np.inf
         return min(float(one.left.min()) for one in _judged(problem, wheels, motion))
+
+    def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
+        """Return the largest momentum and torque of each wheel; without wheels nothing."""
+        problem, wheels = samples.problem, samples.problem.robot.wheels
+        if wheels is None:
+            return {}
+        found = peaks_along(problem.robot, wheels, problem.start, samples.followed)
+        return {
+            name: tuple(np.abs(peaks.values).tolist())
+            for name, peaks in (
+                ("peak_wheel_momenta", found.momenta),
+                ("peak_wheel_torques", found.torques),
+            )
+        }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the wheel that is furthest beyond its momentum, and the one beyond its torque."""
@@ -172,7 +190,7 @@ def peaks_along(
     return wheel_peaks(robot, wheels, start, motion)
 
 
-def _momenta_with_derivatives(
+def momenta_with_derivatives(
     problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
 ) -> tuple[Array, Array]:
     """Return what each wheel holds at the points, (points, wheels), and its derivatives by x.

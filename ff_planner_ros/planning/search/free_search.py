@@ -105,7 +105,9 @@ class FreeSearch:
 
     def _program(self) -> PathProgram:
         asked = self.problem.objective
-        least = self.settings.joint_path_tie_break * max(asked.chaser_attitude, asked.duration)
+        least = self.settings.joint_path_tie_break * max(
+            asked.chaser_attitude, asked.wheel_momentum, asked.duration
+        )
         path = replace(asked, joint_path_length=asked.joint_path_length or least)
         return path_program(replace(self.fixed, objective=path), self.family, self.settings)
 

@@ -268,7 +268,7 @@ def _for_family_of_more(
     if any(is_held(problem, settings, one.plan) for one in found):
         return found
     best = min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics))
-    return [best] if is_detour(best.plan) else []
+    return [best] if is_detour(best.plan, problem.robot.joint_weights) else []
 
 
 def _in_family_of_more(
