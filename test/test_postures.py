@@ -30,12 +30,15 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     PlanningProblem,
     Posture,
+    Sphere,
     lasting,
 )
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.search import free_moment
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import joint_goals
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.momentum import total_momenta
 from ff_planner_ros.simulation.verification import verify
@@ -235,3 +238,32 @@ def test_what_needs_a_place_of_the_goal_is_refused_with_a_goal_of_the_joints() -
     corridor = Approach(direction=np.array([1.0, 0.0, 0.0]), distance=0.1)
     with pytest.raises(InvalidInput, match=r"approach .*the goal has no place"):
         asking(Posture(FOLDED), approach=corridor)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_shortest_stop_needs_no_other_guesses_where_all_that_is_kept_is_linear(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With all of them the planner finds none that is sooner by what counts."""
+    problem = joint_goals.problem("stop", number).problem
+    found = perform(PlanningTask(problem, SETTINGS))
+    monkeypatch.setattr(free_moment, "_is_convex", lambda _: False)
+    thorough = perform(PlanningTask(problem, SETTINGS))
+    assert found.solver.starts < thorough.solver.starts / 2
+    assert found.duration is not None
+    assert thorough.duration is not None
+    assert found.duration <= thorough.duration * (1.0 + free_moment.SOONER)
+
+
+def test_stops_among_obstacles_and_bodies_are_looked_for_from_everywhere() -> None:
+    problem = joint_goals.problem("stop", 0).problem
+    assert free_moment._is_convex(problem)
+    sphere = Sphere("s", np.array([9.0, 0.0, 0.0]), 0.1)
+    for other in (
+        replace(problem, obstacles=(sphere,)),
+        replace(problem, limits=replace(problem.limits, chaser_attitude=0.1)),
+        replace(problem, limits=replace(problem.limits, chaser_rotation=0.1)),
+        replace(problem, posture=None),
+        replace(problem, robot=replace(problem.robot, pairs=((0, 1),))),
+    ):
+        assert not free_moment._is_convex(other)

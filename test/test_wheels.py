@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,11 +20,13 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.followed import followed
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.motion import to_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
+from ff_planner_ros.planning.motion.wheel_motion import wheel_peaks
 from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.scene import Scene
@@ -379,3 +382,55 @@ def test_what_is_not_known_of_wheels_is_refused_by_name() -> None:
     asked = task.problem.robot, plan.trajectory, Scene(), Uncertainty()
     with pytest.raises(InvalidInput, match=r"--execution .*attitude_held"):
         monte_carlo(*asked, 2)
+
+
+def test_a_weight_on_the_momentum_of_the_wheels_makes_it_less() -> None:
+    task, _ = planned()
+    free = replace(task.problem, robot=replace(task.problem.robot, wheels=Wheels()))
+    shortest, least = (
+        perform(PlanningTask(replace(free, objective=objective), SETTINGS))
+        for objective in (Objective(1.0, 0.0), Objective(1.0, 0.0, wheel_momentum=10.0))
+    )
+    peaks = [max(plan.metrics.peak_wheel_momenta) for plan in (shortest, least)]
+    assert peaks[1] < 0.8 * peaks[0]
+    lengths = [plan.metrics.joint_path_length for plan in (shortest, least)]
+    assert lengths[1] > lengths[0]
+    # Alone it is least of all: the joint path only breaks ties.
+    alone = Objective(0.0, 0.0, wheel_momentum=1.0)
+    found = perform(PlanningTask(replace(free, objective=alone), SETTINGS))
+    assert max(found.metrics.peak_wheel_momenta) < 1.01 * peaks[1]
+    assert verify(free.robot, found.trajectory).passed
+
+
+def test_without_wheels_there_is_no_weight_on_their_momentum() -> None:
+    problem = load_scenario(LEMUR_SCENARIO)
+    weighted = replace(problem, objective=Objective(1.0, 0.0, wheel_momentum=1.0))
+    with pytest.raises(InvalidInput, match=r"objective\.wheel_momentum .*free_flyer.*no wheels"):
+        perform(PlanningTask(weighted, SETTINGS))
+
+
+def test_between_the_points_nothing_rises_above_the_peaks_that_are_told(
+    times: Callable[[int, int], int],
+) -> None:
+    """The check looks at 98 moments or more; here at 8 times as many, of motions drawn at random.
+
+    What it misses is less than the share of a limit that the search stays away from it.
+    """
+    for seed in range(times(20, 100)):
+        problem = in_own_frame(held_problem("six joints", FOUR))
+        family, x = drawn(problem)
+        rng = np.random.default_rng(seed)
+        motion = family.motion(x + rng.normal(scale=0.3, size=len(x)), 50)
+        rates = family.sensitivity(motion).acceleration
+        time = np.linspace(0.0, 8.0, 50)
+        samples = to_trajectory(problem.robot, time, motion.q, motion.v, rates)
+        joints = joint_motion(samples)
+        begin = problem.robot, motion.q[0], motion.v[0], joints
+        coarse = followed(*begin)
+        fine = followed(*begin, 8 * coarse.pieces)
+        assert problem.robot.wheels is not None
+        asked = problem.robot, problem.robot.wheels, problem.start
+        told, truth = (wheel_peaks(*asked, one) for one in (coarse, fine))
+        for one, other in ((told.momenta, truth.momenta), (told.torques, truth.torques)):
+            highest = np.abs(other.values)
+            assert (highest - np.abs(one.values) <= 1e-3 * highest).all()

@@ -105,7 +105,7 @@ class WheelLimits(Requirement):
             margin,
         )
         of_torques = _kept(
-            *_torques_with_derivatives(problem, wheels, motion, sensitivity),
+            *_torques_with_derivatives(problem, wheels, motion, sensitivity, _OF_INTEREST + margin),
             wheels.torque_limits,
             margin,
         )
@@ -214,15 +214,30 @@ def momenta_with_derivatives(
 
 
 def _torques_with_derivatives(
-    problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
+    problem: PlanningProblem,
+    wheels: Wheels,
+    motion: Motion,
+    sensitivity: Sensitivity,
+    interest: float = np.inf,
 ) -> tuple[Array, Array]:
-    """Return what each wheel gives at the points, (points, wheels), and its derivatives by x."""
+    """Return what each wheel gives at the points, (points, wheels), and its derivatives by x.
+
+    Args:
+        interest: At points where all are further from their limits than by this part of them, the
+            derivatives are zero: they take most of the time.
+    """
     robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
     accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
-    of_rates = accelerations_by_x(motion, sensitivity, step)
-    at = motion.q, motion.v, accelerated
-    by_x = torques_on_base_by_x(robot, *at, sensitivity.q, sensitivity.v, of_rates)
-    return _torques(robot, wheels, *at), -_shares(robot, wheels) @ by_x
+    torques = _torques(robot, wheels, motion.q, motion.v, accelerated)
+    is_near = np.abs(torques) >= (1.0 - interest) * wheels.torque_limits
+    (near,) = np.nonzero(is_near.any(axis=1))
+    by_x = np.zeros((*torques.shape, sensitivity.variables))
+    if near.size:
+        of_rates = accelerations_by_x(motion, sensitivity, step)
+        rows = motion.q, motion.v, accelerated, sensitivity.q, sensitivity.v, of_rates
+        of_base = torques_on_base_by_x(robot, *(each[near] for each in rows))
+        by_x[near] = -_shares(robot, wheels) @ of_base
+    return torques, by_x
 
 
 def _torques(robot: Robot, wheels: Wheels, q: Array, v: Array, accelerations: Array) -> Array:

@@ -293,6 +293,8 @@ def _earlier(
         return
     fixed = lasting(bounded, bounded.duration)
     starts = math.ceil(_GLANCED_AT * settings.starts)
+    if _is_convex(problem) and not known.demanded:
+        starts = 0  # what is nearest to the known one tells of all
     for ways in reversed(path_families(fixed, settings)):
         for way in ways:
             guesses = islice(FreeSearch(bounded, fixed, way, settings).guesses(), starts)
@@ -314,6 +316,17 @@ def _earlier(
                     yield from _earlier(problem, moment, settings, watch, effort)
                     return
                 bounded, guess = earlier, moment.x
+
+
+def _is_convex(problem: PlanningProblem) -> bool:
+    """Tell whether all that is kept at a given duration is linear in the path's control points.
+
+    Then no path arrives sooner if none near a known one does. Only the joints' own limits are
+    linear; torques and those of wheels are not: see `Moment.demanded`.
+    """
+    limits, others = problem.limits, (problem.obstacles, problem.robot.pairs, problem.requirements)
+    turns = min(limits.chaser_attitude, limits.chaser_rotation)
+    return problem.posture is not None and not any(others) and math.isinf(turns)
 
 
 def _before(problem: PlanningProblem, known: Moment) -> PlanningProblem | None:

@@ -46,6 +46,8 @@ class Moment:
     x: Array  # decision variables of the path
     objective: float  # with the weight of the duration
     violation: float  # of the worst requirement
+    # Whether a path on the way has violated what is only looked at then, torques say
+    demanded: bool = False
 
     @property
     def is_certain(self) -> bool:
@@ -191,6 +193,7 @@ class FreeSearch:
             along[:-1],
             solution.at_x.objective,
             solution.at_x.violation,
+            program.on_demand != self._program().on_demand,
         )
 
     def _along(self, guess: Array) -> Array:
