@@ -15,9 +15,10 @@ from robots import CONFIG, LEMUR_SCENARIO
 
 from ff_planner_ros.analysis.drawing.figures import plot_plan
 from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.check.preconditions import require_time
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
@@ -267,3 +268,48 @@ def test_stops_among_obstacles_and_bodies_are_looked_for_from_everywhere() -> No
         replace(problem, robot=replace(problem.robot, pairs=((0, 1),))),
     ):
         assert not free_moment._is_convex(other)
+
+
+def test_no_time_is_refused_in_which_a_joint_alone_can_be_as_asked() -> None:
+    """By the fastest way there is: full acceleration, then full deceleration, in closed form."""
+    problem = joint_goals.problem("stow", 0).problem
+    robot, limit = problem.robot, 0.2
+    rng = np.random.default_rng(5)
+    limits = Limits(joint_accelerations=(limit,) * robot.joints)
+    for _ in range(20):
+        v0, v1, speeds_up, slows_down = rng.uniform([-0.1, -0.1, 0.1, 0.1], [0.1, 0.1, 2.0, 2.0])
+        sign = rng.choice([-1.0, 1.0])
+        top = v0 + sign * limit * speeds_up
+        slows_down = max((top - v1) * sign / limit, 0.0)
+        if slows_down == 0.0 or sign * top < 0.05:  # it goes back on the way
+            continue
+        way = (v0 + top) / 2.0 * speeds_up + (top + v1) / 2.0 * slows_down
+        begin = problem.start.joint_positions
+        first = np.eye(robot.joints)[0]
+        start = replace(problem.start, joint_velocities=v0 * first)
+        wide = replace(
+            robot,
+            lower_position_limits=np.full(robot.joints, -99.0),
+            upper_position_limits=np.full(robot.joints, 99.0),
+        )
+        asked = replace(
+            problem,
+            robot=wide,
+            start=start,
+            posture=Posture(begin + way * first, v1 * first),
+            limits=limits,
+            obstacles=(),
+        )
+        enough = lasting(asked, speeds_up + slows_down)
+        require_time(enough)
+        with pytest.raises(
+            NoPlanFound, match="s is too short: joint joint_1 cannot be in the post"
+        ):
+            require_time(lasting(asked, 0.99 * enough.duration))
+    stopping = replace(problem, posture=Posture(at_rest=True), limits=limits, obstacles=())
+    rates = np.append(0.1, np.zeros(robot.joints - 1))
+    stopping = replace(stopping, start=replace(problem.start, joint_velocities=rates))
+    require_time(lasting(stopping, 0.5))
+    with pytest.raises(NoPlanFound, match="joint joint_1 cannot be at rest that is asked") as error:
+        require_time(lasting(stopping, 0.49))
+    assert error.value.status is Status.LIMIT_VIOLATED

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from robots import random_state, random_urdf
+from shaped_problems import bodies
 from test_core import WEIGHT, chain_robot
 
 from ff_planner_ros.analysis.drawing.panels import joint_angles, joint_rates, joint_torques
@@ -24,6 +25,7 @@ from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures, measure
+from ff_planner_ros.planning.check.preconditions import _reach
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
@@ -432,7 +434,7 @@ def test_a_rail_that_is_too_slow_leaves_no_plan() -> None:
     with pytest.raises(NoPlanFound) as error:
         perform(PlanningTask(asked, replace(SETTINGS, starts=2)))
     assert error.value.status is Status.LIMIT_VIOLATED
-    assert "joint rail slides at" in str(error.value)
+    assert "s is too short: joint rail cannot be in the posture that is asked" in str(error.value)
 
 
 def test_a_robot_without_slides_has_weights_of_one() -> None:
@@ -440,3 +442,36 @@ def test_a_robot_without_slides_has_weights_of_one() -> None:
     assert not robot.has_slides
     np.testing.assert_array_equal(robot.joint_weights, np.ones(6))
     assert WEIGHT != 1.0
+
+
+@pytest.mark.parametrize("name", ["rail6", "rail7"])
+def test_no_goal_is_out_of_reach_that_an_arm_on_a_rail_reaches(name: str) -> None:
+    robot, rng = bench_robot(name), np.random.default_rng(0)
+    lower, upper, data = (
+        robot.lower_position_limits,
+        robot.upper_position_limits,
+        robot.model.createData(),
+    )
+    furthest = 0.0
+    for _ in range(300):
+        joints = rng.uniform(-0.3, 0.3, robot.joints)
+        joints[0] = rng.choice([lower[0], upper[0]])
+        joints[1:3] = rng.uniform(-3.0, 3.0, 2)
+        q = np.concatenate([np.zeros(6), [1.0], joints])
+        center = pin.centerOfMass(robot.model, data, q)
+        pin.forwardKinematics(robot.model, data, q)
+        tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
+        furthest = max(furthest, float(np.linalg.norm(tip - center)))
+    assert 0.8 * _reach(robot) < furthest <= _reach(robot)
+    without = replace(robot, joint_slides=np.zeros((robot.joints, 3)))
+    assert _reach(without) < _reach(robot) - 0.3
+
+
+def test_lines_that_grow_where_a_joint_slides_out_keep_clear_of_spheres_alone() -> None:
+    text = random_urdf(7, 5, (4,))
+    robot = robot_from_urdf_text(text, "bus", "tool")
+    start = random_state(robot, np.random.default_rng(1))
+    crate = next(bodies(np.random.default_rng(0)))
+    problem = replace(on_rail(), robot=robot, start=start, obstacles=(crate,))
+    with pytest.raises(InvalidInput, match=rf"obstacles\[{crate.id}\]\.shape .*shapes"):
+        perform(PlanningTask(problem, SETTINGS))

@@ -114,6 +114,12 @@ class Robot:
         """Whether any joint slides."""
         return bool(self.joint_slides.any())
 
+    @property
+    def furthest_slides(self) -> Array:
+        """How far each joint slides from zero at most; zero if it turns. Shape (joints,) [m]."""
+        furthest = np.maximum(-self.lower_position_limits, self.upper_position_limits)
+        return np.where(self.joint_slides.any(axis=1), furthest, 0.0)
+
     def unit(self, joint: int) -> str:
         """Return the unit of a joint's position."""
         return "m" if self.slides(joint) else "rad"

@@ -98,8 +98,7 @@ def _stretched(robot: Robot) -> Array:
 
 def _slid(robot: Robot) -> Array:
     """Return how far each joint slides from zero at most; zero if it turns. Shape (joints,) [m]."""
-    furthest = np.maximum(-robot.lower_position_limits, robot.upper_position_limits) + _BEYOND
-    return np.where(robot.joint_slides.any(axis=1), furthest, 0.0)
+    return robot.furthest_slides + _BEYOND * robot.joint_slides.any(axis=1)
 
 
 class _Outline:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
-from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.check.preconditions import require_plannable, require_time
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
@@ -232,6 +232,8 @@ def moments_to_begin_at(problem: PlanningProblem) -> list[float]:
 def _plannable(problem: PlanningProblem, settings: PlannerSettings) -> list[PlanningProblem]:
     """Return the problem at the moments to begin at, those at which it is not hopeless."""
     begun, refusals = list[PlanningProblem](), list[NoPlanFound]()
+    # What is too short to end at is good to begin at: it leads to the shortest that is not.
+    require_time(lasting(problem, problem.durations.maximum))
     for duration in moments_to_begin_at(problem):
         fixed = lasting(problem, duration)
         try:
