@@ -300,16 +300,16 @@ def test_no_time_is_refused_in_which_a_joint_alone_can_be_as_asked() -> None:
             limits=limits,
             obstacles=(),
         )
-        enough = lasting(asked, speeds_up + slows_down)
+        enough = replace(asked, duration=speeds_up + slows_down)
         require_time(enough)
         with pytest.raises(
             NoPlanFound, match="s is too short: joint joint_1 cannot be in the post"
         ):
-            require_time(lasting(asked, 0.99 * enough.duration))
+            require_time(replace(asked, duration=0.99 * enough.duration))
     stopping = replace(problem, posture=Posture(at_rest=True), limits=limits, obstacles=())
     rates = np.append(0.1, np.zeros(robot.joints - 1))
     stopping = replace(stopping, start=replace(problem.start, joint_velocities=rates))
-    require_time(lasting(stopping, 0.5))
+    require_time(replace(stopping, duration=0.5))
     with pytest.raises(NoPlanFound, match="joint joint_1 cannot be at rest that is asked") as error:
-        require_time(lasting(stopping, 0.49))
+        require_time(replace(stopping, duration=0.49))
     assert error.value.status is Status.LIMIT_VIOLATED

@@ -46,8 +46,8 @@ def require_time(problem: PlanningProblem) -> None:
     """Refuse a duration in which a joint cannot be as asked, within its own limits alone.
 
     From rate v0 to v1 it takes |v1 - v0| / a. In a time T a joint gets no further than by full
-    acceleration and then full deceleration, (v0 + v1) T / 2 + a T^2 / 4 - (v1 - v0)^2 / (4 a), and
-    than at its highest rate.
+    acceleration and then full deceleration, (v0 + v1) T / 2 + a T^2 / 4 - (v1 - v0)^2 / (4 a),
+    likewise the other way, and than at its highest rate.
 
     Raises:
         NoPlanFound: It names the joint.
@@ -63,10 +63,9 @@ def require_time(problem: PlanningProblem) -> None:
     lacks = np.abs(v1 - v0) / most / duration
     if posture.positions is not None:
         way = posture.positions - start.joint_positions
-        sign = np.where(way < 0.0, -1.0, 1.0)
         faster = most * duration**2 / 4.0 - (v1 - v0) ** 2 / (4.0 * most)
-        furthest = sign * (v0 + v1) * duration / 2.0 + faster
-        lacks = np.where(np.abs(way) > furthest, np.maximum(lacks, 1.0 + _SPARE), lacks)
+        is_too_far = np.abs(way - (v0 + v1) * duration / 2.0) > faster
+        lacks = np.where(is_too_far, np.maximum(lacks, 1.0 + _SPARE), lacks)
         if problem.limits.joint_velocities:
             rates = (1.0 + _SPARE) * np.maximum(robot.velocity_limits, np.abs(v0))
             lacks = np.maximum(lacks, np.abs(way) / rates / duration)
