@@ -22,7 +22,7 @@ from ff_planner_ros.planning.distance.certificate import (
     way_bounds,
 )
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 FIRST, LENGTHS = 0.4, (1.0, 0.7, 0.3)
 ARM = straight_arm(FIRST, *LENGTHS)
@@ -168,6 +168,38 @@ def test_no_bound_of_an_arm_that_slides_is_below_what_happens(name: str) -> None
         happens = [fastest(robot, later, cubics[1], order) for order in (1, 2)]
         bounds = [float(of(*told, cubics)[1]) for of in (way_bounds, bend_bounds)]
         assert np.all(np.array(happens) <= bounds)
+
+
+def telescope() -> Robot:
+    """A joint that turns about z, 0.5 m further one that slides along x, and 0.3 m to the tip."""
+    inertial = (
+        '<inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    limit = '<limit lower="-9" upper="9" velocity="9" effort="9"/>'
+    links = "".join(f'<link name="{name}">{inertial}</link>' for name in ("chaser", "a", "b"))
+    text = (
+        f'<robot name="telescope">{links}<link name="tip"/>'
+        '<joint name="turn" type="revolute"><parent link="chaser"/><child link="a"/>'
+        f'<axis xyz="0 0 1"/>{limit}</joint>'
+        '<joint name="out" type="prismatic"><parent link="a"/><child link="b"/>'
+        f'<origin xyz="0.5 0 0"/><axis xyz="1 0 0"/>{limit}</joint>'
+        '<joint name="hand" type="fixed"><parent link="b"/><child link="tip"/>'
+        '<origin xyz="0.3 0 0"/></joint></robot>'
+    )
+    return robot_from_urdf_text(text, "chaser", "tip")
+
+
+def test_a_turn_moves_an_arm_that_has_slid_out_by_all_of_its_length() -> None:
+    robot, q = telescope(), HOME[:9]
+    cubics = np.zeros((2, 3, 8))
+    cubics[0, 0, 7], cubics[1, 0, 6] = 1.0, 0.2
+    told = slides(robot), corners(robot, q), q, cubics
+    later = pin.integrate(robot.model, q, cubics[0].sum(axis=0))
+    assert fastest(robot, later, cubics[1], 1) == pytest.approx(0.2 * 1.8, rel=1e-6)
+    assert way_bounds(*told)[1] == pytest.approx(0.2 * 1.8, rel=1e-12)
+    assert fastest(robot, later, cubics[1], 2) == pytest.approx(0.2**2 * 1.8, rel=1e-3)
+    assert bend_bounds(*told)[1] == pytest.approx(1.5 * 0.2**2 * 1.8, rel=1e-12)
 
 
 def test_a_rail_alone_moves_the_arm_as_fast_as_it_slides() -> None:

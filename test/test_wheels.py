@@ -48,7 +48,7 @@ from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.wheels import Wheels
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
 from ff_planner_ros.simulation.monte_carlo import monte_carlo
-from ff_planner_ros.simulation.verification import verify
+from ff_planner_ros.simulation.verification import TORQUE_TOLERANCE, verify
 
 SETTINGS = load_parameters().planner
 SCENARIO = CONFIG / "scenarios/lemur_wheels.yaml"
@@ -117,6 +117,7 @@ def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
     sensitivity, by = family.sensitivity(motion), np.random.default_rng(2).normal(size=len(x))
     rows = WheelLimits().rows(problem, motion, sensitivity, 1e-3)
     assert rows is not None
+    assert (np.abs(rows.jacobian).max(axis=1) > 0.0).all()
     step = 1e-6
     beside = [family.motion(x + way * by, 9) for way in (-step, step)]
 
@@ -189,6 +190,26 @@ def test_a_plan_keeps_the_limits_of_its_wheels_and_one_without_exceeds_them() ->
     assert "more than its limit of 4 N m s, at t = " in found[0].finding
 
 
+def test_a_wheel_is_refused_that_holds_or_gives_too_much_either_way() -> None:
+    """One wheel alone beyond its limit, by a hundredth, of which the largest value is negative."""
+    task, plan = planned()
+    told = plan.wheels
+    assert told is not None
+    for name, rows, verb in (
+        ("momentum", told.momenta, "holds"),
+        ("torque", told.torques, "gives"),
+    ):
+        negative = np.flatnonzero(-rows.min(axis=0) > rows.max(axis=0))
+        assert negative.size
+        wheel = int(negative[0])
+        limits = np.full(3, 99.0)
+        limits[wheel] = -0.99 * rows[:, wheel].min()
+        weak = Wheels(**{name: tuple(limits.tolist())})
+        problem = replace(task.problem, robot=replace(task.problem.robot, wheels=weak))
+        (found,) = failures(in_own_frame(problem), seen(problem, plan), SETTINGS)
+        assert f"wheel {wheel + 1} {verb} -" in found.finding
+
+
 def seen(problem: PlanningProblem, plan: Plan) -> Plan:
     return system_frame(problem.robot, problem.start).plan(plan)
 
@@ -232,6 +253,8 @@ def test_a_plan_comes_true_on_three_slides_with_the_torque_of_the_wheels() -> No
     turning = replace(there, joint_accelerations=1.01 * there.joint_accelerations)
     wrong = verify(problem.robot, turning)
     assert not wrong.passed
+    # By that torque alone, too.
+    assert not replace(found, holding_torque_error=2.0 * TORQUE_TOLERANCE).passed
 
 
 def test_a_chaser_that_turns_in_its_samples_is_refused_by_the_check() -> None:
