@@ -142,6 +142,27 @@ def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
     np.testing.assert_allclose(rows.jacobian[known] @ by, found, atol=1e-6 * np.abs(found).max())
 
 
+def test_torques_that_are_near_their_limits_have_rows_with_derivatives() -> None:
+    problem = in_own_frame(held_problem("six joints", FOUR))
+    family, x = drawn(problem)
+    motion = family.motion(x, 9)
+    sensitivity = family.sensitivity(motion)
+    robot = problem.robot
+    assert robot.wheels is not None
+    torques, by_x = _torques_with_derivatives(problem, robot.wheels, motion, sensitivity)
+    limit = 1.25 * float(np.abs(torques[1:]).max())
+    near = replace(problem, robot=replace(robot, wheels=replace(FOUR, torque=(limit,))))
+    rows = WheelLimits().rows(near, motion, sensitivity, 1e-3)
+    assert rows is not None
+    kept = np.abs(torques[1:]) / limit > 0.6 + 1e-3
+    assert 0 < kept.sum() < kept.size
+    of_torques = rows.jacobian[rows.names >= 1 << 30]
+    assert len(of_torques) >= kept.sum()
+    for expected in np.abs(by_x[1:][kept]) / limit:
+        off = np.abs(np.abs(of_torques) - expected).max(axis=1)
+        assert off.min() < 1e-12 * expected.max()
+
+
 @pytest.mark.parametrize("wheels", [None, FOUR], ids=["own axes", "four"])
 def test_what_wheels_and_bodies_have_of_angular_momentum_together_is_constant(
     wheels: Wheels | None,
