@@ -20,6 +20,7 @@ from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.bag import read_plans
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -116,7 +117,7 @@ def test_on_a_table_a_joint_slides_along_it_and_not_off_it() -> None:
         robot_from_urdf_text(along, *links)
 
 
-@pytest.mark.parametrize("weight", [0.0, -1.0, np.inf, np.nan, 1e4])
+@pytest.mark.parametrize("weight", [1e-4, -1.0, np.inf, np.nan, 1e4])
 def test_a_weight_that_leaves_no_digits_is_refused(weight: float) -> None:
     with pytest.raises(InvalidInput, match=r"robot\.slide_weight"):
         robot_from_urdf_text(random_urdf(3, 0, (1,)), "bus", "tool", slide_weight=weight)
@@ -476,3 +477,30 @@ def test_lines_that_grow_where_a_joint_slides_out_keep_clear_of_spheres_alone() 
     problem = replace(on_rail(), robot=robot, start=start, obstacles=(crate,))
     with pytest.raises(InvalidInput, match=rf"obstacles\[{crate.id}\]\.shape .*shapes"):
         perform(PlanningTask(problem, SETTINGS))
+
+
+def test_with_no_weight_joints_that_slide_are_held_as_in_older_bags(tmp_path: Path) -> None:
+    """At zero, or at the limit that is next to it; what is said of one of them holds."""
+    text = random_urdf(4, 3, (1, 3))
+    first, second = '<limit lower="-2.5"', '<limit lower="0.25"'
+    before, joint, after = text.partition('<joint name="joint_3"')
+    text = before + joint + after.replace(first, second, 1)
+    links = "bus", "tool"
+    robot = robot_from_urdf_text(text, *links, slide_weight=0.0)
+    assert robot.joint_names == ("joint_2", "joint_4")
+    assert "joint_1 at 0 m, joint_3 at 0.25 m" in robot.notes[0]
+    held = robot_from_urdf_text(text, *links, held_at={"joint_1": 0.0, "joint_3": 0.25})
+    assert held.urdf == robot.urdf
+    other = robot_from_urdf_text(text, *links, held_at={"joint_1": 0.5}, slide_weight=0.0)
+    assert "joint_1 at 0.5 m" in other.notes[0]
+    # A bag whose parameters have no such weight.
+    task, plan = planned(FAMILIES[1])
+    record_answer(tmp_path / "bag", task, plan, 0.5)
+    with open_bag(tmp_path / "bag") as opened:
+        attached = dict(opened.attachments)
+    assert attached_robot(tmp_path, attached).joint_names == task.problem.robot.joint_names
+    older = attached["parameters.yaml"].decode()
+    assert "slide_weight: 1.0" in older
+    lines = [line for line in older.splitlines() if "slide_weight" not in line]
+    attached["parameters.yaml"] = "\n".join(lines).encode()
+    assert attached_robot(tmp_path, attached).joint_names == task.problem.robot.joint_names[1:]

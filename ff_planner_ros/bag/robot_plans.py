@@ -28,7 +28,7 @@ from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.model import SLIDE_WEIGHT, Base, Robot
+from ff_planner_ros.robot.model import Base, Robot
 
 _ANGLES = ("chaser_attitude", "chaser_rotation")  # of the chaser, that have limits
 
@@ -154,7 +154,7 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
         geometry = str(links.get("geometry", Geometry.LINES))
         told = {name: tuple(given) for name, given in links.get("wheels", {}).items()}
         wheels = replace(OWN_WHEELS, **told)
-        slide_weight = float(links.get("slide_weight", SLIDE_WEIGHT))
+        slide_weight = float(links.get("slide_weight", 0.0))  # they held joints that slide
     except (InvalidInput, LookupError, TypeError, ValueError, AttributeError):
         raise BagError(
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"

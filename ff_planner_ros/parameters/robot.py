@@ -91,8 +91,9 @@ class RobotParameters:
     )
 
     slide_weight: float = tunable(
-        "What sliding a joint by 1 m adds to the joint path; turning one by 1 rad adds 1 rad",
-        minimum=SLIDE_WEIGHTS[0],
+        "What sliding a joint by 1 m adds to the joint path; turning one by 1 rad adds 1 rad; 0.0: "
+        "joints that slide are held",
+        minimum=0.0,
         maximum=SLIDE_WEIGHTS[1],
         unit="rad/m",
     )

@@ -207,7 +207,8 @@ def robot_from_urdf_text(
         directory: Of the URDF, from which the paths of its meshes start. None: no file is read.
         wheels: That hold the chaser's attitude. None: on a base that is held, one along each of its
             axes, without limits.
-        slide_weight: Share of a joint that slides in the joint path [rad/m].
+        slide_weight: Share of a joint that slides in the joint path [rad/m]; 0: such joints are
+            held, as before there were any.
 
     Raises:
         InvalidInput: The URDF is something else, a link's inertia is one that no body has, an arm
@@ -215,10 +216,10 @@ def robot_from_urdf_text(
             joints that slide hardly count or count for everything.
     """
     wheels = wheels_of(base, wheels)
-    if not SLIDE_WEIGHTS[0] <= slide_weight <= SLIDE_WEIGHTS[1]:
-        allowed = f"it must be from {SLIDE_WEIGHTS[0]:g} to {SLIDE_WEIGHTS[1]:g} rad/m"
+    if slide_weight and not SLIDE_WEIGHTS[0] <= slide_weight <= SLIDE_WEIGHTS[1]:
+        allowed = f"it must be 0, or from {SLIDE_WEIGHTS[0]:g} to {SLIDE_WEIGHTS[1]:g} rad/m"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.slide_weight", slide_weight, allowed)
-    checked = checked_urdf(text, base_link, tip_link, held_at)
+    checked = checked_urdf(text, base_link, tip_link, held_at, holds_slides=not slide_weight)
     try:
         model = _pinocchio_model(checked.xml)
     except (ValueError, RuntimeError) as error:

@@ -100,8 +100,9 @@ class RobotFile:
         default=None,
     )
     slide_weight: float | None = declare(
-        a_number(at_least=SLIDE_WEIGHTS[0], at_most=SLIDE_WEIGHTS[1]),
-        "what a joint that slides by 1 m adds to the joint path; default: as one turned by 1 rad",
+        a_number(at_least=0.0, at_most=SLIDE_WEIGHTS[1]),
+        "what a joint that slides by 1 m adds to the joint path, 0: it is held; default: as one "
+        "turned by 1 rad",
         unit="rad/m",
         since="0.3",
         default=None,
@@ -119,7 +120,8 @@ class RobotFile:
         held = self.locked_joints or {}
         wheels = None if self.wheels is None else self.wheels.wheels
         told = urdf, *links, self.base, held, self.geometry, srdf, wheels
-        return load_robot(*told, slide_weight=self.slide_weight or SLIDE_WEIGHT)
+        weight = SLIDE_WEIGHT if self.slide_weight is None else self.slide_weight
+        return load_robot(*told, slide_weight=weight)
 
 
 # Every key of a file.

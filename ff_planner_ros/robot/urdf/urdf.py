@@ -43,6 +43,7 @@ def checked_urdf(
     base_link: str | None = None,
     tip_link: str | None = None,
     held_at: Mapping[str, float] = NOTHING_HELD,
+    holds_slides: bool = False,
 ) -> CheckedUrdf:
     """Return what a URDF says, checked.
 
@@ -53,6 +54,7 @@ def checked_urdf(
         base_link: None: the root.
         tip_link: None: the only link that moves and carries no other.
         held_at: Where joints are held [rad] or [m], those of the arm among them.
+        holds_slides: Joints of the arm that slide are held, too.
 
     Raises:
         InvalidInput: No chain of joints that move from the base link to the tip link, or an inertia
@@ -77,6 +79,9 @@ def checked_urdf(
     }
     notes: list[str] = []
     if chain is not None:
+        if holds_slides:
+            sliding = [_name(joint) for joint in chain if joint.get("type") == "prismatic"]
+            held_at = _held_where_they_are(tree, sliding) | dict(held_at)
         notes += _check_joints(tree, chain, base_link or "", placements, held_at, faults)
     notes += check_bodies(tree, placements, base_link or "", faults)
     faults.refuse_if_any()
@@ -168,6 +173,12 @@ def _check_joints(
         why = "they do not belong to the arm, or are to be held"
         notes.append(f"held, because {why}: {listed(held_elsewhere)}")
     return notes
+
+
+def _held_where_they_are(tree: Tree, names: Sequence[str]) -> dict[str, float]:
+    """Return where joints are held that nobody says it of: at zero, or at the limit next to it."""
+    still = {name: tree.joints[name] for name in names}
+    return {name: _where_held(name, still, NOTHING_HELD) for name in names}
 
 
 def _can_be_held(tree: Tree, name: str, at: float, faults: Faults) -> bool:
