@@ -119,6 +119,23 @@ def captures_in_short() -> str:
     )
 
 
+def random_starts() -> str:
+    kind = "random start"
+    iterations = [one["iterations"] for one in FIGURES["joint goals"] if one["kind"] == kind]
+    solved_ones = [count for count in iterations if count]
+    median, slow = (cell("joint goals", column, kind) for column in ("median [s]", "95 % [s]"))
+    return dedent(
+        f"""\
+        | | Misra and Bai (2017) | here |
+        | --- | --- | --- |
+        | random starts with a plan | 92 % | {solved("joint goals", kind=kind)} |
+        | convex programs, in the mean | 17.2 | {sum(solved_ones) / len(solved_ones):.1f} |
+        | time | about 12 s | {median} s in the median, {slow} s for 95 % |
+        | terminal error | 1e-4 | {cell("joint goals", "largest error [m, rad]", kind)} |
+        """
+    )
+
+
 def cells(of: str, column: str, *row: str) -> list[str]:
     """Return the cells of a measurement's column, in the rows that begin with some cells."""
     return [

@@ -52,11 +52,11 @@ def arm_points_with_derivatives(
     Args:
         q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
     """
-    positions, axes, rotation = _arm_kinematics(robot, q)
+    positions, axes, slides, rotation = _arm_kinematics(robot, q)
     moving, turning = (rotation @ part for part in np.split(q_sensitivity[:, :6], 2, axis=1))
     # Twist of each body at the inertial origin: the base's, plus each joint's on the way.
     angular = np.cumsum(axes[..., None] * q_sensitivity[:, 6:, None], axis=1) + turning[:, None]
-    lever = np.cross(positions[:, :-1], axes)
+    lever = np.cross(positions[:, :-1], axes) + slides
     linear = np.cumsum(lever[..., None] * q_sensitivity[:, 6:, None], axis=1)
     linear += (moving + np.cross(q[:, :3, None], turning, axis=1))[:, None]
     # The end effector rides on the last body.
@@ -64,23 +64,25 @@ def arm_points_with_derivatives(
     return positions, linear + np.cross(angular, positions[..., None], axis=2)
 
 
-def _arm_kinematics(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
-    """Return joint origins and end effector, the joints' axes and the base's attitude."""
+def _arm_kinematics(robot: Robot, q: Array) -> tuple[Array, Array, Array, Array]:
+    """Return joint origins and end effector, the joints' axes and slides, the base's attitude."""
     model, tip = robot.model, robot.model.frames[robot.tip_frame_id]
     points = np.empty((len(q), robot.joints + 1, 3))
-    axes = np.empty((len(q), robot.joints, 3))
+    axes, slides = np.empty((2, len(q), robot.joints, 3))
     turns = Rotation.from_rotvec((q[:, 7:, None] * robot.joint_axes).reshape(-1, 3))
     turn = turns.as_matrix().reshape(len(q), robot.joints, 3, 3)
     base = rotation_base_to_inertial(q)
     position, rotation = q[:, :3], base
     for k, placement in enumerate(model.jointPlacements[2:]):
         position = position + rotation @ placement.translation
-        points[:, k] = position
         rotation = rotation @ placement.rotation
         axes[:, k] = rotation @ robot.joint_axes[k]
+        slides[:, k] = rotation @ robot.joint_slides[k]
+        position = position + q[:, 7 + k, None] * slides[:, k]
+        points[:, k] = position
         rotation = rotation @ turn[:, k]
     points[:, -1] = position + rotation @ tip.placement.translation
-    return points, axes, base
+    return points, axes, slides, base
 
 
 def _quarter_way(values: Array) -> Array:
@@ -112,7 +114,7 @@ def search_certificate(
     steps = np.diff(times)
     by_sphere = _distances(robot, q, times, spheres)
     cubics = _cubics(robot, q, v, steps)
-    points, _, _ = _arm_kinematics(robot, q[:1])
+    points, *_ = _arm_kinematics(robot, q[:1])
     of_arm = np.array([way_and_bend(points[0], q[0, :3], cubic)[0] for cubic in cubics])
     speeds = np.array([sphere.highest_speed for sphere in spheres])
     # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
@@ -185,6 +187,6 @@ def _cubics(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
 
 def _distances(robot: Robot, q: Array, times: Array, spheres: Sequence[Sphere]) -> Array:
     """Return how far the arm is from spheres at their times. Shape (points, spheres) [m]."""
-    points, _, _ = _arm_kinematics(robot, q)
+    points, *_ = _arm_kinematics(robot, q)
     columns = [to_lines(points, centers_of(one, times)) - one.radius for one in spheres]
     return np.array(columns).T

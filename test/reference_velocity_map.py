@@ -3,11 +3,12 @@
 Given configuration, total momentum and wanted end-effector twist, the joint rates of Eq. (31)
 and the chaser twist of Eq. (27) are together the solution of
 
-    minimise 1/2 |theta_dot - z|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
+    minimise 1/2 |W (theta_dot - z)|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
 
 with H the momentum map (first six rows of the mass matrix), J the end-effector Jacobian, h the
 momentum and w the wanted twist, the last two in the local frames of base and end effector. The
-bias z is zero in the paper. Otherwise its part in the null space of J_D becomes null-space motion.
+bias z is zero in the paper, and the joints' weights W are 1. Otherwise its
+part in the null space of J_D becomes null-space motion.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ class VelocityMap:
         """
         self._robot = robot
         self._damping = damping**2 * np.eye(6)
+        self._spread = 1.0 / robot.joint_weights**2  # W^-2
         self._data = robot.model.createData()
         self._tip_joint = robot.model.frames[robot.tip_frame_id].parentJoint
         self._tip_placement = robot.model.frames[robot.tip_frame_id].placement
@@ -110,9 +112,10 @@ class VelocityMap:
         rows = rows - jacobian[:, :6].dot(coupling)
         generalised = rows[:, :-1]  # J_D, Eq. (32)
         slack = rows[:, -1] if bias is None else rows[:, -1] - generalised.dot(bias)
-        mu = _solve_positive(generalised.dot(generalised.T) + self._damping, slack)
+        square = (generalised * self._spread).dot(generalised.T)
+        mu = _solve_positive(square + self._damping, slack)
         v = np.empty(len(self._no_motion))
-        v[6:] = mu.dot(generalised)  # Eq. (31)
+        v[6:] = self._spread * mu.dot(generalised)  # Eq. (31)
         if bias is not None:
             v[6:] += bias
         v[:6] = coupling[:, -1] - coupling[:, :-1].dot(v[6:])  # Eq. (27)
@@ -177,9 +180,10 @@ class VelocityMap:
 
         coupling = base_inverse @ at.momentum_map[:, :, 6:]
         generalised = at.jacobian[:, :, 6:] - at.jacobian[:, :, :6] @ coupling
-        generalised_t = generalised.transpose(0, 2, 1)
+        generalised_t = self._spread[:, None] * generalised.transpose(0, 2, 1)
         drift = base_inverse @ momentum
         joint_force = force[:, 6:] - coupling.transpose(0, 2, 1) @ force[:, :6]
+        joint_force = self._spread[:, None] * joint_force
         slack = twist - at.jacobian[:, :, :6] @ drift - generalised @ joint_force
         square = generalised @ generalised_t + self._damping
         joints = joint_force + generalised_t @ np.linalg.solve(square, slack)
@@ -191,7 +195,7 @@ class VelocityMap:
         base, joints = at.momentum_map[:, :, :6], at.momentum_map[:, :, 6:]
         coupling = np.linalg.solve(base, joints)
         generalised = at.jacobian[:, :, 6:] - at.jacobian[:, :, :6] @ coupling
-        generalised_t = generalised.transpose(0, 2, 1)
+        generalised_t = self._spread[:, None] * generalised.transpose(0, 2, 1)
         square = generalised @ generalised_t + self._damping
         # N: without damping, the projector on the null space of J_D.
         null = np.eye(generalised.shape[2]) - generalised_t @ np.linalg.solve(square, generalised)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +26,14 @@ CANADARM2_URDF = CONFIG / "robots/canadarm2/canadarm2.urdf"
 CANADARM2_SCENARIO = CONFIG / "scenarios/canadarm2_capture.yaml"
 
 
-def random_urdf(joints: int, seed: int) -> str:
+def random_urdf(joints: int, seed: int, sliding: Collection[int] = ()) -> str:
     """Write a robot with every difficulty that a URDF may hold.
 
     The base link `bus` hangs, turned and shifted, below a massless root; it and two arm links
     carry masses by fixed joints; no centre of mass lies in a frame's origin, no axis along one.
+
+    Args:
+        sliding: Numbers of the joints that slide, from 1 on; all others turn.
     """
     rng = np.random.default_rng(seed)
     parts = ['<link name="root"/>', _link("bus", rng, 200.0), _link("antenna", rng, 20.0)]
@@ -38,7 +42,8 @@ def random_urdf(joints: int, seed: int) -> str:
     parent = "bus"
     for number in range(1, joints + 1):
         link = f"link_{number}"
-        parts += [_link(link, rng, 5.0), _joint(f"joint_{number}", "revolute", parent, link, rng)]
+        kind = "prismatic" if number in sliding else "revolute"
+        parts += [_link(link, rng, 5.0), _joint(f"joint_{number}", kind, parent, link, rng)]
         parent = link
     carrying = f"link_{min(joints, 3)}"
     parts += [_link("camera", rng, 3.0), _joint("camera_mount", "fixed", carrying, "camera", rng)]
@@ -129,9 +134,7 @@ def _joint(name: str, kind: str, parent: str, child: str, rng: np.random.Generat
     limit = '<limit lower="-2.5" upper="2.8" velocity="0.5" effort="50"/>'
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f"{_origin(rng)}"
-        + (f'<axis xyz="{axis}"/>{limit}' if kind == "revolute" else "")
-        + "</joint>"
+        f"{_origin(rng)}" + (f'<axis xyz="{axis}"/>{limit}' if kind != "fixed" else "") + "</joint>"
     )
 
 

@@ -14,6 +14,7 @@ from ff_planner_ros.planning.distance.certificate import (
     bend_bounds,
     certified_clearance,
     cubics_between,
+    slides,
     way_bounds,
 )
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
@@ -53,7 +54,9 @@ def test_no_point_of_the_arm_moves_or_bends_more_than_its_bound(name: str, size:
     q, v, times = drawn_motion(robot, np.random.default_rng(robot.joints), size)
     cubics = cubics_between(robot, q, v, np.diff(times))
     start = arm_points(robot, q[:1])[0]
-    ways, bends = (bounds(start, q[0], cubics) for bounds in (way_bounds, bend_bounds))
+    ways, bends = (
+        bounds(slides(robot), start, q[0], cubics) for bounds in (way_bounds, bend_bounds)
+    )
     _, along = between(robot, q, cubics)
     places = np.array([arm_points(robot, rows) for rows in along])
     speeds = np.linalg.norm(np.diff(places, axis=1), axis=3).max(axis=(1, 2)) * DENSE

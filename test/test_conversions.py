@@ -99,6 +99,7 @@ def plan() -> Plan:
         metrics=Metrics(
             **{item.name: float(random.normal()) for item in fields(Metrics)}
             | {"peak_joint_torques": tuple(random.normal(size=JOINTS).tolist())}
+            | dict.fromkeys(("peak_wheel_momenta", "peak_wheel_torques"), (0.3, 0.2, 0.1))
         ),
         solver=SolverReport(**{item.name: values[item.type] for item in fields(SolverReport)}),
     )

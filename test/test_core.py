@@ -39,14 +39,19 @@ DURATION = 5.0
 
 FREE = [f"free{joints}" for joints in range(1, 15)]
 PLANAR = [f"planar{joints}" for joints in (1, 2, 3, 7, 14)]
+SLIDING = [f"sliding{joints}" for joints in (1, 2, 4, 7, 14)]
+# Of those that slide [rad/m].
+WEIGHT = 1.7
 
 
 def chain_robot(name: str) -> Robot:
-    """`free3` and `planar3` have three joints."""
+    """`free3` and `planar3` have three joints; of `sliding7` the joints 1, 4 and 7 slide."""
     joints = int(re.sub(r"\D", "", name))
     if name.startswith("planar"):
         return robot_from_urdf_text(planar_urdf(joints), "chaser", "end_effector", Base.PLANAR)
-    return robot_from_urdf_text(random_urdf(joints, seed=joints), "bus", "tool")
+    sliding = range(1, joints + 1, 3) if name.startswith("sliding") else ()
+    urdf = random_urdf(joints, joints, sliding)
+    return robot_from_urdf_text(urdf, "bus", "tool", slide_weight=WEIGHT)
 
 
 def agree(found: Array, expected: Array, what: str) -> None:
@@ -55,7 +60,7 @@ def agree(found: Array, expected: Array, what: str) -> None:
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=EXACT * largest, err_msg=what)
 
 
-@pytest.mark.parametrize("name", FREE + PLANAR)
+@pytest.mark.parametrize("name", FREE + PLANAR + SLIDING)
 @pytest.mark.parametrize("still", [True, False], ids=["at rest", "drifting"])
 def test_the_velocity_map_and_its_derivatives_are_those_of_pinocchio(
     name: str, still: bool
@@ -82,7 +87,7 @@ def test_the_velocity_map_and_its_derivatives_are_those_of_pinocchio(
             agree(one, other, f"{what} of {name}, question {number}")
 
 
-@pytest.mark.parametrize("name", FREE)
+@pytest.mark.parametrize("name", FREE + SLIDING)
 @pytest.mark.parametrize("drawn", ["at rest", "drifting", "with null-space motion"])
 def test_motions_of_the_end_effector_and_their_derivatives_are_those_of_pinocchio(
     name: str, drawn: str
@@ -110,7 +115,7 @@ def test_motions_of_the_end_effector_and_their_derivatives_are_those_of_pinocchi
     agree(paths.sensitivity(found).acceleration, by_x.acceleration, "dv/dt")
 
 
-@pytest.mark.parametrize("name", FREE + PLANAR)
+@pytest.mark.parametrize("name", FREE + PLANAR + SLIDING)
 @pytest.mark.parametrize("quarter_way", [True, False])
 def test_distances_of_interest_and_their_derivatives_are_those_of_numpy(
     name: str, quarter_way: bool
@@ -139,7 +144,7 @@ def test_distances_of_interest_and_their_derivatives_are_those_of_numpy(
     assert 0 < len(found[0]) < robot.joints * len(times) * len(spheres)
 
 
-@pytest.mark.parametrize("name", FREE + PLANAR)
+@pytest.mark.parametrize("name", FREE + PLANAR + SLIDING)
 def test_arm_points_and_their_derivatives_are_those_of_numpy(name: str) -> None:
     robot = chain_robot(name)
     rng = np.random.default_rng(robot.joints)
@@ -151,7 +156,7 @@ def test_arm_points_and_their_derivatives_are_those_of_numpy(name: str) -> None:
         agree(one, other, what)
 
 
-@pytest.mark.parametrize("name", FREE + PLANAR)
+@pytest.mark.parametrize("name", FREE + PLANAR + SLIDING)
 def test_smallest_singular_values_are_those_of_pinocchio(name: str) -> None:
     robot = chain_robot(name)
     rng = np.random.default_rng(robot.joints)
@@ -173,7 +178,7 @@ def test_smallest_singular_values_are_those_of_pinocchio(name: str) -> None:
     np.testing.assert_allclose(2.0 * found[:, None] * by_joints, expected, rtol=0.0, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", FREE + PLANAR)
+@pytest.mark.parametrize("name", FREE + PLANAR + SLIDING)
 def test_singular_values_within_the_interest_do_not_depend_on_it(name: str) -> None:
     robot = chain_robot(name)
     joints = np.random.default_rng(robot.joints).uniform(-3.0, 3.0, (5, robot.joints))
@@ -250,6 +255,8 @@ def test_a_chain_without_joints_or_with_too_many_is_refused() -> None:
                 np.zeros((bodies, 3)),
                 np.zeros((bodies, 3, 3)),
                 np.zeros((joints, 3)),
+                np.zeros((joints, 3)),
+                np.ones(joints),
                 np.ones(bodies),
                 np.zeros((bodies, 3)),
                 np.zeros((bodies, 3, 3)),

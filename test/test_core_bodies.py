@@ -41,7 +41,7 @@ def require_near(certified: float, least: float, part: float, where: str) -> Non
 
 
 @pytest.mark.parametrize("part", [EXACT_PART, 0.5])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, 3, 21, 23])
 def test_the_search_certifies_what_the_check_does(
     seed: int, part: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,7 +81,7 @@ def test_the_search_certifies_what_the_check_does(
     assert touching > 0
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, 3, 21, 23])
 def test_no_joint_moves_two_bodies_against_each_other_faster_than_is_said(seed: int) -> None:
     robot, step = all_pairs(seed), 1e-4
     angles, rows = configurations(robot, 10, seed)[:, 7:], every_row(10, len(robot.pairs))
@@ -112,7 +112,7 @@ def points_of(robot: Robot, body: int) -> Array:
     return ends + size[0] * directions / np.linalg.norm(directions, axis=1)[:, None]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, 3, 21, 23])
 def test_no_point_of_a_body_comes_further_from_joints_and_base_than_is_said(seed: int) -> None:
     robot = random_robot(seed)
     data = robot.model.createData()
@@ -129,6 +129,9 @@ def test_no_point_of_a_body_comes_further_from_joints_and_base_than_is_said(seed
                 at = data.oMi[2 + joint]
                 lever = np.cross(points - at.translation, at.rotation @ robot.joint_axes[joint])
                 farthest = np.linalg.norm(lever, axis=1).max()
+                if robot.slides(joint):
+                    assert body_reaches(robot)[joint, number] == 1.0
+                    continue
                 assert farthest <= body_reaches(robot)[joint, number] + 1e-9
                 if joint == body.joint - 2:  # a cylinder is taken for a prism
                     assert farthest > 0.97 * body_reaches(robot)[joint, number]

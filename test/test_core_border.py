@@ -111,7 +111,9 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     links = {
         "translations": np.full((3, 3), 0.4),
         "rotations": np.tile(np.eye(3), (3, 1, 1)),
-        "axes": np.tile([0.0, 0.0, 1.0], (2, 1)),
+        "axes": np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
+        "slides": np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+        "weights": np.array([1.0, 1.5]),
         "masses": np.array([50.0, 3.0, 2.0]),
         "centers": np.full((3, 3), 0.1),
         "inertias": np.tile(np.eye(3), (3, 1, 1)),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from reference_joint_spline import reference_motion, reference_sensitivity
 from robots import random_state
-from test_core import FREE, PLANAR, agree, chain_robot
+from test_core import FREE, PLANAR, SLIDING, agree, chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
@@ -85,7 +85,11 @@ def drawn_splines(name: str, still: bool, orientation: Orientation) -> tuple[Joi
 
 
 CASES = [
-    *((name, still, Orientation.FIXED) for name in FREE + PLANAR for still in (True, False)),
+    *(
+        (name, still, Orientation.FIXED)
+        for name in FREE + PLANAR + SLIDING
+        for still in (True, False)
+    ),
     *((name, False, o) for name in ("free3", "free7", "planar3") for o in Orientation),
 ]
 

@@ -24,3 +24,12 @@ def test_a_joint_deviates_whether_it_lags_or_leads(lemur_plan: Plan, sign: float
     np.testing.assert_allclose(found.joint_position, 0.07, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(found.joint_velocity, 0.14, rtol=0.0, atol=1e-9)
     assert np.abs([found.chaser_position, found.ee_position]).max() < 1e-9
+
+
+def test_joints_that_slide_deviate_by_their_weight(lemur_plan: Plan) -> None:
+    planned = lemur_plan.trajectory
+    weights = np.append(3.0, np.ones(planned.joint_positions.shape[1] - 1))
+    off = 0.01 * np.eye(len(weights))[0]
+    measured = replace(planned, joint_positions=planned.joint_positions - off)
+    found = deviations(planned, measured, weights)
+    np.testing.assert_allclose(found.joint_position, 0.03, rtol=0.0, atol=1e-9)

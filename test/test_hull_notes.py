@@ -53,6 +53,6 @@ def test_a_plan_says_so_in_its_message_and_table_and_a_digest_knows_no_shares() 
     plan, plain = (perform(task) for task in tasks)
     words = "meshes count by their convex hulls, which have more volume: client by 100 %"
     assert plan.message == f"{plain.message}; {words}"
-    assert ("note", words) in plan_rows(plan, 0.1, "", chosen=False, limits=None)
+    assert ("note", words) in plan_rows(None, plan, 0.1, "", chosen=False, limits=None)
     assert plan_dictionary(plan, tasks[0], 0.1)["message"] == plan.message
     assert (plan.trajectory.joint_positions == plain.trajectory.joint_positions).all()

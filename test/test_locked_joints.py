@@ -147,7 +147,7 @@ def test_the_node_is_told_of_held_joints_in_one_line() -> None:
     assert locked_joints_of("") == {}
     assert locked_joints_of("rail: 0.2, other_elbow: -1.5e0,") == {"rail": 0.2, "other_elbow": -1.5}
     told = RobotParameters(
-        OWN_WHEELS, "a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO, ""
+        OWN_WHEELS, "a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO, "", 1.0
     )
     robot = told.load(two_arms())
     assert robot.base is Base.PLANAR

@@ -90,6 +90,7 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
         "/servicer/published_plan",
         "/servicer/predicted_chaser_path",
         "/servicer/predicted_chaser_pose",
+        "/servicer/predicted_wheel_momentum",
         "/servicer/tracking_error",
         "/servicer/markers",
         "/servicer/planned_joint_states",

@@ -17,7 +17,7 @@ from robots import random_state
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import Robot
@@ -45,7 +45,7 @@ class Output:
 
         node.create_lifecycle_publisher.side_effect = publisher
         parameters = replace(load_parameters(), inertial_frame="inertial")
-        self.output = PlanOutput(node, parameters)
+        self.output = PlanOutput(node, "chaser", parameters)
 
     def publish(
         self,
@@ -185,3 +185,28 @@ def test_of_a_capture_the_way_of_the_body_and_the_way_to_the_grasp_are_told(lemu
     way = there.rotations[0].T @ (plan.trajectory.ee_positions[9] - there.positions[0])
     told = pose.pose.position
     np.testing.assert_allclose([told.x, told.y, told.z], way, atol=1e-7)
+
+
+def test_what_the_wheels_should_hold_and_give_now_is_told_while_a_plan_runs(lemur: Robot) -> None:
+    output, plan = Output(), drawn_plan(lemur, seed=4)
+    time = plan.trajectory.time
+    # A momentum that is a cubic of the time is met between the points, too.
+    momenta, torques = time[:, None] ** 3 * [1.0, -2.0], 3.0 * time[:, None] ** 2 * [1.0, -2.0]
+    output.publish(plan, "run.1")
+    output.output.stream(None)
+    assert (
+        "predicted_wheel_momentum" not in output.heard
+        or not output.heard["predicted_wheel_momentum"]
+    )
+    output.publish(replace(plan, wheels=WheelMotion(momenta, torques)), "run.2")
+    seconds = float(time[9] + time[10]) / 2.0
+    output.now_ns = START + round(seconds * NANOSECONDS)
+    output.output.stream(None)
+    (told,) = output.heard["predicted_wheel_momentum"]
+    assert nanoseconds(told.header.stamp) == output.now_ns
+    assert told.header.frame_id == "chaser"
+    np.testing.assert_allclose(told.momenta, seconds**3 * np.array([1.0, -2.0]), rtol=1e-9)
+    np.testing.assert_allclose(told.torques, 3.0 * seconds**2 * np.array([1.0, -2.0]), rtol=1e-9)
+    output.now_ns = START - 1
+    output.output.stream(None)
+    assert len(output.heard["predicted_wheel_momentum"]) == 1

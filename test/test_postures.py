@@ -15,9 +15,10 @@ from robots import CONFIG, LEMUR_SCENARIO
 
 from ff_planner_ros.analysis.drawing.figures import plot_plan
 from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.check.preconditions import require_time
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
@@ -30,12 +31,15 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     PlanningProblem,
     Posture,
+    Sphere,
     lasting,
 )
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.search import free_moment
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import joint_goals
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.momentum import total_momenta
 from ff_planner_ros.simulation.verification import verify
@@ -197,7 +201,7 @@ def test_wheels_hold_a_chaser_that_stows_its_arm() -> None:
     assert problem.robot.base is Base.ATTITUDE_HELD
     assert plan.turn_rate_at_rest == 0.0
     assert plan.wheels is not None
-    assert (plan.wheels.peak_momenta <= 4.0 + 1e-6).all()
+    assert max(plan.metrics.peak_wheel_momenta) <= 4.0 + 1e-6
 
 
 def refused(path: Path) -> InvalidInput:
@@ -235,3 +239,77 @@ def test_what_needs_a_place_of_the_goal_is_refused_with_a_goal_of_the_joints() -
     corridor = Approach(direction=np.array([1.0, 0.0, 0.0]), distance=0.1)
     with pytest.raises(InvalidInput, match=r"approach .*the goal has no place"):
         asking(Posture(FOLDED), approach=corridor)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_shortest_stop_needs_no_other_guesses_where_all_that_is_kept_is_linear(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With all of them the planner finds none that is sooner by what counts."""
+    problem = joint_goals.problem("stop", number).problem
+    found = perform(PlanningTask(problem, SETTINGS))
+    monkeypatch.setattr(free_moment, "_is_convex", lambda _: False)
+    thorough = perform(PlanningTask(problem, SETTINGS))
+    assert found.solver.starts < thorough.solver.starts / 2
+    assert found.duration is not None
+    assert thorough.duration is not None
+    assert found.duration <= thorough.duration * (1.0 + free_moment.SOONER)
+
+
+def test_stops_among_obstacles_and_bodies_are_looked_for_from_everywhere() -> None:
+    problem = joint_goals.problem("stop", 0).problem
+    assert free_moment._is_convex(problem)
+    sphere = Sphere("s", np.array([9.0, 0.0, 0.0]), 0.1)
+    for other in (
+        replace(problem, obstacles=(sphere,)),
+        replace(problem, limits=replace(problem.limits, chaser_attitude=0.1)),
+        replace(problem, limits=replace(problem.limits, chaser_rotation=0.1)),
+        replace(problem, posture=None),
+        replace(problem, robot=replace(problem.robot, pairs=((0, 1),))),
+    ):
+        assert not free_moment._is_convex(other)
+
+
+def test_no_time_is_refused_in_which_a_joint_alone_can_be_as_asked() -> None:
+    """By the fastest way there is: full acceleration, then full deceleration, in closed form."""
+    problem = joint_goals.problem("stow", 0).problem
+    robot, limit = problem.robot, 0.2
+    rng = np.random.default_rng(5)
+    limits = Limits(joint_accelerations=(limit,) * robot.joints)
+    for _ in range(20):
+        v0, v1, speeds_up, slows_down = rng.uniform([-0.1, -0.1, 0.1, 0.1], [0.1, 0.1, 2.0, 2.0])
+        sign = rng.choice([-1.0, 1.0])
+        top = v0 + sign * limit * speeds_up
+        slows_down = max((top - v1) * sign / limit, 0.0)
+        if slows_down == 0.0 or sign * top < 0.05:  # it goes back on the way
+            continue
+        way = (v0 + top) / 2.0 * speeds_up + (top + v1) / 2.0 * slows_down
+        begin = problem.start.joint_positions
+        first = np.eye(robot.joints)[0]
+        start = replace(problem.start, joint_velocities=v0 * first)
+        wide = replace(
+            robot,
+            lower_position_limits=np.full(robot.joints, -99.0),
+            upper_position_limits=np.full(robot.joints, 99.0),
+        )
+        asked = replace(
+            problem,
+            robot=wide,
+            start=start,
+            posture=Posture(begin + way * first, v1 * first),
+            limits=limits,
+            obstacles=(),
+        )
+        enough = replace(asked, duration=speeds_up + slows_down)
+        require_time(enough)
+        with pytest.raises(
+            NoPlanFound, match="s is too short: joint joint_1 cannot be in the post"
+        ):
+            require_time(replace(asked, duration=0.99 * enough.duration))
+    stopping = replace(problem, posture=Posture(at_rest=True), limits=limits, obstacles=())
+    rates = np.append(0.1, np.zeros(robot.joints - 1))
+    stopping = replace(stopping, start=replace(problem.start, joint_velocities=rates))
+    require_time(replace(stopping, duration=0.5))
+    with pytest.raises(NoPlanFound, match="joint joint_1 cannot be at rest that is asked") as error:
+        require_time(replace(stopping, duration=0.49))
+    assert error.value.status is Status.LIMIT_VIOLATED

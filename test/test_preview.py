@@ -74,7 +74,7 @@ def test_it_is_played_again_and_again_and_only_the_first_time_is_new(plan: Plan)
     """A node would play it to whoever looks; the recorder needs it once."""
     node = Mock(spec=LifecycleNode)
     node.get_clock.return_value.now.return_value.to_msg.return_value = Time()
-    played = PlanOutput(node, load_parameters())
+    played = PlanOutput(node, "chaser", load_parameters())
     states = node.create_lifecycle_publisher.return_value
     for number in range(2):
         with pytest.MonkeyPatch.context() as patch:

@@ -32,7 +32,7 @@ SETTINGS = load_parameters().planner
 def parameters(directory: Path, geometry: str = "auto") -> RobotParameters:
     urdf, srdf = directory / "arm.urdf", directory / "arm.srdf"
     return RobotParameters(
-        OWN_WHEELS, str(urdf), "bus", "tool", "free_flyer", "joint_1: 0.3", geometry, str(srdf)
+        OWN_WHEELS, str(urdf), "bus", "tool", "free_flyer", "joint_1: 0.3", geometry, str(srdf), 1.0
     )
 
 

@@ -204,7 +204,7 @@ def told(
 
 def test_every_request_is_listed_with_door_time_status_and_numbers(told: Told) -> None:
     assert told.page.row("run.1") == [
-        *("run.1", "service", "11:06:41.000", "0 SOLVED", "1, 0, 0", "10", "50"),
+        *("run.1", "service", "11:06:41.000", "0 SOLVED", "1, 0, 0, 0", "10", "50"),
         *("1.1072", "15.63", "19.40", "1.8", "0.250", told.page.row("run.1")[-1]),
     ]
     listed = [(row[0], row[1], row[3]) for row in told.page.rows if len(row) == 13][1:]
@@ -667,7 +667,7 @@ def test_an_answer_in_json_gives_the_same_plots(
 ) -> None:
     page = page_of(report_of(answer, tmp_path), tmp_path)
     assert page.row("answer")[1:] == [
-        *("command line", "-", "0 SOLVED", "1, 0, 0", "10", "50"),
+        *("command line", "-", "0 SOLVED", "1, 0, 0, 0", "10", "50"),
         *("1.1072", "15.63", "19.40", "1.8", "0.500", page.row("answer")[-1]),
     ]
     assert sorted(page.plots) == sorted(f"plan-0-{name}" for name in PLOTS)

@@ -259,3 +259,13 @@ def test_a_refusal_to_take_over_says_from_which_plan(
         asked(lemur_capture, replace(running, duration=4.0), request, 0)
     assert refused.value.status is Status.PLAN_ENDING
     assert refused.value.provenance.previous_plan_id == "run.1"
+
+
+def test_a_joint_that_slides_may_be_off_by_its_weight(running: PublishedPlan) -> None:
+    most = ALLOWED.max_joint_position
+    sound = snapshot(running).state.joint_positions
+    off = snapshot(running, joint_positions=sound + 0.5 * most * np.eye(7)[0])
+    start_ns = NOW + NANOSECONDS
+    continued_plan(running, off, start_ns, ALLOWED)
+    with pytest.raises(InvalidInput, match="a joint by"):
+        continued_plan(running, off, start_ns, ALLOWED, np.append(3.0, np.ones(6)))

@@ -64,7 +64,7 @@ REFUSALS = {
     "untyped": (
         'name="joint_3" type="revolute"',
         'name="joint_3"',
-        "joint 'joint_3' is of no type: it must be revolute or fixed",
+        "joint 'joint_3' is of no type: it must be revolute, prismatic or fixed",
     ),
     "mimic": (
         '<child link="link_3"/>',

@@ -18,10 +18,11 @@ from ff_planner_ros.planning.distance.certificate import (
     _lower_bounds,
     bend_bounds,
     cubics_between,
+    slides,
     way_bounds,
 )
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 FIRST, LENGTHS = 0.4, (1.0, 0.7, 0.3)
 ARM = straight_arm(FIRST, *LENGTHS)
@@ -51,7 +52,8 @@ def fastest(robot: Robot, q: Array, cubic: Array, order: int) -> float:
 def bounds_of(cubic: Array) -> tuple[float, float]:
     """Both bounds of the straight arm."""
     points = corners(ARM, HOME)
-    (way,), (bend,) = (of(points, HOME, cubic[None]) for of in (way_bounds, bend_bounds))
+    told = slides(ARM), points, HOME, cubic[None]
+    (way,), (bend,) = (of(*told) for of in (way_bounds, bend_bounds))
     return float(way), float(bend)
 
 
@@ -95,7 +97,7 @@ def test_a_base_that_turns_while_it_bends_needs_the_way_of_its_axis() -> None:
     cubic = np.zeros((3, 7))
     cubic[0, 0], cubic[2, 1], cubic[0, 5] = moved[0], moved[1], turn
     found = fastest(arm, HOME[:8], cubic, 1)
-    (bound,) = way_bounds(corners(arm, HOME[:8]), HOME[:8], cubic[None])
+    (bound,) = way_bounds(slides(arm), corners(arm, HOME[:8]), HOME[:8], cubic[None])
     # The rate alone, and what the turn makes of the arm's own 0.02 m.
     without = np.sqrt(12.0) + turn * 0.02
     assert without + 0.4 * turn < found <= bound
@@ -138,7 +140,7 @@ def test_the_bend_of_a_base_that_turns_on_its_way_is_nearly_what_happens(order: 
     cubic[0, 1], cubic[order - 1, 5] = way, turn
     happens = fastest(arm, HOME[:8], cubic, 2)
     assert happens == pytest.approx({1: 1.0, 2: 3.0}[order] * turn * way, rel=0.02)
-    (bend,) = bend_bounds(corners(arm, HOME[:8]), HOME[:8], cubic[None])
+    (bend,) = bend_bounds(slides(arm), corners(arm, HOME[:8]), HOME[:8], cubic[None])
     assert happens <= bend <= 1.03 * happens
 
 
@@ -148,8 +150,69 @@ def test_both_bounds_are_sums_over_joints_and_links(name: str) -> None:
     q, _ = configuration(robot, random_state(robot, rng))
     cubics, points = rng.normal(size=(5, 3, 6 + robot.joints)), corners(robot, q)
     expected = np.array([way_and_bend(points, q[:3], cubic) for cubic in cubics])
-    assert way_bounds(points, q, cubics) == pytest.approx(expected[:, 0], rel=1e-12)
-    assert bend_bounds(points, q, cubics) == pytest.approx(expected[:, 1], rel=1e-12)
+    told = slides(robot), points, q, cubics
+    assert way_bounds(*told) == pytest.approx(expected[:, 0], rel=1e-12)
+    assert bend_bounds(*told) == pytest.approx(expected[:, 1], rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["sliding1", "sliding4", "sliding7"])
+def test_no_bound_of_an_arm_that_slides_is_below_what_happens(name: str) -> None:
+    """On the second of two cubics, when the joints have slid already."""
+    robot, rng = chain_robot(name), np.random.default_rng(1)
+    q, _ = configuration(robot, random_state(robot, rng))
+    told = slides(robot), corners(robot, q), q
+    for size in (0.03, 1.0):
+        cubics = size * rng.normal(size=(2, 3, 6 + robot.joints))
+        cubics[:, :, :6] = 0.0  # the base's own twist is told in its axes at each begin
+        later = pin.integrate(robot.model, q, cubics[0].sum(axis=0))
+        happens = [fastest(robot, later, cubics[1], order) for order in (1, 2)]
+        bounds = [float(of(*told, cubics)[1]) for of in (way_bounds, bend_bounds)]
+        assert np.all(np.array(happens) <= bounds)
+
+
+def telescope() -> Robot:
+    """A joint that turns about z, 0.5 m further one that slides along x, and 0.3 m to the tip."""
+    inertial = (
+        '<inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    limit = '<limit lower="-9" upper="9" velocity="9" effort="9"/>'
+    links = "".join(f'<link name="{name}">{inertial}</link>' for name in ("chaser", "a", "b"))
+    text = (
+        f'<robot name="telescope">{links}<link name="tip"/>'
+        '<joint name="turn" type="revolute"><parent link="chaser"/><child link="a"/>'
+        f'<axis xyz="0 0 1"/>{limit}</joint>'
+        '<joint name="out" type="prismatic"><parent link="a"/><child link="b"/>'
+        f'<origin xyz="0.5 0 0"/><axis xyz="1 0 0"/>{limit}</joint>'
+        '<joint name="hand" type="fixed"><parent link="b"/><child link="tip"/>'
+        '<origin xyz="0.3 0 0"/></joint></robot>'
+    )
+    return robot_from_urdf_text(text, "chaser", "tip")
+
+
+def test_a_turn_moves_an_arm_that_has_slid_out_by_all_of_its_length() -> None:
+    robot, q = telescope(), HOME[:9]
+    cubics = np.zeros((2, 3, 8))
+    cubics[0, 0, 7], cubics[1, 0, 6] = 1.0, 0.2
+    told = slides(robot), corners(robot, q), q, cubics
+    later = pin.integrate(robot.model, q, cubics[0].sum(axis=0))
+    assert fastest(robot, later, cubics[1], 1) == pytest.approx(0.2 * 1.8, rel=1e-6)
+    assert way_bounds(*told)[1] == pytest.approx(0.2 * 1.8, rel=1e-12)
+    assert fastest(robot, later, cubics[1], 2) == pytest.approx(0.2**2 * 1.8, rel=1e-3)
+    assert bend_bounds(*told)[1] == pytest.approx(1.5 * 0.2**2 * 1.8, rel=1e-12)
+
+
+def test_a_rail_alone_moves_the_arm_as_fast_as_it_slides() -> None:
+    robot = chain_robot("sliding1")
+    cubic = np.zeros((1, 3, 7))
+    cubic[0, 0, 6], cubic[0, 1, 6] = 0.3, -0.1
+    told = slides(robot), corners(robot, HOME[:8]), HOME[:8], cubic
+    assert way_bounds(*told) == pytest.approx([0.3 + 2 * 0.1], rel=1e-12)
+    assert bend_bounds(*told) == pytest.approx([2 * 0.1], rel=1e-12)
+    beside = cubic.copy()
+    beside[0, 0, 5] = 0.2  # a turn makes what slides out bend: 2 W u
+    (bend,) = bend_bounds(slides(robot), corners(robot, HOME[:8]), HOME[:8], beside)
+    assert bend > 2 * 0.1 + 2 * 0.2 * (0.3 + 2 * 0.1)
 
 
 @pytest.mark.parametrize("name", ["free3", "planar3"])

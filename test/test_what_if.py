@@ -132,8 +132,8 @@ def test_the_report_lays_the_changed_plan_over_the_recorded_one(
     page = Page(file.read_text(encoding="utf-8"))
     changed = perform(PlanningTask(replace(lemur_capture, duration=15.0, points=30), SETTINGS))
     assert [page.row(f"bag, {name}")[3:7] for name in ("recorded", "changed")] == [
-        ["0 SOLVED", "1, 0, 0", "10", "50"],
-        ["0 SOLVED", "1, 0, 0", "15", "30"],
+        ["0 SOLVED", "1, 0, 0, 0", "10", "50"],
+        ["0 SOLVED", "1, 0, 0, 0", "15", "30"],
     ]
     for method, plan in (("recorded", lemur_plan), ("changed", changed)):
         joints = page.curves("plan-0-joints", method)

@@ -17,7 +17,9 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.values import default_values, parameters_of
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer, state_from_message
@@ -119,3 +121,19 @@ def test_momenta_of_a_robot_without_wheels_are_refused() -> None:
     message.wheel_momenta = [0.1]
     with pytest.raises(InvalidInput, match="it must be empty: there are no wheels"):
         state_from_message(message, "chaser_state", problem.robot, "inertial")
+
+
+def test_a_weight_on_the_wheels_is_recorded_and_replayed(
+    solved: tuple[PlanningTask, Plan], tmp_path: Path
+) -> None:
+    problem = replace(solved[0].problem, objective=Objective(1.0, 0.0, wheel_momentum=5.0))
+    task = PlanningTask(problem, SETTINGS)
+    plan = perform(task)
+    assert max(plan.metrics.peak_wheel_momenta) < 0.8 * max(solved[1].metrics.peak_wheel_momenta)
+    write_scenario(task, tmp_path / "weighted.yaml")
+    assert load_task(tmp_path / "weighted.yaml", Defaults(SETTINGS)).digest == task.digest
+    record_answer(tmp_path / "bag", task, plan, 0.1)
+    with open_bag(tmp_path / "bag") as opened:
+        (recorded,) = recorded_run(opened).requests
+    assert recorded.read_request().task.problem.objective.wheel_momentum == 5.0
+    assert replay(recorded).verdict is Verdict.IDENTICAL

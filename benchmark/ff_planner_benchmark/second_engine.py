@@ -14,8 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.momentum import angular_momenta
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
 try:
@@ -23,6 +25,7 @@ try:
     from pydrake.multibody.math import SpatialVelocity
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, SpatialInertia
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
     from pydrake.systems.framework import DiagramBuilder
     from pydrake.systems.primitives import TrajectorySource
@@ -34,8 +37,10 @@ except ModuleNotFoundError:
     ) from None
 
 # Torques between two points of a plan are given so often, and are linear between; and how exact
-# the integration is, relative. Both leave less than a hundredth of a millimetre.
-_STEPS_PER_POINT, _ACCURACY = 20, 1e-9
+# the integration is, relative. Both leave less than a thousandth of a millimetre.
+_STEPS_PER_POINT, _ACCURACY = 60, 1e-10
+# What holds a base is a matter of accelerations, and those of a light wrist need more.
+_STEPS_OF_HELD = 960
 # The longest step [s].
 _STEP = 0.01
 
@@ -46,21 +51,32 @@ class Miss(NamedTuple):
     position: float  # of the end effector at the end [m]
     orientation: float  # likewise [rad]
     chaser: float  # of its centre of mass, at worst [m]
+    # Of what holds the chaser's attitude from what the plan's wheels give, at worst at the points,
+    # about any axis [N m]; zero where nothing holds it
+    holding_torque: float
 
 
 def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
     """Let Drake execute a plan's torques open loop, from its first state.
 
     Only the URDF, the names of its links and the samples of the plan are used. An arm on a table
-    floats freely: nothing lifts it off the plane.
+    floats freely: nothing lifts it off the plane. A base that wheels hold is on three slides along
+    the axes of its root link.
     """
+    is_held = robot.base is Base.ATTITUDE_HELD
+    turn = (
+        Rotation.from_quat(trajectory.chaser_quaternions_xyzw[0])
+        * Rotation.from_matrix(robot.rotation_chaser_to_base).inv()
+    )
     builder = DiagramBuilder()
     plant: Any = builder.AddSystem(MultibodyPlant(0.0))  # Drake's stubs take it for any system
     Parser(plant).AddModelsFromString(_without_shapes(robot.drawn_urdf), "urdf")
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    base = plant.GetBodyByName(robot.base_link)
+    slides = _slides(plant, base, turn) if is_held else []
     plant.Finalize()
     joints = [plant.GetJointByName(name) for name in robot.joint_names]
-    command = feed_forward(robot, trajectory, _STEPS_PER_POINT)
+    command = feed_forward(robot, trajectory, _STEPS_OF_HELD if is_held else _STEPS_PER_POINT)
     forces = np.zeros((plant.num_velocities(), len(command.time)))
     for joint, torques in zip(joints, command.torques.T, strict=True):
         forces[joint.velocity_start()] = torques
@@ -72,36 +88,74 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
     integrator = ResetIntegratorFromFlags(simulator, "runge_kutta3", _STEP)
     integrator.set_target_accuracy(_ACCURACY)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    base = plant.GetBodyByName(robot.base_link)
     tip = plant.GetBodyByName(robot.tip_link)
     # A plan tells of the chaser's centre of mass, in the axes of the base link
     center = np.array(robot.position_chaser_in_base)
-    turn = (
-        Rotation.from_quat(trajectory.chaser_quaternions_xyzw[0])
-        * Rotation.from_matrix(robot.rotation_chaser_to_base).inv()
-    )
     lever, rate = turn.apply(center), trajectory.chaser_angular_velocities[0]
     place = trajectory.chaser_positions[0] - lever
     velocity = trajectory.chaser_linear_velocities[0] - np.cross(rate, lever)
-    plant.SetFreeBodyPose(context, base, RigidTransform(_pose(turn.as_matrix(), place)))
-    plant.SetFreeBodySpatialVelocity(
-        context=context, body=base, V_JpJc=SpatialVelocity(rate, velocity)
-    )
-    starts = trajectory.joint_positions[0], trajectory.joint_velocities[0]
-    for joint, angle, speed in zip(joints, *starts, strict=True):
-        joint.set_angle(context, angle)
-        joint.set_angular_rate(context, speed)
+    moving = [(joint, *start) for joint, *start in zip(joints, *_starts(trajectory), strict=True)]
+    if is_held:
+        seen = turn.inv().apply([place, velocity])
+        moving += [(slide, *start) for slide, *start in zip(slides, *seen, strict=True)]
+    else:
+        plant.SetFreeBodyPose(context, base, RigidTransform(_pose(turn.as_matrix(), place)))
+        plant.SetFreeBodySpatialVelocity(
+            context=context, body=base, V_JpJc=SpatialVelocity(rate, velocity)
+        )
+    positions, speeds = plant.GetPositions(context), plant.GetVelocities(context)
+    for joint, position, speed in moving:
+        positions[joint.position_start()] = position
+        speeds[joint.velocity_start()] = speed
+    plant.SetPositions(context, positions)
+    plant.SetVelocities(context, speeds)
     simulator.Initialize()
-    worst = 0.0
+    worst, held_by = 0.0, []
     for time, planned in zip(trajectory.time, trajectory.chaser_positions, strict=True):
         simulator.AdvanceTo(float(time))
         pose = plant.EvalBodyPoseInWorld(context, base)
         worst = max(worst, float(np.linalg.norm(pose.multiply(center) - planned)))
+        if is_held:
+            reactions = plant.get_reaction_forces_output_port().Eval(context)
+            held_by.append(reactions[int(slides[-1].index())].rotational())
+    off_wheels = 0.0
+    if is_held:  # Drake tells it in the root link's axes, the plan in those of the base link
+        q, v = from_trajectory(robot, trajectory)
+        _, rates = angular_momenta(robot, q, v, trajectory.joint_accelerations)
+        in_base = np.array(held_by) @ robot.rotation_chaser_to_base
+        off_wheels = float(np.abs(in_base - rates).max())
     reached = plant.EvalBodyPoseInWorld(context, tip)
     wanted = Rotation.from_quat(trajectory.ee_quaternions_xyzw[-1])
     off = wanted.inv() * Rotation.from_matrix(reached.rotation().matrix())
     missed = float(np.linalg.norm(reached.translation() - trajectory.ee_positions[-1]))
-    return Miss(missed, float(off.magnitude()), worst)
+    return Miss(missed, float(off.magnitude()), worst, off_wheels)
+
+
+def _starts(trajectory: Trajectory) -> tuple[Array, Array]:
+    return trajectory.joint_positions[0], trajectory.joint_velocities[0]
+
+
+def _slides(plant: Any, base: Any, turn: Rotation) -> list[Any]:
+    """Put the base on three slides along its own axes, and return them."""
+    turned = plant.AddFrame(
+        FixedOffsetFrame(
+            "turned", plant.world_frame(), RigidTransform(_pose(turn.as_matrix(), np.zeros(3)))
+        )
+    )
+    slides, parent = [], turned
+    for name, axis in zip("xyz", np.eye(3), strict=True):
+        last = name == "z"
+        # What is between two slides weighs nothing.
+        child = base
+        if not last:
+            instance = base.model_instance()
+            child = plant.AddRigidBody(f"on_{name}", instance, SpatialInertia.Zero())
+        # Drake's stubs take the types of an array for its shape
+        along: Any = axis
+        slide = PrismaticJoint(f"slide_{name}", parent, child.body_frame(), along)
+        slides.append(plant.AddJoint(slide))
+        parent = child.body_frame()
+    return slides
 
 
 def _pose(rotation: Array, position: Array) -> Any:

@@ -1,9 +1,13 @@
 """Plans in a second engine, Drake, beside MuJoCo; skipped where Drake is not installed."""
 
+import numpy as np
 import pytest
 
 from ff_planner_benchmark import dataset
 from ff_planner_benchmark.flown import flown_rows
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import joint_goals
 
 pytestmark = pytest.mark.ci
 
@@ -20,3 +24,24 @@ def test_three_plans_of_each_class_arrive_in_both_engines(tmp_path, times):
         assert int(plans) == each, kind
         assert float(in_mujoco) < LARGEST_MISS, kind
         assert float(in_drake) < LARGEST_MISS, kind
+
+
+@pytest.mark.parametrize("kind", joint_goals.KINDS)
+def test_wheels_rails_stows_and_stops_come_true_in_both_engines(kind, times):
+    """The torque that holds a base is the one that the plan's wheels give."""
+    from ff_planner_benchmark.second_engine import flown_in_drake
+    from ff_planner_ros.simulation.verification import verify
+
+    settings = load_parameters().planner
+    for number in range(times(1, 5)):
+        problem = joint_goals.problem(kind, number).problem
+        motion = perform(PlanningTask(problem, settings)).trajectory
+        first, second = verify(problem.robot, motion), flown_in_drake(problem.robot, motion)
+        assert first.passed, number
+        assert first.deviation.final_position_error < 1e-4
+        assert second.position < 1e-4, number
+        assert second.orientation < np.deg2rad(0.01)
+        assert second.chaser < 1e-4
+        if problem.robot.wheels is not None:
+            assert first.holding_torque_error < 1e-6
+            assert second.holding_torque < 1e-6

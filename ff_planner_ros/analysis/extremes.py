@@ -152,6 +152,7 @@ class JointExtremes:
     """What one joint does in a motion."""
 
     name: str
+    slides: bool  # in m, m/s and N; else in rad, rad/s and N m
     start: float  # [rad]
     end: float  # [rad]
     lowest: float  # [rad]
@@ -188,6 +189,7 @@ def joint_extremes(
         found.append(
             JointExtremes(
                 name=name,
+                slides=robot.slides(k),
                 start=float(motion.joint_positions[0, k]),
                 end=float(motion.joint_positions[-1, k]),
                 lowest=float(lowest[k]),

@@ -10,12 +10,13 @@ import numpy as np
 
 from ff_planner_ros.analysis.robot_json import (
     chaser_told,
-    peaks_told,
+    peaks_read,
     robot_told,
+    slide_weight_read,
     wheels_of_robot_read,
     wheels_read,
 )
-from ff_planner_ros.common.arrays import Array, finite_number, finite_vector, frozen
+from ff_planner_ros.common.arrays import Array, finite_number, frozen
 from ff_planner_ros.common.declared import (
     DeclaredFields,
     declared,
@@ -205,9 +206,9 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     kept_clear = None  # what the URDF has: none of earlier versions' answers has a <collision>
     if isinstance(answer, dict) and "geometry" in answer:
         kept_clear = a_word(Geometry).read("geometry", answer["geometry"])
-    wheels = wheels_of_robot_read(described)
-    links = base_link, tip_link
-    robot = robot_from_urdf_text(urdf, *links, base, geometry=kept_clear, wheels=wheels)
+    wheels, weight = wheels_of_robot_read(described), slide_weight_read(described)
+    told = urdf, base_link, tip_link, base
+    robot = robot_from_urdf_text(*told, geometry=kept_clear, wheels=wheels, slide_weight=weight)
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
         allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"
@@ -231,11 +232,11 @@ def plan_document(answer: Any) -> PlanDocument:
         # Dictionaries of older versions lack what has a default.
         if item.default is MISSING or item.name in metrics
     }
-    peaks = _numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques"))
-    peaks = finite_vector("metrics.peak_joint_torques", peaks, robot.joints)
-    values: dict[str, Any] = {
+    peaks = peaks_read(robot, found)
+    values: dict[str, Any] = peaks | {
         name: str(value) if name.endswith("_pair") else _number(f"metrics.{name}", value)
         for name, value in found.items()
+        if name not in peaks
     }
     told = {
         item.name: _entry(solver, item.name, "solver.")
@@ -252,7 +253,7 @@ def plan_document(answer: Any) -> PlanDocument:
         trajectory=trajectory,
         xi=_numbers("xi", _entry(answer, "xi")),
         orientation_reading=str(_entry(answer, "orientation_reading")),
-        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **values),
+        metrics=Metrics(**values),
         solver=SolverReport(**told),
         duration=asked.get("duration"),
         effort=int(finite_number("effort", answer.get("effort", 0))),
@@ -334,7 +335,7 @@ def _numbers(name: str, rows: Any) -> Array:
 
 def _how_good(plan: Plan, solve_time: float) -> dict[str, Any]:
     solver = {"solve_time": solve_time, **asdict(plan.solver)}
-    metrics = asdict(plan.metrics) | peaks_told(plan.wheels)
+    metrics = {name: of for name, of in asdict(plan.metrics).items() if of != ()}
     return {
         "metrics": {name: _finite(value) for name, value in metrics.items()},
         "solver": {name: _finite(value) for name, value in solver.items()},

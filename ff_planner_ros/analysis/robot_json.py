@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.common.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.common.declared import written_object
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.wheels_file import WheelsFile, wheels_file
+from ff_planner_ros.robot.model import SLIDE_WEIGHT, Robot
 from ff_planner_ros.robot.wheels import Wheels
 
-# Names in the dictionary, of the fields of a motion in their order.
-_ROWS, _PEAKS = ("momenta", "torques"), ("peak_wheel_momenta", "peak_wheel_torques")
+# Of a motion, in the order of its fields.
+_ROWS = ("momenta", "torques")
 
 
 def robot_told(problem: PlanningProblem) -> dict[str, Any]:
@@ -26,6 +28,7 @@ def robot_told(problem: PlanningProblem) -> dict[str, Any]:
         "tip_link": robot.tip_link,
         "base": robot.base.value,
         **({} if wheels is None else {"wheels": written_object(wheels)}),
+        **({"slide_weight": robot.slide_weight} if robot.has_slides else {}),
     }
 
 
@@ -41,6 +44,16 @@ def wheels_of_robot_read(robot: dict[str, Any]) -> Wheels | None:
     return found.wheels
 
 
+def slide_weight_read(robot: dict[str, Any]) -> float:
+    """Read the share of joints that slide of a robot's dictionary; older ones tell none.
+
+    Raises:
+        InvalidInput: It is none.
+    """
+    told = robot.get("slide_weight", SLIDE_WEIGHT)
+    return finite_number("robot.slide_weight", told, above=0.0)
+
+
 def chaser_told(plan: Plan) -> dict[str, Any]:
     """Return what wheels hold and give, a row a point, and how all turns at rest, if it does."""
     told: dict[str, Any] = {}
@@ -49,14 +62,6 @@ def chaser_told(plan: Plan) -> dict[str, Any]:
     if plan.turn_rate_at_rest is not None:
         told["turn_rate_at_rest"] = plan.turn_rate_at_rest
     return told
-
-
-def peaks_told(wheels: WheelMotion | None) -> dict[str, tuple[float, ...]]:
-    """Return the metrics that tell the largest of each wheel; none: nothing."""
-    if wheels is None:
-        return {}
-    peaks = (wheels.peak_momenta, wheels.peak_torques)
-    return {name: tuple(of.tolist()) for name, of in zip(_PEAKS, peaks, strict=True)}
 
 
 def wheels_read(answer: dict[str, Any]) -> WheelMotion | None:
@@ -68,15 +73,29 @@ def wheels_read(answer: dict[str, Any]) -> WheelMotion | None:
     if "wheels" not in answer:
         return None
     rows = [_numbers(answer["wheels"], "wheels", name) for name in _ROWS]
-    peaks = [_numbers(answer.get("metrics"), "metrics", name) for name in _PEAKS]
     points = len(answer.get("time", ()))
     for name, found in zip(_ROWS, rows, strict=True):
         if found.shape != (points, *rows[0].shape[1:]) or found.ndim != 2:
             allowed = "it must have a row a point, and a number a wheel in each"
             raise InvalidInput(Status.WRONG_SIZE, f"wheels.{name}", str(found.shape), allowed)
-    for name, found in zip(_PEAKS, peaks, strict=True):
-        finite_vector(f"metrics.{name}", found, rows[0].shape[1])
-    return WheelMotion(*rows, *peaks)
+    return WheelMotion(*rows)
+
+
+def peaks_read(robot: Robot, metrics: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """Read what a dictionary's metrics tell of each joint, and of each wheel if there are any.
+
+    Raises:
+        InvalidInput: They are not one number for each.
+    """
+    wheels = 0 if robot.wheels is None else robot.wheels.count
+    sizes = {"peak_joint_torques": robot.joints}
+    sizes |= dict.fromkeys(("peak_wheel_momenta", "peak_wheel_torques"), wheels)
+    return {
+        name: tuple(finite_vector(f"metrics.{name}", found, count).tolist())
+        for name, count in sizes.items()
+        if name in metrics
+        for found in (_numbers(metrics, "metrics", name),)
+    }
 
 
 def _numbers(block: Any, field: str, name: str) -> Array:

@@ -7,8 +7,8 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
-from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.robot.collision.bodies import defining_numbers
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -24,24 +24,30 @@ _TOLD = (
 
 
 def plan_rows(
-    plan: Plan, solve_time: float, digest: str, chosen: bool, limits: Limits | None
+    robot: Robot | None,
+    plan: Plan,
+    solve_time: float,
+    digest: str,
+    chosen: bool,
+    limits: Limits | None,
 ) -> list[tuple[str, str]]:
     """Return name and value of what a user wants to know first of a plan made in `solve_time` s.
 
     Args:
+        robot: None: not known.
         digest: Of the task.
         chosen: Whether the planner chose the duration.
         limits: That the plan keeps; None: not known.
     """
     solver, metrics = plan.solver, plan.metrics
     told = {name: metrics.told(name) for name in _TOLD}
-    told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(metrics.peak_joint_torques)]}"
+    told["peak_joint_torques"] = _peaks(robot, plan)
     return [
         ("status", Status.SOLVED.name.lower()),
         *([("duration", f"{plan.duration:.3f} s, chosen")] if chosen and plan.duration else []),
         *([] if limits is None else [("limits kept", _limits(limits))]),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
-        *([] if plan.wheels is None else _wheel_rows(plan.wheels)),
+        *_wheel_rows(metrics),
         *([] if plan.robust is None else [("robust", plan.robust.told(metrics.joint_path_length))]),
         *([("parametrisation", plan.family)] if plan.family else []),
         *_at_rest(plan),
@@ -53,20 +59,30 @@ def plan_rows(
     ]
 
 
+def _peaks(robot: Robot | None, plan: Plan) -> str:
+    """Return the largest torque and whose it is; so, too, the largest force of those that slide."""
+    peaks, largest = plan.metrics.peak_joint_torques, dict[str, int]()
+    for joint in sorted(range(len(peaks)), key=lambda joint: -peaks[joint]):
+        unit = "N m, or N if it slides" if robot is None else robot.effort_unit(joint)
+        largest.setdefault(unit, joint)
+    return "; ".join(
+        f"{peaks[joint]:.4g} {unit}, {plan.joint_names[joint]}"
+        for unit, joint in sorted(largest.items(), reverse=True)
+    )
+
+
 def _at_rest(plan: Plan) -> list[tuple[str, str]]:
     """Return name and value of how all turns together at the goal, where the joints rest there."""
     rate = plan.turn_rate_at_rest
     return [] if rate is None else [("turns at rest", f"{np.rad2deg(rate):.4g} deg/s")]
 
 
-def _wheel_rows(wheels: WheelMotion) -> list[tuple[str, str]]:
-    """Return name and value of the largest momentum and torque of any wheel."""
+def _wheel_rows(metrics: Metrics) -> list[tuple[str, str]]:
+    """Return name and value of the largest momentum and torque of any wheel; none: nothing."""
     return [
-        (label, f"{np.max(peaks):.4g} {unit}, wheel {np.argmax(peaks) + 1}")
-        for label, peaks, unit in (
-            ("peak wheel momentum", wheels.peak_momenta, "N m s"),
-            ("peak wheel torque", wheels.peak_torques, "N m"),
-        )
+        (METRIC_BY_NAME[name].label, f"{metrics.told(name)}, wheel {np.argmax(peaks) + 1}")
+        for name in ("peak_wheel_momenta", "peak_wheel_torques")
+        if (peaks := getattr(metrics, name))
     ]
 
 
@@ -98,15 +114,23 @@ def robot_rows(robot: Robot) -> list[tuple[str, str]]:
         ("  at zero angles", f"{_vector(_tip_at_zero(robot))} m in the chaser frame"),
         ("joints", str(robot.joints)),
     ]
-    lower, upper = np.rad2deg(robot.lower_position_limits), np.rad2deg(robot.upper_position_limits)
-    rates = np.rad2deg(robot.velocity_limits)
     for k, name in enumerate(robot.joint_names):
         moved = f"moves {robot.model.inertias[2 + k].mass:g} kg"
-        effort = robot.effort_limits[k]
-        torque = f"{effort:6g} N m" if np.isfinite(effort) else "any torque"
-        limits = f"{lower[k]:7.1f} to {upper[k]:6.1f} deg, {rates[k]:6.1f} deg/s, {torque}"
-        rows.append((f"  {name}", f"{limits}, {moved}"))
+        rows.append((f"  {name}", f"{_joint_limits(robot, k)}, {moved}"))
+    if robot.has_slides:
+        rows.append(("joint path", f"sliding by 1 m counts as {robot.slide_weight:g} rad"))
     return [*rows, *_body_rows(robot)]
+
+
+def _joint_limits(robot: Robot, joint: int) -> str:
+    lower, upper = robot.lower_position_limits[joint], robot.upper_position_limits[joint]
+    rate, effort = robot.velocity_limits[joint], robot.effort_limits[joint]
+    torque = f"{effort:6g} {robot.effort_unit(joint)}" if np.isfinite(effort) else "any torque"
+    if robot.slides(joint):
+        torque = torque.replace("torque", "force")
+        return f"{lower:7.3f} to {upper:6.3f} m, {rate:6.3f} m/s, {torque}"
+    lower, upper, rate = np.rad2deg([lower, upper, rate])
+    return f"{lower:7.1f} to {upper:6.1f} deg, {rate:6.1f} deg/s, {torque}"
 
 
 def _body_rows(robot: Robot) -> list[tuple[str, str]]:

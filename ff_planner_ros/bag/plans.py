@@ -16,10 +16,11 @@ from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
-from ff_planner_ros.errors import BagError, Status
+from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.messages.trajectories import poses_in, trajectory_in, twists_in
 from ff_planner_ros.messages.wheels import wheels_in
 from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
+from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
 _AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 # Of a trajectory's field: what stands before its columns, their names, and behind them the unit.
@@ -39,11 +40,12 @@ _TARGET_BODY_COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     "linear_velocities": ("target_body_velocity_", _AXES, "_m_per_s"),
     "angular_velocities": ("target_body_angular_velocity_", _AXES, "_rad_per_s"),
 }
+# Of a joint that turns, and of one that slides.
 _JOINT_COLUMNS = {
-    "joint_positions": "position_rad",
-    "joint_velocities": "velocity_rad_per_s",
-    "joint_accelerations": "acceleration_rad_per_s2",
-    "joint_torques": "torque_Nm",
+    "joint_positions": ("position_rad", "position_m"),
+    "joint_velocities": ("velocity_rad_per_s", "velocity_m_per_s"),
+    "joint_accelerations": ("acceleration_rad_per_s2", "acceleration_m_per_s2"),
+    "joint_torques": ("torque_Nm", "force_N"),
 }
 
 
@@ -73,6 +75,7 @@ class RecordedPlan:
     target_body: Mapping[str, Array] = field(default_factory=dict)
 
     wheels: WheelMotion | None = None  # None: the chaser has none, or none are told
+    sliding: frozenset[str] = frozenset()  # joints that slide, as the bag's URDF tells
 
     def row(self) -> dict[str, Cell]:
         """Return the answer as a row of a table, with units in the names of its columns.
@@ -91,8 +94,9 @@ class RecordedPlan:
         if motion is None:
             motion = _motion_of_no_points(len(self.joint_names))
         columns = {"time_s": motion.time}
-        for part, quantity in _JOINT_COLUMNS.items():
+        for part, quantities in _JOINT_COLUMNS.items():
             for number, joint in enumerate(self.joint_names):
+                quantity = quantities[joint in self.sliding]
                 columns[f"{joint}_{quantity}"] = getattr(motion, part)[:, number]
         for part, (before, names, unit) in _COLUMNS.items():
             for number, name in enumerate(names):
@@ -164,15 +168,25 @@ def planning_exchanges(bag: Bag) -> list[Exchange[dict[str, Cell], RecordedPlan]
     Raises:
         BagError: The disk fails.
     """
+    sliding = _sliding(bag)
 
     def read_answer(message: Message, answer: Any) -> RecordedPlan | None:
         try:
-            return recorded_plan(message, answer)
+            return replace(recorded_plan(message, answer), sliding=sliding)
         except BagError as error:
             bag.note(str(error))
             return None
 
     return exchanges(bag, asked_in, read_answer)
+
+
+def _sliding(bag: Bag) -> frozenset[str]:
+    """Return the joints that slide by the URDF that is attached; none: there is no sound one."""
+    try:
+        robot = read_elements(bag.attachments["robot.urdf"].decode())
+    except (InvalidInput, LookupError, UnicodeDecodeError):
+        return frozenset()
+    return frozenset(one.get("name", "") for one in robot.findall("joint[@type='prismatic']"))
 
 
 def recorded_plan(message: Message, answer: Any) -> RecordedPlan:

@@ -167,12 +167,13 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
         geometry = str(links.get("geometry", Geometry.LINES))
         told = {name: tuple(given) for name, given in links.get("wheels", {}).items()}
         wheels = replace(OWN_WHEELS, **told)
+        slide_weight = float(links.get("slide_weight", 0.0))  # they held joints that slide
     except (InvalidInput, LookupError, TypeError, ValueError, AttributeError):
         raise BagError(
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
         ) from None
     named = "robot.urdf", base_link, tip_link
-    robot = RobotParameters(wheels, *named, base, held, geometry, srdf="")
+    robot = RobotParameters(wheels, *named, base, held, geometry, "", slide_weight)
     return robot.load(urdf)
 
 

@@ -117,6 +117,9 @@ class JointGoalAttempt(Attempt):
     robot: str  # of `joint_goals.ROBOTS`
     number: int
     starts: int  # first guesses tried; 0 for a miss
+    iterations: int  # quadratic programs solved; 0 for a miss
+    # Of the end effector at the goal: position [m] and turn [rad], the larger number; None: no plan
+    error: float | None
     longer: float | None  # duration over the witness's; None: it is given, or there is no plan
 
 
@@ -127,9 +130,15 @@ def joint_goals_measurement(count: int, settings: PlannerSettings) -> Measuremen
     for kind in joint_goals.KINDS:
         group = [each for each in tried if each.kind == kind]
         longer = [each.longer for each in group if each.longer is not None]
-        rows.append((kind, *_summary(group), median(longer, 2)))
-    header = ("kind", "problems", *_HEADER[3:], "duration / witness's")
-    table = Table("Chasers held by wheels, and goals of the joints", header, rows)
+        errors = [each.error for each in group if each.error is not None]
+        iterations = median([each.iterations for each in group if each.iterations], 1)
+        largest = f"{max(errors):.0e}" if errors else "-"
+        rows.append((kind, *_summary(group), iterations, largest, median(longer, 2)))
+    header = (
+        *("kind", "problems", *_HEADER[3:], "iterations", "largest error [m, rad]"),
+        "duration / witness's",
+    )
+    table = Table("Chasers held by wheels, rails, and goals of the joints", header, rows)
     return Measurement(tried, [table], misses(tried, "{0.kind} {0.robot} {0.number}"))
 
 
@@ -139,10 +148,15 @@ def joint_goals_attempts(count: int, settings: PlannerSettings) -> Iterator[Join
         for number, drawn in enumerate(joint_goals.problems(kind, count)):
             made, outcome = timed_plan(PlanningTask(drawn.problem, settings))
             longer = None
-            if made and made.duration and drawn.problem.duration_range:
+            if made and made.duration and drawn.problem.duration_range and drawn.witness:
                 longer = made.duration / float(drawn.witness.time[-1])
-            starts = made.solver.starts if made else 0
-            yield JointGoalAttempt(kind, drawn.robot, number, starts, longer, **outcome)
+            starts, iterations, error = 0, 0, None
+            if made:
+                starts, iterations = made.solver.starts, made.solver.iterations
+                of_goal = made.metrics
+                error = max(of_goal.final_position_error, of_goal.final_orientation_error)
+            reached = starts, iterations, error, longer
+            yield JointGoalAttempt(kind, drawn.robot, number, *reached, **outcome)
 
 
 def _summary(group: Sequence[ScenarioAttempt | ShapesAttempt | JointGoalAttempt]) -> Iterator[str]:

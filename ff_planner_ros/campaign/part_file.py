@@ -62,7 +62,7 @@ def metric_columns() -> dict[str, pyarrow.DataType]:
     metrics = {}
     for item in fields(Metrics):
         metrics[item.name] = NUMBER
-        if item.name == "peak_joint_torques":
+        if item.name.startswith("peak_"):  # one of each joint, or of each wheel
             metrics[item.name] = NUMBERS
         elif item.name.endswith("_pair"):
             metrics[item.name] = TEXT

@@ -74,7 +74,9 @@ def plan_scenario(options: Namespace) -> int:
     if isinstance(answer, FfPlannerError):
         raise answer
     chosen = task.problem.duration_range is not None
-    print_table(plan_rows(answer, solve_time, task.digest, chosen, task.problem.limits))
+    print_table(
+        plan_rows(task.problem.robot, answer, solve_time, task.digest, chosen, task.problem.limits)
+    )
     return SOLVED
 
 

@@ -93,7 +93,7 @@ def ask_node(options: Namespace) -> int:
             ("plan", f"{answer.plan_id}, {'not published' if request.plan_only else 'published'}"),
             *((("publish token", token),) if token else ()),
             ("starts at", f"{start:.3f} s"),
-            *plan_rows(plan, solve_time, digest, chosen, limits=None),
+            *plan_rows(None, plan, solve_time, digest, chosen, limits=None),
         ]
     )
     return SOLVED

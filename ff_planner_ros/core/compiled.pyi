@@ -8,13 +8,15 @@ MAX_JOINTS: int
 SOURCES_DIGEST: str  # SHA-256 of the *.cpp and *.hpp that it was built from, in the order of paths
 
 class Chain:
-    """A chaser with one arm of 1 to `MAX_JOINTS` joints that turn."""
+    """A chaser with one arm of 1 to `MAX_JOINTS` joints that turn or slide."""
 
     def __init__(
         self,
         translations: Array,  # of joints and end effector in the joint before; (joints + 1, 3)
         rotations: Array,  # likewise; shape (joints + 1, 3, 3)
-        axes: Array,  # unit vectors in the joints' frames; shape (joints, 3)
+        axes: Array,  # unit vectors in the joints' frames, zero if they slide; shape (joints, 3)
+        slides: Array,  # likewise, zero if they turn; shape (joints, 3)
+        weights: Array,  # shares in the joint path; shape (joints,) [1 or rad/m]
         masses: Array,  # of base and links; shape (joints + 1,)
         centers: Array,  # of mass, in the frames of their joints; shape (joints + 1, 3)
         inertias: Array,  # about the centres of mass; shape (joints + 1, 3, 3)

@@ -43,6 +43,8 @@ def chain_of(robot: Robot) -> compiled.Chain:
         translations=np.array([placement.translation for placement in placements]),
         rotations=np.array([placement.rotation for placement in placements]),
         axes=robot.joint_axes,
+        slides=robot.joint_slides,
+        weights=robot.joint_weights,
         masses=np.array([body.mass for body in bodies]),
         centers=np.array([body.lever for body in bodies]),
         inertias=np.array([body.inertia for body in bodies]),

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import InvalidInput, Status
@@ -34,8 +32,6 @@ def wheel_momenta_in(state: Any, field: str, robot: Robot) -> Array | None:
 def wheels_in(plan: Any) -> WheelMotion | None:
     """Return what a plan's message says of the chaser's wheels; None: nothing.
 
-    The peaks are those at the points.
-
     Raises:
         ValueError: Its arrays do not fit each other.
     """
@@ -45,4 +41,4 @@ def wheels_in(plan: Any) -> WheelMotion | None:
     points, count = len(plan.joint_trajectory.points), len(told[0].momenta)
     momenta = table([one.momenta for one in told], points, count)
     torques = table([one.torques for one in told], points, count)
-    return WheelMotion(momenta, torques, *(np.abs(rows).max(axis=0) for rows in (momenta, torques)))
+    return WheelMotion(momenta, torques)

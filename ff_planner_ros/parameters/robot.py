@@ -21,7 +21,7 @@ from ff_planner_ros.planning.problem.settings import (
 )
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.model import SLIDE_WEIGHTS, Base, Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.wheels import Wheels
 
 # Parameter robot.geometry: what the URDF has.
@@ -90,6 +90,14 @@ class RobotParameters:
         "those that touch in nearly every posture may"
     )
 
+    slide_weight: float = tunable(
+        "What sliding a joint by 1 m adds to the joint path; turning one by 1 rad adds 1 rad; 0.0: "
+        "joints that slide are held",
+        minimum=0.0,
+        maximum=SLIDE_WEIGHTS[1],
+        unit="rad/m",
+    )
+
     def __post_init__(self) -> None:
         """Check the words and the list."""
         a_word(Base).read("robot.base", self.base)
@@ -119,6 +127,7 @@ class RobotParameters:
             srdf,
             directory,
             self.wheels.wheels() if self.base == Base.ATTITUDE_HELD else None,
+            self.slide_weight,
         )
 
 
@@ -154,7 +163,7 @@ class LimitParameters:
     acceleration: tuple[float, ...] = tunable(
         "Largest acceleration of each joint either way, or one for all; a request may ask for "
         "less; [0.0]: any",
-        unit="rad/s2",
+        unit="rad/s2, m/s2",
         strictness=STRICT_IF_LOW_EACH,
     )
     effort: str = tunable(

@@ -1,8 +1,12 @@
-"""Problems of chasers that wheels hold, and of goals of the joints; each has a plan: its witness.
+"""Problems of held chasers, of rails, and of goals of the joints; most have a plan: its witness.
 
 - "held": a chaser that wheels hold shall bring its end effector somewhere, among spheres. In every
   other problem the witness comes within a twentieth of the wheels' limits, else they are far.
+- "rail": an arm that slides along its chaser shall bring its end effector somewhere, among spheres.
 - "stow": a posture shall be reached in a given time, among spheres.
+- "random start": the protocol of Misra and Bai (2017): a chaser that wheels hold, at rest, with an
+  arm of eight joints, brings its end effector from postures drawn at random to one pose among
+  spheres. No plan is known.
 - "stop": the joints shall rest as soon as possible, and their accelerations are limited to little
   more than those of the witness.
 """
@@ -14,8 +18,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.wheel_motion import wheels_along
@@ -26,16 +32,25 @@ from ff_planner_ros.planning.problem.problem import (
     Orientation,
     PlanningProblem,
     Posture,
+    Sphere,
+    Target,
 )
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.problems.witnessed import drawn_with_witness, random_posture
+from ff_planner_ros.problems.witnessed import (
+    drawn_with_witness,
+    random_posture,
+    spheres_beside,
+)
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
+from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.wheels import Wheels
 
-KINDS = ("held", "stow", "stop")
+KINDS = ("held", "random start", "rail", "stow", "stop")
 ROBOTS = ("lemur", "arm6", "arm7", "arm10")  # in turn
+ON_RAILS = ("rail6", "rail7")  # likewise
+RANDOM_STARTS = "arm8"
 # Limits of the wheels over the witness's peaks, in turn.
 NEAR, FAR = 1.05, 3.0
 # What wheels hold at the start, over the witness's peaks.
@@ -44,15 +59,19 @@ _STORED = 0.2
 # its accelerations are allowed, and from when to when the planner may choose.
 _FAST, _STOPS_IN, _SPARE, _WINDOW = 0.15, (3.0, 6.0), 1.05, (0.2, 2.0)
 _SPHERES, _STEPS = 3, 200
+# Of random starts: how far the spheres are away from the arm there [m], and how long it has [s].
+_AWAY, _LASTS = 0.02, 30.0
+# And of their goal the smallest singular value of the generalised Jacobian at least.
+_REGULAR = 0.08
 
 
 @dataclass(frozen=True, eq=False)
 class JointGoal:
     """A problem, and the motion that keeps what it asks."""
 
-    robot: str  # of `ROBOTS`
+    robot: str  # of `ROBOTS`, or of `ON_RAILS`
     problem: PlanningProblem
-    witness: JointMotion
+    witness: JointMotion | None  # None: none is known
 
 
 def problems(kind: str, count: int) -> Iterator[JointGoal]:
@@ -65,7 +84,10 @@ def problems(kind: str, count: int) -> Iterator[JointGoal]:
 def problem(kind: str, number: int) -> JointGoal:
     """Return one problem of a kind, always the same."""
     rng = np.random.default_rng([*kind.encode(), number])
-    name = ROBOTS[number % len(ROBOTS)]
+    if kind == "random start":
+        return JointGoal(RANDOM_STARTS, _from_random_start(rng), None)
+    robots = ON_RAILS if kind == "rail" else ROBOTS
+    name = robots[number % len(robots)]
     robot = bench_robot(name)
     if kind == "held":
         robot = replace(robot, base=Base.ATTITUDE_HELD, wheels=Wheels())
@@ -80,11 +102,72 @@ def problem(kind: str, number: int) -> JointGoal:
         if kind == "held":
             factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
             return JointGoal(name, _with_wheels(asked, witness, factor, rng), witness)
+        if kind == "rail":
+            return JointGoal(name, asked, witness)
         if kind == "stow":
             return JointGoal(name, replace(asked, posture=Posture(witness.positions[-1])), witness)
         stopping = _stopping(asked, rng)
         if stopping is not None:
             return JointGoal(name, *stopping)
+
+
+def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
+    """Return the scene that is always the same, with a posture drawn at random to begin in.
+
+    The centre of mass of chaser and arm rests in the origin.
+    """
+    robot, goal, spheres = _scene()
+    while True:
+        posture = random_posture(robot, False, rng)
+        if posture is None:
+            continue
+        points = arm_points(robot, _at_origin(robot, posture)[None])
+        away = clearances(points, np.zeros(1), segments(points), spheres).distance.min()
+        if away >= _AWAY:
+            break
+    still = np.zeros(3)
+    start = SystemState(
+        position_chaser_in_inertial=_at_origin(robot, posture)[:3] + robot.position_chaser_in_base,
+        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        linear_velocity_chaser_in_inertial=still,
+        angular_velocity_chaser_in_inertial=still,
+        joint_positions=posture,
+        joint_velocities=np.zeros(robot.joints),
+    )
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, goal)
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    return PlanningProblem(
+        robot=robot,
+        start=start,
+        target=Target(tip.translation.copy(), pin.Quaternion(tip.rotation).coeffs()),
+        duration=_LASTS,
+        points=50,
+        obstacles=spheres,
+        objective=Objective(1.0, 0.0),
+        limits=Limits(joint_velocities=True),
+    )
+
+
+@cache
+def _scene() -> tuple[Robot, Array, tuple[Sphere, ...]]:
+    """Return the robot of random starts, its configuration at the goal, and spheres beside it."""
+    robot = replace(bench_robot(RANDOM_STARTS), base=Base.ATTITUDE_HELD, wheels=Wheels())
+    rng = np.random.default_rng(0)
+    while True:
+        posture = random_posture(robot, False, rng)
+        if posture is not None:
+            goal = _at_origin(robot, posture)
+            spheres = spheres_beside(robot, goal[None], np.zeros(1), _SPHERES, 0.0, rng)
+            if smallest_singular_values(robot, goal[None])[0] > _REGULAR:
+                return robot, goal, spheres
+
+
+def _at_origin(robot: Robot, posture: Array) -> Array:
+    """Return the configuration whose centre of mass is in the origin, the base not turned."""
+    q = np.concatenate([np.zeros(6), [1.0], posture])
+    q[:3] = -pin.centerOfMass(robot.model, robot.model.createData(), q)
+    return q
 
 
 def way_of(robot: Robot, problem: PlanningProblem, witness: JointMotion) -> tuple[Array, ...]:

@@ -39,7 +39,7 @@ def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None =
 def weighted_objective(problem: PlanningProblem, motion: Motion) -> float:
     """Return the problem's objective for a regular motion [rad], whatever a method minimised."""
     step = problem.duration / (problem.points - 1)
-    length = joint_path_length(motion.v[:, 6:], step)
+    length = joint_path_length(motion.v[:, 6:], step, problem.robot.joint_weights)
     attitude = float(np.abs(chaser_euler(problem.robot, motion.q)).max())
     weights = problem.objective
     return weights.joint_path_length * length + weights.chaser_attitude * attitude

@@ -26,7 +26,11 @@ _SIDEWAYS = 0.08
 _CHASER_BOX, _PANEL, _PANEL_AT = (1.0, 1.0, 0.8), (0.8, 2.0, 0.04), 1.7
 _TUBE, _BALL, _BESIDE, _TOOL = 0.05, 0.06, 0.1, 0.12
 
-_GENERATED = re.compile(r"(arm|planar)[1-9][0-9]?")  # by their number of joints
+# A rail under an arm: mass of its carriage [kg], how far it slides either way [m], how fast [m/s]
+# and by which force [N].
+_CARRIAGE, _RAIL, _RAIL_SPEED, _RAIL_FORCE = 8.0, 0.4, 0.1, 150.0
+
+_GENERATED = re.compile(r"(arm|rail|planar)[1-9][0-9]?")  # by their number of joints that turn
 # Robots that are read from the share directory, by name.
 _BASE_LINKS = {"lemur": "chaser", "canadarm2": "station"}
 # Where the chaser of `off7` has its centre of mass and axes.
@@ -37,7 +41,8 @@ _OFF_THE_BASE = '<origin xyz="0.3 -0.2 0.25" rpy="0.3 -0.2 0.5"/>'
 def bench_robot(name: str, geometry: Geometry = Geometry.LINES) -> Robot:
     """Return `lemur`, `canadarm2`, or a generated arm by its number of joints: `arm6` has six.
 
-    `planar3` has three and its chaser floats on a table. `off7` has seven, and the centre of mass
+    `rail6` has six joints and slides along its chaser by one more. `planar3` has three joints and
+    its chaser floats on a table. `off7` has seven, and the centre of mass
     of its chaser is off the base link's frame. These two have no bodies.
 
     Raises:
@@ -55,7 +60,8 @@ def bench_robot(name: str, geometry: Geometry = Geometry.LINES) -> Robot:
     if name.startswith("planar"):
         text = planar_urdf(int(name.removeprefix("planar")))
         return robot_from_urdf_text(text, "chaser", "end_effector", Base.PLANAR)
-    text = arm_urdf(int(name.removeprefix("arm")), with_bodies=geometry is Geometry.SHAPES)
+    shapes, rail = geometry is Geometry.SHAPES, name.startswith("rail")
+    text = arm_urdf(int(re.sub(r"\D", "", name)), with_bodies=shapes, on_rail=rail)
     return robot_from_urdf_text(text, "chaser", "end_effector")
 
 
@@ -75,10 +81,11 @@ def planar_urdf(joints: int) -> str:
     return f'<robot name="planar{joints}">{"".join(parts)}</robot>'
 
 
-def arm_urdf(joints: int, *, with_bodies: bool = False) -> str:
+def arm_urdf(joints: int, *, with_bodies: bool = False, on_rail: bool = False) -> str:
     """Write a chaser with an arm whose joints roll and pitch in turn, along z at zero angles.
 
-    It has six joints or more; without the upper arm's roll if their number is even.
+    It has six joints or more; without the upper arm's roll if their number is even. A
+    rail along x of the chaser is one more joint.
     """
     axes = ["z", *("yz" * joints)[:joints]]
     if joints % 2 == 0:
@@ -93,6 +100,12 @@ def arm_urdf(joints: int, *, with_bodies: bool = False) -> str:
             at = f"0 {place} 0"
             parts.append(_joint(f"hinge_{side}", "fixed", "chaser", f"panel_{side}", at))
     parent, offset = "chaser", "0.2 0.1 0.4"
+    if on_rail:
+        parts.append(_link("carriage", _CARRIAGE, (0.05, 0.05, 0.05), 0.0))
+        limits = f'lower="{-_RAIL}" upper="{_RAIL}" velocity="{_RAIL_SPEED}" effort="{_RAIL_FORCE}"'
+        rail = _joint("rail", "prismatic", parent, "carriage", "0 0.1 0.4", "x")
+        parts.append(re.sub("<limit .*/></joint>", f"<limit {limits}/></joint>", rail))
+        parent, offset = "carriage", "0 0 0"
     for number, axis in enumerate(axes, 1):
         # A roll joint sits with the pitch joint below it; the length lies between pitch joints.
         ends = axis == "z" or axes[number : number + 1] == ["y"] or number == joints

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import (
+    Objective,
     TargetBody,
     with_attached,
 )
@@ -165,10 +166,10 @@ def reported_request(
     """Return what a request and its answer tell, without what is drawn of it."""
     found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
-        weights = request.objective
-        found = replace(
-            found, weights=(weights.joint_path_length, weights.chaser_attitude, weights.duration)
-        )
+        names = [item.name for item in fields(Objective)]
+        # Older requests have no weight of the wheels.
+        weights = tuple(value_at(request.objective, name, 0.0) for name in names)
+        found = replace(found, weights=weights)
         if request.duration_max:
             found = replace(found, durations=(request.duration, request.duration_max))
         else:
@@ -278,7 +279,7 @@ def _with_measured(
     # A plan's times are counted in nanoseconds, too: the last may be beyond its end by rounding.
     time = np.clip(time, plan.motion.time[0], plan.motion.time[-1])
     measured = measured_motion(plan.robot, time, [window.states[s] for s in stamps.tolist()])
-    found = deviations(plan.motion, measured)
+    found = deviations(plan.motion, measured, plan.robot.joint_weights)
     worst = float(found.joint_position.max())
     tolerance = parameters.following_tolerance if parameters is not None else np.inf
     if worst > tolerance:

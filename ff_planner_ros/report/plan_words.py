@@ -78,7 +78,7 @@ def worst(
         words += f"{metrics.min_self_clearance_pair} at "
         yield "least self-clearance", _with_time(words, metrics.min_self_clearance_time)
     near = min(found, key=lambda joint: joint.margin)
-    words = f"{near.name}, {np.rad2deg(near.margin):.1f} deg from its limit, at "
+    words = f"{near.name}, {_place(near, near.margin, decimals=1)} from its limit, at "
     if np.isfinite(near.margin):
         yield "nearest to a joint limit", _with_time(words, near.margin_time)
     fast = max(found, key=lambda joint: joint.rate / joint.rate_limit)
@@ -94,13 +94,13 @@ def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> El
     """Return a table of what each joint does."""
     rows = []
     for joint in _joints_at_worst(robot, motion, metrics):
-        margin, known = f"{np.rad2deg(joint.margin):.2f} deg, at ", np.isfinite(joint.torque)
+        margin, known = f"{_place(joint, joint.margin)}, at ", np.isfinite(joint.torque)
         rows.append(
             row(
                 (
                     joint.name,
-                    f"{np.rad2deg(joint.start):.2f} deg",
-                    f"{np.rad2deg(joint.end):.2f} deg",
+                    _place(joint, joint.start),
+                    _place(joint, joint.end),
                     _with_time(margin, joint.margin_time)
                     if np.isfinite(joint.margin)
                     else "no limits",
@@ -167,12 +167,21 @@ def _with_time(words: str, time: float, after: str = "") -> Element:
     return element("span", words, when(time), after)
 
 
+def _place(joint: JointExtremes, value: float, decimals: int = 2) -> str:
+    """Return a position of a joint, or a distance on its way."""
+    return f"{1e3 * value:.1f} mm" if joint.slides else f"{np.rad2deg(value):.{decimals}f} deg"
+
+
 def _rate(joint: JointExtremes) -> str:
-    return f"{np.rad2deg(joint.rate):.3g} deg/s{_share(joint.rate, joint.rate_limit)}"
+    share = _share(joint.rate, joint.rate_limit)
+    if joint.slides:
+        return f"{1e3 * joint.rate:.3g} mm/s{share}"
+    return f"{np.rad2deg(joint.rate):.3g} deg/s{share}"
 
 
 def _torque(joint: JointExtremes) -> str:
-    return f"{joint.torque:.4g} N m{_share(joint.torque, joint.torque_limit)}"
+    share = _share(joint.torque, joint.torque_limit)
+    return f"{joint.torque:.4g} {'N' if joint.slides else 'N m'}{share}"
 
 
 def _share(value: float, limit: float) -> str:

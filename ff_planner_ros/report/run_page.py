@@ -17,7 +17,7 @@ from ff_planner_ros.report.run_report import Report, ReportedRequest, clock_time
 from ff_planner_ros.report.statistics_plots import solve_time_plot
 
 _COLUMNS = (
-    *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T", "duration [s]", "points"),
+    *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T, h", "duration [s]", "points"),
     *("joint path [rad]", "Euler angle [deg]", "rotation [deg]", "clearance [mm]"),
     *("solve time [s]", "iterations"),
 )

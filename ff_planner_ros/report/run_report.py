@@ -67,7 +67,7 @@ class ReportedRequest:
     start_ns: int | None = None  # time of the plan's first point
     code: int | None = None  # of the status; None: unanswered
     message: str = ""  # of the status
-    weights: tuple[float, ...] | None = None  # of joint path length, chaser attitude and duration
+    weights: tuple[float, ...] | None = None  # as of `Objective`, in its order
     duration: float | None = None  # to the goal, given or chosen [s]
     # Of which the planner was to choose, the shortest and the longest [s]; None: it is given
     durations: tuple[float, float] | None = None

@@ -19,6 +19,8 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 def joint_rotations(robot: Robot, angles: Array) -> Array:
     """Return how each joint's frame is turned in the one before, by Rodrigues' formula.
 
+    One that slides does not turn: its K is zero.
+
     R = P (I + sin K + (1 - cos) K^2), with the joint's own placement P and its axis as the matrix
     of a cross product K.
 
@@ -50,13 +52,19 @@ def joint_frames(robot: Robot, q: Array) -> tuple[Array, Array]:
     for k in range(robot.joints):
         np.matmul(rotations[k], turned[:, k], out=rotations[k + 1])
     steps = np.einsum("kpij,kj->pki", rotations, joint_offsets(robot))
+    if robot.has_slides:
+        slid = q[:, 7:, None] * robot.joint_slides
+        steps[:, :-1] += np.einsum("kpij,pkj->pki", rotations[1:], slid)
     origins: Array = q[:, None, :3] + np.cumsum(steps, axis=1)
     return rotations, origins
 
 
 @lru_cache(maxsize=8)
 def joint_offsets(robot: Robot) -> Array:
-    """Return each joint's origin, then the end effector's, in the frame before: (joints + 1, 3)."""
+    """Return each joint's origin, then the end effector's, in the frame before: (joints + 1, 3).
+
+    Of joints that slide where they are at zero.
+    """
     model = robot.model
     placements = [*model.jointPlacements[2:], model.frames[robot.tip_frame_id].placement]
     return np.array([placement.translation for placement in placements])

@@ -51,6 +51,12 @@ class Base(enum.StrEnum):
         return [0, 1, 5] if self is Base.PLANAR else [0, 1, 2, 3, 4, 5]
 
 
+# Share of a joint that slides in the joint path [rad/m]: to turn by 1 rad and to slide by 1 m move
+# what is 1 m beyond the joint equally far.
+SLIDE_WEIGHT = 1.0
+# Least and greatest: others leave no digits to joints that turn, or to those that slide.
+SLIDE_WEIGHTS = (1e-3, 1e3)
+
 # An axis in the plane's normal as URDFs write it: rpy="1.57 0 0" is a right angle.
 MAX_AXIS_TILT = 1e-3
 
@@ -70,12 +76,18 @@ class Robot:
     # Centre of mass of base link and all that is fixed to it, in the frame of the free-flyer joint
     position_chaser_in_base: Array  # shape (3,) [m]
     rotation_chaser_to_base: Array  # axes of the base link in that frame; shape (3, 3)
-    joint_axes: Array  # unit vectors in the frames of the joints; shape (joints, 3)
+    # Unit vectors in the frames of the joints, shape (joints, 3): what they turn about, zero if
+    # they slide; and where they slide to, zero if they turn
+    joint_axes: Array
+    joint_slides: Array
+    # Limits of a joint that slides are in m, m/s and N
     lower_position_limits: Array  # shape (joints,) [rad]
     upper_position_limits: Array  # shape (joints,) [rad]
     velocity_limits: Array  # shape (joints,) [rad/s]
     # Infinite where the URDF says zero: exporters write so that a limit is not known
     effort_limits: Array  # shape (joints,) [N m]
+    # Shares in the joint path, and in what is told of all joints by one number; shape (joints,)
+    joint_weights: Array  # 1, or rad/m for those that slide
     notes: tuple[str, ...] = ()  # what a user should know: joints that are held, say
     base: Base = Base.FREE_FLYER
     wheels: Wheels | None = None  # None: nothing holds the chaser's attitude
@@ -91,6 +103,36 @@ class Robot:
         """Number of arm joints."""
         return len(self.joint_names)
 
+    def slides(self, joint: int) -> bool:
+        """Tell whether a joint slides; else it turns."""
+        return bool(self.joint_slides[joint].any())
+
+    @property
+    def slide_weight(self) -> float:
+        """Share of a joint that slides in the joint path [rad/m]."""
+        return float(self.joint_weights[self.joint_slides.any(axis=1)].max(initial=0.0)) or (
+            SLIDE_WEIGHT
+        )
+
+    @property
+    def has_slides(self) -> bool:
+        """Whether any joint slides."""
+        return bool(self.joint_slides.any())
+
+    @property
+    def furthest_slides(self) -> Array:
+        """How far each joint slides from zero at most; zero if it turns. Shape (joints,) [m]."""
+        furthest = np.maximum(-self.lower_position_limits, self.upper_position_limits)
+        return np.where(self.joint_slides.any(axis=1), furthest, 0.0)
+
+    def unit(self, joint: int) -> str:
+        """Return the unit of a joint's position."""
+        return "m" if self.slides(joint) else "rad"
+
+    def effort_unit(self, joint: int) -> str:
+        """Return the unit of what drives a joint: a torque, or a force."""
+        return "N" if self.slides(joint) else "N m"
+
 
 def load_robot(
     urdf: Path,
@@ -101,6 +143,7 @@ def load_robot(
     geometry: Geometry | None = None,
     srdf: Path | None = None,
     wheels: Wheels | None = None,
+    slide_weight: float = SLIDE_WEIGHT,
 ) -> Robot:
     """Load a robot from a URDF file.
 
@@ -116,7 +159,7 @@ def load_robot(
     directory = urdf.resolve().parent
     text = read_urdf(urdf)
     return robot_from_urdf_text(
-        text, base_link, tip_link, base, held_at, geometry, pairs, directory, wheels
+        text, base_link, tip_link, base, held_at, geometry, pairs, directory, wheels, slide_weight
     )
 
 
@@ -152,12 +195,13 @@ def robot_from_urdf_text(
     srdf: str | None = None,
     directory: Path | None = None,
     wheels: Wheels | None = None,
+    slide_weight: float = SLIDE_WEIGHT,
 ) -> Robot:
     """Build a robot from a URDF.
 
     Args:
-        text: The URDF's XML, with a chain from base to tip of joints that turn. All others are
-            held.
+        text: The URDF's XML, with a chain from base to tip of joints that turn or slide. All
+            others are held.
         base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
         tip_link: Link whose frame is the end effector. None: the only link that moves and
             carries no other.
@@ -168,13 +212,19 @@ def robot_from_urdf_text(
         directory: Of the URDF, from which the paths of its meshes start. None: no file is read.
         wheels: That hold the chaser's attitude. None: on a base that is held, one along each of its
             axes, without limits.
+        slide_weight: Share of a joint that slides in the joint path [rad/m]; 0: such joints are
+            held, as before there were any.
 
     Raises:
         InvalidInput: The URDF is something else, a link's inertia is one that no body has, an arm
-            on a planar base does not move in the plane, or wheels are given for another base.
+            on a planar base does not move in the plane, wheels are given for another base, or
+            joints that slide hardly count or count for everything.
     """
     wheels = wheels_of(base, wheels)
-    checked = checked_urdf(text, base_link, tip_link, held_at)
+    if slide_weight and not SLIDE_WEIGHTS[0] <= slide_weight <= SLIDE_WEIGHTS[1]:
+        allowed = f"it must be 0, or from {SLIDE_WEIGHTS[0]:g} to {SLIDE_WEIGHTS[1]:g} rad/m"
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.slide_weight", slide_weight, allowed)
+    checked = checked_urdf(text, base_link, tip_link, held_at, holds_slides=not slide_weight)
     try:
         model = _pinocchio_model(checked.xml)
     except (ValueError, RuntimeError) as error:
@@ -185,6 +235,7 @@ def robot_from_urdf_text(
     base_frame = model.frames[model.getFrameId(checked.base_link, pin.FrameType.BODY)]
     # The first two joints are Pinocchio's: the universe and the free-flyer.
     efforts = np.array(model.upperEffortLimit[6:])
+    axes, slides = _joint_axes(model)
     if base is Base.PLANAR:
         _require_planar(model, base_frame)
     whole = whole_body(model, checked.xml, text, geometry, srdf, directory)
@@ -198,11 +249,13 @@ def robot_from_urdf_text(
         tip_frame_id=model.getFrameId(checked.tip_link, pin.FrameType.BODY),
         position_chaser_in_base=frozen(model.inertias[1].lever),
         rotation_chaser_to_base=frozen(base_frame.placement.rotation),
-        joint_axes=frozen(_joint_axes(model)),
+        joint_axes=frozen(axes),
+        joint_slides=frozen(slides),
         lower_position_limits=frozen(model.lowerPositionLimit[7:]),
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
         velocity_limits=frozen(model.upperVelocityLimit[6:]),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
+        joint_weights=frozen(np.where(slides.any(axis=1), slide_weight, 1.0)),
         notes=(*checked.notes, *whole.notes),
         base=base,
         wheels=wheels,
@@ -228,23 +281,30 @@ def wheels_of(base: Base, wheels: Wheels | None) -> Wheels | None:
 
 
 def _require_planar(model: pin.Model, base_frame: pin.Frame) -> None:
-    """Check that all joints turn about z of the base link, which is z of the root link, too."""
+    """Check that all joints turn about z of the base link, which is z of the root link, too.
+
+    Those that slide do so across it.
+    """
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     axes = [("base link's z axis", base_frame.placement.rotation[:, 2])]
     for joint in range(2, model.njoints):
-        turn = pin.getJointJacobian(model, data, joint, pin.WORLD)[3:, model.idx_vs[joint]]
-        axes.append((f"joint '{model.names[joint]}' axis", turn))
+        moving = pin.getJointJacobian(model, data, joint, pin.WORLD)[:, model.idx_vs[joint]]
+        axes.append((f"joint '{model.names[joint]}' axis", moving))
     for name, axis in axes:
-        angle = math.atan2(math.hypot(axis[0], axis[1]), abs(axis[2]))
+        along, across = abs(axis[-1]), math.hypot(*axis[-3:-1])
+        if not axis[-3:].any():  # it slides
+            along, across = math.hypot(*axis[:2]), abs(axis[2])
+        angle = math.atan2(across, along)
         if not angle <= MAX_AXIS_TILT:
             raise InvalidInput(
                 Status.BAD_ROBOT,
                 name,
-                f"{math.degrees(angle):.4g} degrees off z of the root link",
-                "with robot.base planar every joint must turn about the normal of the table, which "
-                f"is z of base link and root link; {math.degrees(MAX_AXIS_TILT):.2g} degrees are "
-                "let pass as rounding",
+                f"{math.degrees(angle):.4g} degrees off {'z' if axis[-3:].any() else 'x and y'} of "
+                "the root link",
+                "with robot.base planar every joint must turn about the normal of the table, or "
+                "slide across it, which is z of base link and root link; "
+                f"{math.degrees(MAX_AXIS_TILT):.2g} degrees are let pass as rounding",
             )
 
 
@@ -269,12 +329,16 @@ def _unused_name(name: str, used: Collection[str | None]) -> str:
     return name
 
 
-def _joint_axes(model: pin.Model) -> Array:
-    """Return the axes of the arm's joints in their own frames. Shape (joints, 3)."""
+def _joint_axes(model: pin.Model) -> tuple[Array, Array]:
+    """Return what the arm's joints turn about, and where they slide to, in their own frames.
+
+    Each of shape (joints, 3); zero for joints that do the other.
+    """
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     columns = [
-        pin.getJointJacobian(model, data, joint, pin.LOCAL)[3:, model.idx_vs[joint]]
+        pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
         for joint in range(2, model.njoints)
     ]
-    return np.array(columns)
+    slides, axes = np.split(np.array(columns), 2, axis=1)
+    return axes, slides

@@ -138,8 +138,11 @@ def base_twist(
 
 
 def smallest_singular_values(robot: Robot, q: Array, maps: Array | None = None) -> Array:
-    """Return the smallest singular value of J_D at each of q; see `generalised_jacobians`."""
-    jacobians = generalised_jacobians(robot, q, maps)
+    """Return the smallest singular value of J_D at each of q; see `generalised_jacobians`.
+
+    Joints that slide count by their weight: J_D W^-1.
+    """
+    jacobians = generalised_jacobians(robot, q, maps) / robot.joint_weights
     # Of the transpose, which has the same ones, LAPACK takes two thirds of the time.
     columns = jacobians.swapaxes(1, 2)
     return np.asarray(np.linalg.svd(columns, compute_uv=False)[:, -1], np.float64)

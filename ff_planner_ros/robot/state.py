@@ -56,14 +56,14 @@ class SystemState:
         a_vector(None),
         "one number a joint",
         key="joints.position",
-        unit="rad",
+        unit="rad, m",
         message="joint_positions",
     )
     joint_velocities: Array = declare(
         a_vector(None),
         "one number a joint",
         key="joints.velocity",
-        unit="rad/s",
+        unit="rad/s, m/s",
         instead=(
             "end_effector_at_rest",
             TRUTH,
@@ -76,7 +76,7 @@ class SystemState:
         a_vector(None),
         "one number a joint; default: not known, the end effector begins at zero acceleration",
         key="joints.acceleration",
-        unit="rad/s2",
+        unit="rad/s2, m/s2",
         since="0.3",
         default=None,
         message="joint_accelerations",

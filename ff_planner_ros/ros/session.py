@@ -82,7 +82,7 @@ class Session:
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
             stack.enter_context(recording_services(node, self._recorder))
-            self._output = stack.enter_context(closing(PlanOutput(node, now)))
+            self._output = stack.enter_context(closing(PlanOutput(node, robot.base_link, now)))
             # Nobody learns more from a preview by reading it twice.
             preview = node.resolve_topic_name("planned_joint_states")
             self._recorder.leave_out(preview, self._output.is_repeated)

@@ -166,6 +166,7 @@ def _used(task: PlanningTask) -> dict[str, Any]:
             "locked_joints": "",
             "geometry": robot.geometry.value,
             "srdf": "",
+            "slide_weight": robot.slide_weight,
             "wheels": {
                 "axes": wheels.axes.ravel().tolist(),
                 "momentum": list(wheels.momentum or (0.0,)),

@@ -74,8 +74,9 @@ class RecordedParameters:
         except (InvalidInput, TypeError, ValueError):
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
         # Where `ff-planner plan --bag` of earlier versions attached none, plans start at once; and
-        # obstacles that moved were of any age.
+        # obstacles that moved were of any age; and joints that slide were held.
         before = {"planning_lead_time": 0.0, "obstacles_max_age": ANY_AGE}
+        before["robot.slide_weight"] = 0.0
         assumed = dict(default_values()) | before
         unknown = [name for name in values if name not in assumed]
         if unknown:

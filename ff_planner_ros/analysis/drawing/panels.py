@@ -135,30 +135,33 @@ def clearance_panel(
 def joint_angles(robot: Robot) -> Quantity:
     """Return every joint's angle with its limits."""
     lower, upper = robot.lower_position_limits, robot.upper_position_limits
-    return _of_joints(robot, "joint angles", "deg", "joint_positions", lower, upper)
+    return _of_joints(robot, "joint angles", ("deg", "m"), "joint_positions", lower, upper)
 
 
 def joint_rates(robot: Robot) -> Quantity:
     """Return every joint's rate with its limits."""
     limits = robot.velocity_limits
-    return _of_joints(robot, "joint rates", "deg/s", "joint_velocities", -limits, limits)
+    return _of_joints(robot, "joint rates", ("deg/s", "m/s"), "joint_velocities", -limits, limits)
 
 
 def joint_torques(robot: Robot) -> Quantity:
     """Return every joint's torque with its limits."""
     limits = robot.effort_limits
-    return _of_joints(robot, "joint torques", "N m", "joint_torques", -limits, limits)
+    return _of_joints(robot, "joint torques", ("N m", "N"), "joint_torques", -limits, limits)
 
 
 def _of_joints(
-    robot: Robot, title: str, unit: str, field: str, lower: Array, upper: Array
+    robot: Robot, title: str, units: tuple[str, str], field: str, lower: Array, upper: Array
 ) -> Quantity:
-    factor = float(np.rad2deg(1.0)) if unit.startswith("deg") else 1.0
+    """Return what all joints do, in the unit of those that turn and of those that slide."""
+    of_each = [units[robot.slides(joint)] for joint in range(robot.joints)]
+    factors = np.array([np.rad2deg(1.0) if unit.startswith("deg") else 1.0 for unit in of_each])
+    labels = zip(robot.joint_names, of_each, strict=True)
     return Quantity(
         title,
-        tuple(f"{name} [{unit}]" for name in robot.joint_names),
-        lambda motion: factor * getattr(motion, field),
-        levels=tuple(zip(*(factor * np.array([lower, upper])).tolist(), strict=True)),
+        tuple(f"{name} [{unit}]" for name, unit in labels),
+        lambda motion: factors * getattr(motion, field),
+        levels=tuple(zip(*(factors * np.array([lower, upper])).tolist(), strict=True)),
     )
 
 

@@ -62,8 +62,14 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
     )
 
 
-def deviations(planned: Trajectory, measured: Trajectory) -> Deviations:
-    """Return how far a measured motion is from the plan, between the points of the plan, too."""
+def deviations(
+    planned: Trajectory, measured: Trajectory, weights: Array | float = 1.0
+) -> Deviations:
+    """Return how far a measured motion is from the plan, between the points of the plan, too.
+
+    Args:
+        weights: Of the joints: those that slide count by theirs. Shape (joints,).
+    """
     time = measured.time
     chaser, chaser_attitude = planned_poses(planned, "chaser", time)
     ee, ee_orientation = planned_poses(planned, "ee", time)
@@ -74,8 +80,8 @@ def deviations(planned: Trajectory, measured: Trajectory) -> Deviations:
         chaser_angle=_turn(chaser_attitude, measured.chaser_quaternions_xyzw),
         ee_position=np.linalg.norm(measured.ee_positions - ee, axis=1),
         ee_angle=_turn(ee_orientation, measured.ee_quaternions_xyzw),
-        joint_position=np.abs(measured.joint_positions - positions).max(axis=1),
-        joint_velocity=np.abs(measured.joint_velocities - velocities).max(axis=1),
+        joint_position=np.abs(weights * (measured.joint_positions - positions)).max(axis=1),
+        joint_velocity=np.abs(weights * (measured.joint_velocities - velocities)).max(axis=1),
     )
 
 

@@ -12,7 +12,8 @@ namespace ff {
 namespace {
 
 Chain chain(const Array& translations, const Array& rotations, const Array& axes,
-            const Array& masses, const Array& centers, const Array& inertias) {
+            const Array& slides, const Array& weights, const Array& masses, const Array& centers,
+            const Array& inertias) {
   const Rows axis = rows(axes, "axes", {kAny, 3});
   const py::ssize_t n = axis.rows();
   if (n < 1 || n > kMaxJoints)
@@ -20,6 +21,10 @@ Chain chain(const Array& translations, const Array& rotations, const Array& axes
                                 std::to_string(n));
   const Rows translation = rows(translations, "translations", {n + 1, 3});
   const Rows rotation = rows(rotations, "rotations", {n + 1, 3, 3});
+  const Rows slide = rows(slides, "slides", {n, 3});
+  const Values weight = values(weights, "weights", {n});
+  if (!(weight.array() >= 1e-6).all() || !(weight.array() <= 1e6).all())
+    throw std::invalid_argument("weights must be from 1e-6 to 1e6");
   const Values mass = values(masses, "masses", {n + 1});
   const Rows center = rows(centers, "centers", {n + 1, 3});
   const Rows inertia = rows(inertias, "inertias", {n + 1, 3, 3});
@@ -30,7 +35,9 @@ Chain chain(const Array& translations, const Array& rotations, const Array& axes
   for (py::ssize_t k = 0; k < n; ++k) {
     chain.placements.push_back(placement(k));
     chain.axes.push_back(axis.row(k));
+    chain.slides.push_back(slide.row(k));
   }
+  chain.weights = weight;
   for (py::ssize_t k = 0; k <= n; ++k) {
     chain.masses.push_back(mass[k]);
     chain.centers.push_back(center.row(k));
@@ -86,7 +93,8 @@ void bind_kinematics(py::module_& m) {
   m.attr("MAX_JOINTS") = kMaxJoints;
   py::class_<Chain>(m, "Chain")
       .def(py::init(&chain), py::arg("translations"), py::arg("rotations"), py::arg("axes"),
-           py::arg("masses"), py::arg("centers"), py::arg("inertias"))
+           py::arg("slides"), py::arg("weights"), py::arg("masses"), py::arg("centers"),
+           py::arg("inertias"))
       .def_property_readonly("joints", &Chain::joints);
   m.def("velocity", &velocity, py::arg("chain"), py::arg("q"), py::arg("momentum"),
         py::arg("twist_ee_in_inertial"), py::arg("bias"), py::arg("damping"));

@@ -25,19 +25,20 @@ struct Bodies {
 
 // Where joints and bodies are at some joint angles.
 struct PlacedBodies {
-  Matrix3J origins, axes;  // of the joints
+  Matrix3J origins, axes, slides;  // of the joints
   std::vector<Pose> solids;
   std::vector<Vector3> centers;
 
   PlacedBodies(const Chain& chain, const Bodies& of, const Joints& joints)
-      : origins(3, chain.joints()), axes(3, chain.joints()) {
+      : origins(3, chain.joints()), axes(3, chain.joints()), slides(3, chain.joints()) {
     std::array<Pose, kMaxJoints + 1> links;
     links[0] = {Vector3::Zero(), Matrix3::Identity()};
     for (int k = 0; k < chain.joints(); ++k) {
       links[k + 1] = links[k] * chain.placements[k];
       origins.col(k) = links[k + 1].position;
       axes.col(k) = links[k + 1].rotation * chain.axes[k];
-      links[k + 1].rotation = links[k + 1].rotation * rotation_about(chain.axes[k], joints[k]);
+      slides.col(k) = links[k + 1].rotation * chain.slides[k];
+      links[k + 1] = chain.moved(links[k + 1], k, joints[k]);
     }
     for (const Body& body : of.bodies) {
       const Pose& link = links[body.carriers];
@@ -48,7 +49,8 @@ struct PlacedBodies {
 
   // How fast joint k moves what it carries along the normal.
   double along(const Gap& found, int k) const {
-    return found.normal.dot(axes.col(k).cross(found.point - origins.col(k)));
+    const Vector3 moved = axes.col(k).cross(found.point - origins.col(k)) + slides.col(k);
+    return found.normal.dot(moved);
   }
 };
 

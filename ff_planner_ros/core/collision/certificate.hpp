@@ -13,7 +13,7 @@ inline double nearest(const ArmPoints& points, const std::vector<int>& starts, c
   for (const int k : starts) {
     const Vector3 to_center = center - points.col(k);
     const Vector3 along = points.col(k + 1) - points.col(k);
-    const double fraction = std::clamp(to_center.dot(along) / along.squaredNorm(), 0.0, 1.0);
+    const double fraction = nearest_part(to_center, along);
     const double distance = (to_center - fraction * along).norm() - sphere.radius;
     if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
     least = std::min(least, distance);
@@ -50,14 +50,14 @@ inline double certified_clearance(const CubicMotion& motion, const Values& ways,
   constexpr double shortest = 1e-12;  // as part of an interval
   constexpr size_t most = 1 << 18;    // pieces: ways that need more are no arm's
   const int intervals = static_cast<int>(ways.size());
-  const std::vector<int> starts = segments(Arm(motion.chain, motion.q[0]).points);
+  std::vector<ArmPoints> arms;
+  for (const Configuration& q : motion.q) arms.push_back(Arm(motion.chain, q).points);
+  const std::vector<int> starts = segments(arms);
   // The distance from each sphere at each point, and the least of each.
   RowMajor at_points(intervals + 1, spheres.size());
-  for (int i = 0; i <= intervals; ++i) {
-    const Arm arm(motion.chain, motion.q[i]);
+  for (int i = 0; i <= intervals; ++i)
     for (size_t k = 0; k < spheres.size(); ++k)
-      at_points(i, k) = nearest(arm.points, starts, spheres[k], motion.times[i]);
-  }
+      at_points(i, k) = nearest(arms[i], starts, spheres[k], motion.times[i]);
   double lowest = at_points.minCoeff(), certified = lowest;
   const auto way = [&](int point, const Sphere& sphere) {
     const double seconds = motion.times[point + 1] - motion.times[point];

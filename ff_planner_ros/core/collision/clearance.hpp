@@ -84,12 +84,22 @@ class ArmMotion {
   std::vector<RowMajor> known_;
 };
 
-// Indices of the points that start a segment of some length.
-inline std::vector<int> segments(const ArmPoints& points) {
+// Indices of the points that start a segment of some length, at any time.
+inline std::vector<int> segments(const std::vector<ArmPoints>& points) {
   std::vector<int> starts;
-  for (int k = 0; k + 1 < points.cols(); ++k)
-    if ((points.col(k + 1) - points.col(k)).norm() > kSamePoint) starts.push_back(k);
+  for (int k = 0; k + 1 < points[0].cols(); ++k)
+    if (std::any_of(points.begin(), points.end(), [k](const ArmPoints& at) {
+          return (at.col(k + 1) - at.col(k)).norm() > kSamePoint;
+        }))
+      starts.push_back(k);
   return starts;
+}
+
+// Part of the way along a segment at which it is nearest to a point.
+inline double nearest_part(const Vector3& to_point, const Vector3& along) {
+  // The square is zero where a joint has slid to the one before.
+  const double square = std::max(along.squaredNorm(), std::numeric_limits<double>::min());
+  return std::clamp(to_point.dot(along) / square, 0.0, 1.0);
 }
 
 // Indices of the spheres within a distance from the box around all points: the broad phase. A
@@ -119,7 +129,7 @@ inline ClearanceRows clearance_rows(ArmMotion& arm, const Times& times,
                                     const std::vector<Sphere>& spheres, double interest) {
   ClearanceRows rows;
   const std::vector<int> near = near_box(arm.points, times.at, spheres, interest);
-  const std::vector<int> starts = segments(arm.points[0]);
+  const std::vector<int> starts = segments(arm.points);
   std::vector<Vector3> centers(spheres.size());
   for (size_t i = 0; i < arm.points.size() && !near.empty(); ++i) {
     RowMajor derivatives;
@@ -129,8 +139,7 @@ inline ClearanceRows clearance_rows(ArmMotion& arm, const Times& times,
         const int k = starts[segment];
         const Vector3& center = centers[sphere];
         const Vector3 start = arm.points[i].col(k), along = arm.points[i].col(k + 1) - start;
-        const double fraction =
-            std::clamp((center - start).dot(along) / along.squaredNorm(), 0.0, 1.0);
+        const double fraction = nearest_part(center - start, along);
         const Vector3 offset = start + fraction * along - center;
         const double to_center = offset.norm(), distance = to_center - spheres[sphere].radius;
         if (std::isnan(distance)) throw std::domain_error("a distance is not a number");

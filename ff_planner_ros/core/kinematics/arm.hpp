@@ -8,24 +8,27 @@ using ArmPoints = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxJoints + 1>
 // Derivatives of a vector, a column a variable.
 using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Joint origins, then the end effector, and the axes of the joints; inertial frame.
+// Joint origins, then the end effector, and what the joints turn about or slide along; inertial
+// frame.
 struct Arm {
   ArmPoints points;
-  Matrix3J axes;
+  Matrix3J axes, slides;
   Vector3 base;
   Matrix3 base_to_inertial;
 
   Arm(const Chain& chain, const Configuration& q)
       : points(3, chain.joints() + 1),
         axes(3, chain.joints()),
+        slides(3, chain.joints()),
         base(q.position),
         base_to_inertial(q.attitude.toRotationMatrix()) {
     Pose at{base, base_to_inertial};
     for (int k = 0; k < chain.joints(); ++k) {
       at = at * chain.placements[k];
-      points.col(k) = at.position;
       axes.col(k) = at.rotation * chain.axes[k];
-      at.rotation = at.rotation * rotation_about(chain.axes[k], q.joints[k]);
+      slides.col(k) = at.rotation * chain.slides[k];
+      at = chain.moved(at, k, q.joints[k]);
+      points.col(k) = at.position;
     }
     points.col(chain.joints()) = (at * chain.tip).position;
   }
@@ -37,6 +40,7 @@ struct Arm {
     Vector3 from = base;
     for (int k = 0; k < points.cols(); ++k) {
       add_cross(moved, turn, points.col(k) - from);
+      if (k < slides.cols() && !slides.col(k).isZero(0)) moved += slides.col(k) * dq.row(6 + k);
       d_points.middleRows<3>(3 * k) = moved;
       from = points.col(k);
       if (k < axes.cols()) turn.noalias() += axes.col(k) * dq.row(6 + k);

@@ -1,5 +1,5 @@
-// A chaser with one arm of joints that turn: its model, its configurations, and how it looks from
-// the base at some joint angles.
+// A chaser with one arm of joints that turn or slide: its model, its configurations, and how it
+// looks from the base at some joint positions.
 #pragma once
 #include <array>
 #include <vector>
@@ -31,13 +31,20 @@ enum class Base { kFree, kPlanar, kHeld };
 // Pinocchio's model of the robot as arrays. Bodies are numbered from the base, which is 0.
 struct Chain {
   std::vector<Pose> placements;   // of each joint, in the frame of the joint before
-  std::vector<Vector3> axes;      // of each joint, unit length, in its own frame
+  std::vector<Vector3> axes;      // of each joint, unit length, in its own frame; zero if it slides
+  std::vector<Vector3> slides;    // where each joint slides to, likewise; zero if it turns
+  Joints weights;                 // share of each joint in the joint path [1 or rad/m]
   std::vector<double> masses;     // of each body
   std::vector<Vector3> centers;   // of mass of each body, in the frame of its joint
   std::vector<Matrix3> inertias;  // of each body about its centre of mass
   Pose tip;                       // of the end effector, in the frame of the last joint
 
   int joints() const { return static_cast<int>(axes.size()); }
+  // The frame of a joint, by an angle [rad] or a way [m] from where it is at zero.
+  Pose moved(const Pose& at, int joint, double by) const {
+    return {at.position + at.rotation * (slides[joint] * by),
+            at.rotation * rotation_about(axes[joint], by)};
+  }
 };
 
 struct Configuration {
@@ -75,9 +82,9 @@ struct Posture {
     body[0] = Inertia::of_body(chain.masses[0], chain.centers[0], chain.inertias[0]);
     for (int k = 0; k < n; ++k) {
       at = at * chain.placements[k];
-      const Vector3 axis = at.rotation * chain.axes[k];
-      screws.col(k) = stack(at.position.cross(axis), axis);
-      at.rotation = at.rotation * rotation_about(chain.axes[k], joints[k]);
+      const Vector3 axis = at.rotation * chain.axes[k], slide = at.rotation * chain.slides[k];
+      screws.col(k) = stack(at.position.cross(axis) + slide, axis);
+      at = chain.moved(at, k, joints[k]);
       body[k + 1] =
           Inertia::of_body(chain.masses[k + 1], at.position + at.rotation * chain.centers[k + 1],
                            at.rotation * chain.inertias[k + 1] * at.rotation.transpose());

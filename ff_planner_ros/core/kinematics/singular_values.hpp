@@ -42,8 +42,9 @@ inline bool is_surely_above(const Matrix6& matrix, double bound) {
   return Eigen::LLT<Matrix6>(rest).info() == Eigen::Success;
 }
 
-// J_D = X (S - C) with C = H_b^-1 H_m, in the axes of the base: X leads from the base to the end
-// effector, S are the joints' screws, H_b and H_m the columns of the momentum map.
+// J_D W^-1 with the joints' weights W, and J_D = X (S - C) with C = H_b^-1 H_m, in the axes of the
+// base: X leads from the base to the end effector, S are the joints' screws, H_b and H_m the
+// columns of the momentum map.
 //
 // With u and r its singular vectors, d sigma / dtheta_k = u^T (dJ_D / dtheta_k) r. That is how the
 // twist of the end effector changes at joint rates r, which let the base move by -C r.
@@ -62,7 +63,9 @@ inline SingularValue smallest_singular_value(const Chain& chain, const Joints& j
   const Matrix6 base_inverse = Eigen::LLT<Matrix6>(base_inertia).solve(only);
   Matrix6J momenta(6, n);
   for (int k = 0; k < n; ++k) momenta.col(k) = at.composite[k + 1] * S.col(k);
-  const Matrix6J generalised = only * X * (S - base_inverse * momenta);  // J_D
+  const Matrix6J unweighted = only * X * (S - base_inverse * momenta);  // J_D
+  const Joints rates_per_share = chain.weights.cwiseInverse();
+  const Matrix6J generalised = unweighted * rates_per_share.asDiagonal();
 
   // The smaller of J_D J_D^T and J_D^T J_D has as many eigenvalues as J_D has singular values. What
   // it does not fill of six rows gets an eigenvalue beyond all of them.
@@ -85,6 +88,7 @@ inline SingularValue smallest_singular_value(const Chain& chain, const Joints& j
     u.normalize();
   }
   SingularValue found{u.dot(generalised * r), Joints(n)};
+  r = r.cwiseProduct(rates_per_share);
 
   std::array<Vector6, kMaxJoints + 1> V;  // twist of each body
   V[0] = -(base_inverse * (momenta * r));

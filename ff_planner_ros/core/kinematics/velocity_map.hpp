@@ -3,10 +3,11 @@
 // Given configuration, total momentum and wanted end-effector twist, joint rates and base twist are
 // together the solution of
 //
-//     minimise 1/2 |theta_dot - z|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
+//     minimise 1/2 |W (theta_dot - z)|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
 //
 // with H the momentum map, J the end-effector Jacobian, h the momentum in the frame of the base and
-// w the wanted twist in that of the end effector. The bias z is zero in the paper.
+// w the wanted twist in that of the end effector. The bias z is zero in the paper, and the weights
+// W of the joints are 1: those that slide have others.
 #pragma once
 #include "kinematics/chain.hpp"
 
@@ -44,8 +45,10 @@ struct VelocityMap {
   Vector6 h, w, mu;  // the last: multipliers of the twist
   Matrix3 inertial_to_ee;
   Matrix6 to_tip, base_inertia_inverse;     // X: J = X [1 S], H = [I^c_0, I^c_k S_k]
-  Matrix6 square_inverse;                   // of J_D J_D^T, damped
+  Matrix6 square_inverse;                   // of J_D W^-2 J_D^T, damped
   Matrix6J momenta, coupling, generalised;  // I^c_k S_k; base twist per rate, negative; J_D
+  Matrix6J weighted;                        // J_D W^-2
+  Joints inverse_squares;                   // of the weights
 
   // momentum: total P and L about the inertial origin; twist: linear and angular, inertial axes;
   // bias: z; damping: singular values of J_D that are not much greater are damped.
@@ -66,13 +69,15 @@ struct VelocityMap {
     coupling = base_inertia_inverse.lazyProduct(momenta);
     const Vector6 drift = base_inertia_inverse * h;
     generalised = to_tip.lazyProduct(posture.screws - coupling);  // J_D, Eq. (32)
+    inverse_squares = chain.weights.array().square().inverse();
+    weighted = generalised * inverse_squares.asDiagonal();
     Matrix6 square = damping * damping * Matrix6::Identity();
-    for (int k = 0; k < n; ++k) square += generalised.col(k) * generalised.col(k).transpose();
+    for (int k = 0; k < n; ++k) square += generalised.col(k) * weighted.col(k).transpose();
     const Eigen::LLT<Matrix6> factors(square);
     for (int k = 0; k < 6; ++k) square_inverse.col(k) = factors.solve(Vector6::Unit(k));
     mu = square_inverse * Vector6(w - to_tip * drift - generalised * bias);
-    v.tail(n) = bias + generalised.transpose() * mu;  // Eq. (31)
-    v.head<6>() = drift - coupling * v.tail(n);       // Eq. (27)
+    v.tail(n) = bias + weighted.transpose() * mu;  // Eq. (31)
+    v.head<6>() = drift - coupling * v.tail(n);    // Eq. (27)
     // Written so that it is false, too, where there is no number.
     regular = factors.info() == Eigen::Success &&
               v.tail(n).squaredNorm() < kSingularJointRate * kSingularJointRate;
@@ -113,6 +118,7 @@ class VelocityDerivative {
       for (int i = k + 1; i < n; ++i)
         of_joint_force(i, k) = -at_.momenta.col(i).dot(carried.col(k));
     of_force_ = of_joint_force - at_.coupling.transpose().lazyProduct(of_base_force);
+    for (int k = 0; k < n; ++k) of_force_.row(k) *= at_.inverse_squares[k];
     turning_ = at_.to_tip.block<3, 3>(3, 3).lazyProduct(S.bottomRows<3>());
   }
 
@@ -148,7 +154,8 @@ class VelocityDerivative {
   }
 
  private:
-  // Solves the linear system for v, the base eliminated first; force: on the joints.
+  // Solves the linear system for v, the base eliminated first; force: on the joints, as the rates
+  // that it makes.
   template <int columns>
   Along<columns> solved(const Twists<columns>& momentum, const Twists<columns>& twist,
                         const Along<columns>& force) const {
@@ -162,7 +169,7 @@ class VelocityDerivative {
     auto base = dv.template topRows<6>();
     auto rates = dv.bottomRows(at_.v.size() - 6);
     rates = force;
-    add_product(rates, at_.generalised.transpose(), multipliers);
+    add_product(rates, at_.weighted.transpose(), multipliers);
     base = drift;
     add_product(base, -at_.coupling, rates);
     return dv;

@@ -22,7 +22,6 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements import requirements_of
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
-from ff_planner_ros.planning.requirements.wheels import peaks_along
 from ff_planner_ros.robot.wheels import momenta_of
 
 
@@ -35,7 +34,9 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
         required |= requirement.metrics(samples)
     return Metrics(
         joint_path_length=joint_path_length(
-            trajectory.joint_velocities[to_goal], problem.duration / samples.goal
+            trajectory.joint_velocities[to_goal],
+            problem.duration / samples.goal,
+            problem.robot.joint_weights,
         ),
         max_chaser_euler=float(np.abs(chaser_euler(problem.robot, samples.q[to_goal])).max()),
         **required,
@@ -53,8 +54,7 @@ def wheels_told(
     q, v = samples.q_and_v
     stored = momenta_of(wheels, start)
     rows = wheels_along(robot, wheels, stored, q, v, trajectory.joint_accelerations)
-    peaks = peaks_along(robot, wheels, start, samples.followed)
-    return WheelMotion(*rows, *(np.abs(one.values) for one in (peaks.momenta, peaks.torques)))
+    return WheelMotion(*rows)
 
 
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:

@@ -17,6 +17,9 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 
+# A joint whose limits are exceeded by this part of them for certain is refused at once.
+_SPARE = 1e-3
+
 
 def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> None:
     """Refuse a start that violates a requirement by itself, and a goal out of reach.
@@ -37,6 +40,44 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
     momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
     if problem.posture is None:
         _require_reachable_goal(problem, q_start, momentum)
+
+
+def require_time(problem: PlanningProblem) -> None:
+    """Refuse a duration in which a joint cannot be as asked, within its own limits alone.
+
+    From rate v0 to v1 it takes |v1 - v0| / a. In a time T a joint gets no further than by full
+    acceleration and then full deceleration, (v0 + v1) T / 2 + a T^2 / 4 - (v1 - v0)^2 / (4 a),
+    likewise the other way, and than at its highest rate.
+
+    Raises:
+        NoPlanFound: It names the joint.
+    """
+    posture = problem.posture
+    if posture is None:
+        return
+    robot, start, duration = problem.robot, problem.start, problem.duration
+    v0, v1 = start.joint_velocities, np.broadcast_to(posture.rates, start.joint_velocities.shape)
+    most = np.full(robot.joints, np.inf)
+    if problem.limits.joint_accelerations is not None:
+        most = (1.0 + _SPARE) * np.array(problem.limits.joint_accelerations)
+    lacks = np.abs(v1 - v0) / most / duration
+    if posture.positions is not None:
+        way = posture.positions - start.joint_positions
+        faster = most * duration**2 / 4.0 - (v1 - v0) ** 2 / (4.0 * most)
+        is_too_far = np.abs(way - (v0 + v1) * duration / 2.0) > faster
+        lacks = np.where(is_too_far, np.maximum(lacks, 1.0 + _SPARE), lacks)
+        if problem.limits.joint_velocities:
+            rates = (1.0 + _SPARE) * np.maximum(robot.velocity_limits, np.abs(v0))
+            lacks = np.maximum(lacks, np.abs(way) / rates / duration)
+    joint = int(lacks.argmax())
+    if lacks[joint] > 1.0:
+        asked = "at rest" if posture.positions is None else "in the posture"
+        raise NoPlanFound(
+            Status.LIMIT_VIOLATED,
+            f"{duration:g} s is too short: joint {robot.joint_names[joint]} cannot be {asked} that "
+            "is asked for by then, within the limits of its velocity and acceleration alone; "
+            "choose a longer duration",
+        )
 
 
 def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: Array) -> None:
@@ -86,8 +127,10 @@ def _reach(robot: Robot) -> float:
     chaser, links = model.inertias[1], model.inertias[2:]
     placements = [model.jointPlacements[2 + k] for k in range(1, robot.joints)]
     placements.append(model.frames[robot.tip_frame_id].placement)
-    # From the first joint to each joint and to the tip, the arm stretched.
-    stretched = np.cumsum([0.0, *(np.linalg.norm(p.translation) for p in placements)])
+    # From where the first joint is at zero to each joint and to the tip, the arm stretched.
+    lengths = np.array([0.0, *(np.linalg.norm(p.translation) for p in placements)])
+    lengths[:-1] += robot.furthest_slides
+    stretched = np.cumsum(lengths)
     mount = np.linalg.norm(model.jointPlacements[2].translation - chaser.lever)
     moment = chaser.mass * mount + sum(
         link.mass * (length + np.linalg.norm(link.lever))

@@ -25,7 +25,8 @@ class Placed(NamedTuple):
     positions: Array  # of the solids' own frames; shape (configurations, bodies, 3) [m]
     centers: Array  # of the spheres around the bodies; likewise
     origins: Array  # of the joints; shape (configurations, joints, 3) [m]
-    axes: Array  # of the joints, unit length; likewise
+    axes: Array  # of the joints, unit length, zero if they slide; likewise
+    slides: Array  # where the joints slide to, unit length, zero if they turn; likewise
 
 
 def placed_bodies(robot: Robot, angles: Array) -> Placed:
@@ -34,12 +35,14 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
     steps = joint_rotations(robot, angles)
     rotations = np.empty((count, robot.joints + 1, 3, 3))
     positions = np.empty((count, robot.joints + 1, 3))
-    axes = np.empty((count, robot.joints, 3))
+    axes, slides = np.empty((2, count, robot.joints, 3))
     rotations[:, 0], positions[:, 0] = np.eye(3), 0.0
     for k, placement in enumerate(robot.model.jointPlacements[2:]):
         before = rotations[:, k]
         positions[:, k + 1] = positions[:, k] + before @ placement.translation
         axes[:, k] = before @ (placement.rotation @ robot.joint_axes[k])
+        slides[:, k] = before @ (placement.rotation @ robot.joint_slides[k])
+        positions[:, k + 1] += angles[:, k, None] * slides[:, k]
         np.matmul(before, steps[:, k], out=rotations[:, k + 1])
     carriers, placements, offsets, centers = _in_joints(robot)
     carried = rotations[:, carriers]
@@ -49,6 +52,7 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
         centers=positions[:, carriers] + np.einsum("cbij,bj->cbi", carried, centers),
         origins=positions[:, 1:],
         axes=axes,
+        slides=slides,
     )
 
 

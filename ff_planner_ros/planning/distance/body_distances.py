@@ -263,7 +263,7 @@ def sphere_gradients(
 def _turned(placed: Placed, found: Distances, configurations: Indices) -> Array:
     """Return how fast each joint moves what it carries along the normal. Shape (rows, joints)."""
     lever = found.point[:, None] - placed.origins[configurations]
-    moved = np.cross(placed.axes[configurations], lever)
+    moved = np.cross(placed.axes[configurations], lever) + placed.slides[configurations]
     along: Array = np.einsum("rji,ri->rj", moved, found.normal)
     return along
 

@@ -1,4 +1,7 @@
-"""How far the joints and the base's turn move bodies at most: what certificates are made of."""
+"""How far the joints and the base's turn move bodies at most: what certificates are made of.
+
+A joint that slides by 1 m moves what it carries by 1 m: its reach is 1.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,8 @@ from ff_planner_ros.robot.model import Robot
 
 # A cylinder is in the prism around it; one of so many sides is hardly thicker.
 _SIDES = 16
+# A joint slides no further beyond its limits [m]: no plan is let through that leaves them by more.
+_BEYOND = 1e-3
 
 
 @lru_cache(maxsize=8)
@@ -23,7 +28,7 @@ def pair_reaches(robot: Robot) -> Array:
     Nearest points of both lie on one line along the normal, and so a joint between moves one of
     them along it as fast as the other: the nearer body decides.
 
-    Shape (joints, pairs) [m per rad].
+    Shape (joints, pairs) [m per rad, m per m].
     """
     sides, carried = pairs(robot), carriers(robot)
     inner, outer = np.sort([carried[side] for side in sides], axis=0)
@@ -47,6 +52,9 @@ def body_reaches(robot: Robot) -> Array:
         if carried:
             reaches[:carried, number] = along[carried] - along[1 : carried + 1] + body.farthest()
             reaches[carried - 1, number] = body.farthest(axis=robot.joint_axes[carried - 1])
+            reaches[:carried, number] = np.where(
+                _slid(robot)[:carried] > 0.0, 1.0, reaches[:carried, number]
+            )
     return reaches
 
 
@@ -68,16 +76,29 @@ def _reaches_back(robot: Robot) -> Array:
         if carried < robot.joints:
             joint = robot.model.jointPlacements[2 + carried]
             farthest = body.farthest(joint.translation)
+            farthest += _slid(robot)[carried]
             reaches[carried:, number] = along[carried + 1 :] - along[carried + 1] + farthest
             axis = joint.rotation @ robot.joint_axes[carried]
             reaches[carried, number] = body.farthest(joint.translation, axis)
+            reaches[carried:, number] = np.where(
+                _slid(robot)[carried:] > 0.0, 1.0, reaches[carried:, number]
+            )
     return reaches
 
 
 def _stretched(robot: Robot) -> Array:
-    """Return how far base and joints are along the stretched arm. Shape (joints + 1,) [m]."""
+    """Return how far base and joints are along the stretched arm. Shape (joints + 1,) [m].
+
+    One that slides is where it slid to.
+    """
     placements = robot.model.jointPlacements[2:]
-    return np.cumsum([0.0, *(np.linalg.norm(at.translation) for at in placements)])
+    lengths = [float(np.linalg.norm(at.translation)) for at in placements]
+    return np.cumsum([0.0, *(lengths + _slid(robot))])
+
+
+def _slid(robot: Robot) -> Array:
+    """Return how far each joint slides from zero at most; zero if it turns. Shape (joints,) [m]."""
+    return robot.furthest_slides + _BEYOND * robot.joint_slides.any(axis=1)
 
 
 class _Outline:

@@ -61,8 +61,9 @@ def certified_clearance(
     speeds = np.array([sphere.highest_speed for sphere in spheres])
     changes = np.array([sphere.highest_acceleration for sphere in spheres])
     # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
-    ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
-    bends = bend_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] ** 2 * changes
+    arm = slides(robot), positions[0], q[0], cubics
+    ways = way_bounds(*arm)[:, None] + steps[:, None] * speeds
+    bends = bend_bounds(*arm)[:, None] + steps[:, None] ** 2 * changes
     # Nothing is faster than on the whole way from point to point by more than half of the bend.
     whole = np.diff(positions[:, :, None] - centers[:, None], axis=0)
     ways = np.minimum(ways, np.linalg.norm(whole, axis=-1).max(axis=1) + bends / 2)
@@ -136,15 +137,27 @@ def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
     return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
 
 
-def way_bounds(positions: Array, q: Array, cubics: Array) -> Array:
+def slides(robot: Robot) -> Array:
+    """Tell which joints slide: 1, and those that turn 0. Shape (joints,)."""
+    return np.asarray(robot.joint_slides.any(axis=1), np.float64)
+
+
+def way_bounds(slides: Array, positions: Array, q: Array, cubics: Array) -> Array:
     """Return a speed for each cubic that no point of the arm exceeds along it [m per unit of s].
 
-    Each joint, and the base's turn, move a point at most at their rate times the stretched
-    length of what lies beyond them.
+    Each joint that turns, and the base's turn, move a point at most at their rate times the
+    stretched length of what lies beyond them; one that slides moves it at its rate.
+
+    Args:
+        slides: As of `slides`.
+        positions: Of `arm_points` at the first point. Shape (joints + 1, 3) [m].
+        q: Configuration there. Shape (7 + joints,).
+        cubics: Of `cubics_between`.
     """
-    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    to_first, *lengths = _lengths(slides, positions, q, cubics)
     beyond = np.cumsum(lengths[::-1])[::-1]
-    reach = np.linalg.norm(positions[0] - q[:3]) + beyond[0]
+    reach = to_first + beyond[0]
+    beyond = np.where(slides > 0.0, 1.0, beyond)
     rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
     # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
     way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
@@ -153,14 +166,16 @@ def way_bounds(positions: Array, q: Array, cubics: Array) -> Array:
     return bounds
 
 
-def bend_bounds(positions: Array, q: Array, cubics: Array) -> Array:
+def bend_bounds(slides: Array, positions: Array, q: Array, cubics: Array) -> Array:
     """Return for each cubic what no point's second derivative by s exceeds along it [m].
 
     With rates W and changes of rates S, summed from the base to a link, the link turns at W at most
     and that changes by S + W^2 / 2, of which the last is what the axes' own turns make. A link of
-    length l adds l (S + 3/2 W^2). The base's place is R_0 V(phi) nu, its twist (nu, phi).
+    length l adds l (S + 3/2 W^2), and one that slides out at a rate u, which changes by a, adds
+    2 W u + a. The base's place is R_0 V(phi) nu, its twist (nu, phi). The arguments are those of
+    `way_bounds`.
     """
-    lengths = np.linalg.norm(np.diff(positions, axis=0, prepend=q[None, :3]), axis=1)
+    lengths = _lengths(slides, positions, q, cubics)
     rates, changes = (np.array(of) @ np.abs(cubics) for of in ([1.0, 2.0, 3.0], [0.0, 2.0, 6.0]))
     way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
     moving, turning, faster, tumbling = np.linalg.norm(
@@ -169,7 +184,23 @@ def bend_bounds(positions: Array, q: Array, cubics: Array) -> Array:
     of_base = faster + turning * moving + (tumbling + turning**2) / 2 * way
     summed, changed = (
         np.cumsum(np.column_stack(each), axis=1)
-        for each in ((turning, rates[:, 6:]), (tumbling, changes[:, 6:]))
+        for each in (
+            (turning, (1.0 - slides) * rates[:, 6:]),
+            (tumbling, (1.0 - slides) * changes[:, 6:]),
+        )
     )
-    bounds: Array = of_base + (changed + 1.5 * summed**2) @ lengths
+    sliding = (2.0 * summed[:, :-1] * rates[:, 6:] + changes[:, 6:]) @ slides
+    bounds: Array = of_base + (changed + 1.5 * summed**2) @ lengths + sliding
     return bounds
+
+
+def _lengths(slides: Array, positions: Array, q: Array, cubics: Array) -> Array:
+    """Return how long each link is at most: up to each joint, then to the end effector [m].
+
+    One that a joint slides along is longer than at the first point by what it slides from there.
+    """
+    lengths: Array = np.linalg.norm(np.diff(positions, axis=0, prepend=q[None, :3]), axis=1)
+    moved = cubics[:, :, 6:]
+    begin = np.cumsum(moved.sum(axis=1), axis=0) - moved.sum(axis=1)
+    lengths[:-1] += slides * (np.abs(begin) + np.abs(moved).sum(axis=1)).max(axis=0)
+    return lengths

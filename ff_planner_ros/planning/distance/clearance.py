@@ -24,6 +24,8 @@ from ff_planner_ros.robot.model import Robot
 
 # Joint origins nearer than this are the same point; drawings are not more exact.
 _SAME_POINT = 1e-6
+# The square of a length that may be zero where a joint slides is not divided by.
+_TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +61,9 @@ def arm_points_with_derivatives(
 
 
 def segments(positions: Array) -> Indices:
-    """Return the indices of the points that start a segment of some length."""
-    length = np.linalg.norm(np.diff(positions[0], axis=0), axis=1)
-    return np.flatnonzero(length > _SAME_POINT)
+    """Return the indices of the points that start a segment of some length, at any time."""
+    length = np.linalg.norm(np.diff(positions, axis=1), axis=2)
+    return np.flatnonzero((length > _SAME_POINT).any(axis=0))
 
 
 def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
@@ -104,7 +106,7 @@ def clearances(
     start, end = positions[:, starts, None], positions[:, starts + 1, None]
     along = end - start
     from_center = start - centers
-    fraction = -_dot(from_center, along) / _dot(along, along)
+    fraction = -_dot(from_center, along) / np.maximum(_dot(along, along), _TINY)
     fraction = np.clip(fraction, 0.0, 1.0)
     offset = from_center + fraction[..., None] * along
     return Clearances(np.sqrt(_dot(offset, offset)) - radii, fraction, offset)

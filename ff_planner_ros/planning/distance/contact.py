@@ -122,8 +122,11 @@ def way_out(problem: PlanningProblem, q: Array, contact: Contact) -> str:
             if not (contact.by_joints[joint] and lower <= aside[7 + joint] <= upper):
                 continue
             if deepest_contact(problem, aside) is None:
-                degrees = math.degrees(aside[7 + joint] - q[7 + joint])
-                return f"; {robot.joint_names[joint]} turned by {degrees:+.0f} deg is out of it"
+                by = float(aside[7 + joint] - q[7 + joint])
+                moved = f"turned by {math.degrees(by):+.0f} deg"
+                if robot.slides(joint):
+                    moved = f"moved by {by:+.3f} m"
+                return f"; {robot.joint_names[joint]} {moved} is out of it"
     return ""
 
 

@@ -18,7 +18,12 @@ from ff_planner_ros.planning.distance.body_certificate import (
     least_sphere_distance,
     pair_ways,
 )
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, cubics_between, way_bounds
+from ff_planner_ros.planning.distance.certificate import (
+    CERTIFICATE_GAP,
+    cubics_between,
+    slides,
+    way_bounds,
+)
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
@@ -38,7 +43,7 @@ def search_certificate(
     cubics = cubics_between(robot, q, v, np.diff(times))
     return compiled.certified_clearance(
         compiled.CubicMotion(chain_of(robot), q, cubics, times),
-        way_bounds(arm_points(robot, q[:1])[0], q[0], cubics),
+        way_bounds(slides(robot), arm_points(robot, q[:1])[0], q[0], cubics),
         spheres_of(spheres, float(times[-1])),
         CERTIFICATE_GAP,
     )

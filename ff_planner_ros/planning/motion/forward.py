@@ -183,12 +183,13 @@ def as_measured(
         measured: The state that was carried forward.
         seconds: How far; zero: it was not.
     """
-    for quantity, values, unit in (
-        ("position", measured.joint_positions, "rad"),
-        ("velocity", measured.joint_velocities, "rad/s"),
+    for quantity, values, per_time in (
+        ("position", measured.joint_positions, ""),
+        ("velocity", measured.joint_velocities, "/s"),
     ):
-        for name, value in zip(robot.joint_names, values, strict=True):
+        for joint, (name, value) in enumerate(zip(robot.joint_names, values, strict=True)):
             if seconds and error.field == f"joints.{quantity}[{name}]":
+                unit = robot.unit(joint) + per_time
                 told = f"{error.value}, measured as {value:.6f} {unit} {seconds:.3f} s before"
                 return InvalidInput(error.status, error.field, told, error.allowed)
     return error

@@ -35,9 +35,9 @@ class JointMotion:
         unit="s",
     )
     # All three have the shape (points, joints)
-    positions: Array = declare(ROWS, "a row per time", unit="rad")
-    velocities: Array = declare(ROWS, "a row per time", unit="rad/s")
-    accelerations: Array = declare(ROWS, "a row per time", unit="rad/s2")
+    positions: Array = declare(ROWS, "a row per time", unit="rad, m")
+    velocities: Array = declare(ROWS, "a row per time", unit="rad/s, m/s")
+    accelerations: Array = declare(ROWS, "a row per time", unit="rad/s2, m/s2")
 
     def at(self, time: Array) -> tuple[Array, Array, Array]:
         """Return positions, velocities and accelerations, each of shape (times, joints).
@@ -83,10 +83,12 @@ class JointMotion:
         (lowest, highest), times = self.extremes(order)
         return np.array([lowest - lower, upper - highest]), times
 
-    def least_distance(self, lower: Array, upper: Array, order: int = 0) -> float:
-        """Return the least of all `distances`."""
+    def least_distance(
+        self, lower: Array, upper: Array, order: int = 0, weights: Array | float = 1.0
+    ) -> float:
+        """Return the least of all `distances`, each times its joint's weight."""
         pieces = self._coefficients[order]
-        beyond = np.concatenate([lower - pieces, pieces - upper], axis=2)
+        beyond = np.concatenate([weights * (lower - pieces), weights * (pieces - upper)], axis=2)
         beyond = beyond[..., np.isfinite(beyond[0, 0])].reshape(len(pieces), -1)
         exact = max(_EXACT, _ROUNDING * float(np.abs(pieces).max()))
         return -_highest_of_all(beyond, exact)

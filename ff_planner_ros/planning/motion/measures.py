@@ -11,9 +11,19 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 
-def joint_path_length(joint_velocities: Array, step: float) -> float:
-    """Return J_L of Eq. (44) by the rectangle rule, all points but the last."""
-    return float(np.linalg.norm(joint_velocities[:-1], axis=1).sum() * step)
+def joint_path_length(joint_velocities: Array, step: float, weights: Array | float = 1.0) -> float:
+    """Return J_L of Eq. (44) by the rectangle rule, all points but the last [rad].
+
+    Args:
+        weights: Share of each joint. Shape (joints,).
+    """
+    shares = weights * joint_velocities[:-1]
+    return float(np.linalg.norm(shares, axis=1).sum() * step)
+
+
+def straight_way(ends: Array, weights: Array | float = 1.0) -> float:
+    """Return the joint path of the straight way between two postures, shape (2, joints) [rad]."""
+    return float(np.linalg.norm(weights * (ends[1] - ends[0])))
 
 
 def chaser_euler(robot: Robot, q: Array) -> Array:

@@ -36,7 +36,7 @@ class Metric:
 
     def shown(self, value: float | Sequence[float]) -> str:
         """Return the value for a table, without its unit; of several values the largest."""
-        if np.isnan(value).any():
+        if np.isnan(value).any() or np.size(value) == 0:
             return "none"  # not known, as in a bag of an older version
         if np.isinf(value).any():
             # There is nothing that it is the distance from.
@@ -67,7 +67,8 @@ class Metrics:
     """The metrics of a plan, computed by the check after the solve.
 
     The objectives, Eqs. (44) and (45), and the final errors are those at the goal. All others hold
-    for the tail, too.
+    for the tail, too. Margins, jump and joint path count what a joint slides by its weight
+    [rad/m], and forces over it.
     """
 
     joint_path_length: float = _metric("rad", "joint path length", 10 * _RAD, "rad", ".4f")
@@ -88,7 +89,7 @@ class Metrics:
     min_velocity_margin: float = _metric(
         "rad/s", "margin to velocity limits", _RAD_S, "deg/s", ".2f"
     )
-    # Largest absolute torque of each joint at any time, exact to 5e-4 of it.
+    # Largest absolute torque of each joint at any time, exact to 5e-4; of a slide its force [N].
     peak_joint_torques: tuple[float, ...] = _metric(
         "N m", "peak joint torque", _TORQUE, "N m", ".4g"
     )
@@ -114,6 +115,13 @@ class Metrics:
     # where the problem does not limit torques.
     min_torque_margin: float = _metric(
         "N m", "margin to effort limits", _TORQUE, "N m", ".4g", np.nan
+    )
+    # Largest absolute momentum and torque of each wheel at any time; empty: there are none.
+    peak_wheel_momenta: tuple[float, ...] = _metric(
+        "N m s", "peak wheel momentum", _TORQUE, "N m s", ".4g", ()
+    )
+    peak_wheel_torques: tuple[float, ...] = _metric(
+        "N m", "peak wheel torque", _TORQUE, "N m", ".4g", ()
     )
     # Whose the clearances are, `body/obstacle` and `body/body`, and when [s]; empty, infinite:
     # nobody's.

@@ -44,8 +44,6 @@ class WheelMotion:
 
     momenta: Array  # at each point; shape (points, wheels) [N m s]
     torques: Array  # rates of the momenta; shape (points, wheels) [N m]
-    peak_momenta: Array  # largest at any time, either way; shape (wheels,) [N m s]
-    peak_torques: Array  # likewise [N m]
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""

@@ -18,9 +18,9 @@ from ff_planner_ros.planning.motion.measures import chaser_euler_with_derivative
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem.problem import Objective
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.planning.requirements.wheels import momenta_with_derivatives
 
 # So far turns the joint that rounds the joint path [rad]: it makes a path of 1 rad 0.05 % longer.
 _ROUNDING = 0.03
@@ -38,7 +38,7 @@ class Term(NamedTuple):
 
 def terms(
     weights: Objective,
-    robot: Robot,
+    problem: PlanningProblem,
     motion: Motion,
     sensitivity: Sensitivity,
     step: float,
@@ -51,7 +51,7 @@ def terms(
         smoothing: Weight of evenly run joints, where the joint path's is one; see `joint_path`.
         attitude_norm: p of the p-norm of the Euler angles that stands for the largest of them.
     """
-    found = []
+    found, robot = [], problem.robot
     variables = sensitivity.variables
     weight, nothing = weights.joint_path_length, np.zeros((variables, variables))
     if weight > 0.0:
@@ -61,9 +61,16 @@ def terms(
             by_x = duration * by_x
             by_x[..., -1] += v
             v, step = duration * v, step / duration
-        value, gradient, hessian = joint_path(v, by_x, step, smoothing)
+        shares = robot.joint_weights if robot.has_slides else None
+        value, gradient, hessian = joint_path(v, by_x, step, smoothing, shares)
         value = weight * value
         found.append(Term(value, weight * gradient, weight * hessian, nothing[0, :0], nothing[:0]))
+    if weights.wheel_momentum > 0.0 and robot.wheels is not None:
+        momenta, by_x = momenta_with_derivatives(problem, robot.wheels, motion, sensitivity)
+        momenta = weights.wheel_momentum * momenta.ravel()
+        by_x = weights.wheel_momentum * by_x.reshape(-1, variables)
+        max_terms, jacobian = np.append(momenta, -momenta), np.concatenate([by_x, -by_x])
+        return [*found, Term(0.0, nothing[0], nothing, max_terms, jacobian)]  # it does not turn
     weight = weights.chaser_attitude
     if weight > 0.0:
         # The Euler angles whose largest modulus is J_Theta.
@@ -104,19 +111,21 @@ def power_mean(values: Array, jacobian: Array, p: float) -> tuple[float, Array, 
 
 
 def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:
-    """Return the objective to solve where the duration is given: never the attitude alone."""
+    """Return the objective to solve where the duration is given: never a largest value alone."""
     if objective.joint_path_length > 0.0:
         return objective
     if objective.only_duration:  # which is decided
         return replace(objective, joint_path_length=1.0)
-    tie_break = settings.joint_path_tie_break * objective.chaser_attitude
+    weight = max(objective.chaser_attitude, objective.wheel_momentum)
+    tie_break = settings.joint_path_tie_break * weight
     return replace(objective, joint_path_length=tie_break)
 
 
 def weighted_sum(objective: Objective, metrics: Metrics) -> float:
     """Return what a plan with these metrics is worth, less is better [rad]."""
     length = objective.joint_path_length * metrics.joint_path_length
-    return length + objective.chaser_attitude * metrics.max_chaser_euler
+    wheels = objective.wheel_momentum * max(metrics.peak_wheel_momenta, default=0.0)
+    return length + objective.chaser_attitude * metrics.max_chaser_euler + wheels
 
 
 def duration_of(plan: Plan) -> float:
@@ -130,7 +139,11 @@ def plan_cost(objective: Objective, plan: Plan) -> float:
 
 
 def joint_path(
-    v: Array, by_x: Array, step: float, smoothing: float = 0.0
+    v: Array,
+    by_x: Array,
+    step: float,
+    smoothing: float = 0.0,
+    weights: Array | None = None,
 ) -> tuple[float, Array, Array]:
     """Return J_L of Eq. (44), its gradient and its Gauss-Newton Hessian, positive semidefinite.
 
@@ -143,6 +156,10 @@ def joint_path(
     Args:
         v: Tangent velocities. Shape (points, 6 + joints).
         by_x: Their derivatives. Shape (points, 6 + joints, variables).
+        weights: Share of each joint. Shape (joints,). None: 1.
     """
+    if weights is not None:
+        shares = np.append(np.ones(6), weights)
+        v, by_x = shares * v, shares[:, None] * by_x
     slow = _ROUNDING / ((len(v) - 1) * step) if smoothing > 0.0 else 0.0
     return compiled.joint_path(v, by_x, step, slow, smoothing)

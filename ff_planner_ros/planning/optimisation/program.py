@@ -128,7 +128,7 @@ class PathProgram:
         hessian = np.zeros((variables, variables))
         max_terms, max_terms_jacobian = [np.empty(0)], [np.empty((0, variables))]
         how = self.smoothing, self.attitude_norm
-        for term in terms(self.objective, robot, motion, sensitivity, step, *how):
+        for term in terms(self.objective, self.problem, motion, sensitivity, step, *how):
             value, gradient = value + term.value, gradient + term.gradient
             hessian = hessian + term.hessian
             max_terms.append(term.max_terms)

@@ -121,13 +121,14 @@ def _held_rates(
     rows = robot.base.tip_rows
     conditions = twist_conditions(robot, data, target, q)
     of_rates = conditions @ generalised_jacobian(robot, data, q)
+    nearest = of_rates / robot.joint_weights**2
     drifting = np.concatenate([base_twist(robot, data, q, momentum, spare), spare])
     pin.computeJointJacobians(robot.model, data, q)
     pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
     jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
     slack = conditions @ (twist - jacobian @ drifting)[rows]
     try:
-        rates: Array = spare + of_rates.T @ np.linalg.solve(of_rates @ of_rates.T, slack)
+        rates: Array = spare + nearest.T @ np.linalg.solve(of_rates @ nearest.T, slack)
     except np.linalg.LinAlgError:
         return None
     return rates if float(rates @ rates) < _SINGULAR_RATE**2 else None

@@ -21,6 +21,7 @@ from ff_planner_ros.planning.paths.spline_basis import FIXED
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.target import conditions_of
+from ff_planner_ros.robot.model import Robot
 
 if TYPE_CHECKING:
     from ff_planner_ros.planning.paths.joint_spline import JointSplines
@@ -72,7 +73,6 @@ def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -
     if family.problem.posture is not None:
         yield from _ways_of_joints(family, family.problem.posture)
         return
-    joints = family.robot.joints
     ways = list[Array]()
     for guess in _near_papers_path(family, obstacles, points, slice(1)):
         ways.append(guess)
@@ -81,7 +81,7 @@ def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -
     yield ways[-1]
     yield from _near_papers_path(family, obstacles, points, slice(1, _PAPERS_GUESSES))
     bump = _bump(family)
-    for number, (aside, across) in enumerate(_drawn(joints)):
+    for number, (aside, across) in enumerate(_drawn(family.robot)):
         if number % 2 == 0:
             ways.append(_way_to_posture(family, family.q_start[7:] + _POSTURES * aside))
             yield ways[-1]
@@ -89,23 +89,27 @@ def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -
         yield way + np.outer(_DETOURS * across, bump).ravel()
 
 
-def _drawn(joints: int) -> Iterator[tuple[Array, Array]]:
-    """Yield pairs of normal numbers, two for each joint, that fill the space evenly."""
+def _drawn(robot: Robot) -> Iterator[tuple[Array, Array]]:
+    """Yield pairs of normal numbers, two for each joint, that fill the space evenly.
+
+    Joints of more weight move less.
+    """
     from scipy.stats import qmc  # half a second to load, and most plans never come here
 
+    count = 2 * robot.joints
     sequence = qmc.MultivariateNormalQMC(
-        np.zeros(2 * joints), engine=qmc.Halton(2 * joints, rng=np.random.default_rng(0))
+        np.zeros(count), engine=qmc.Halton(count, rng=np.random.default_rng(0))
     )
     for _ in range(10**9):
         aside, across = np.split(sequence.random(1)[0], 2)
-        yield aside, across
+        yield aside / robot.joint_weights, across / robot.joint_weights
 
 
 def _ways_of_joints(family: JointSplines, posture: Posture) -> Iterator[Array]:
     """Yield straight ways to a posture, or to rest in any, and detours from them without end."""
     yield _way_of_joints(family, posture, np.zeros(family.robot.joints))
     bump = _bump(family)
-    for aside, across in _drawn(family.robot.joints):
+    for aside, across in _drawn(family.robot):
         way = _way_of_joints(family, posture, _POSTURES * aside)
         yield way + np.outer(_DETOURS * across, bump).ravel()
 

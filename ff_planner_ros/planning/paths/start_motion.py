@@ -77,7 +77,9 @@ def start_motion(robot: Robot, state: SystemState, duration: float) -> StartMoti
     if known is None:
         of_ee = np.zeros(6)
     jacobian = generalised_jacobian(robot, data, q)
-    project = np.eye(robot.joints) - np.linalg.pinv(jacobian) @ jacobian  # N
+    weights = robot.joint_weights  # that the velocity map has, too
+    inverse = np.linalg.pinv(jacobian / weights) / weights[:, None]
+    project = np.eye(robot.joints) - inverse @ jacobian  # N
     z = _without_rounding(project @ state.joint_velocities, _ROUNDING_RATE)
     z_rate = np.zeros(robot.joints)
     solution = None if known is None else velocity(robot, q, momentum, twist, z)

@@ -13,7 +13,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 
 @dataclass(frozen=True)
 class Objective:
-    """Weights of Eq. (44), joint path length, of Eq. (45), chaser attitude, and of the duration.
+    """Weights of the joint path, Eq. (44), the chaser's attitude, Eq. (45), duration and wheels.
 
     Raises:
         InvalidInput: Not finite, negative, or all zero.
@@ -39,11 +39,21 @@ class Objective:
         message="duration",
         late=True,
     )
+    wheel_momentum: float = declare(
+        a_number(at_least=0.0),
+        "weight of the largest momentum of any wheel, on a base that is attitude_held",
+        unit="rad/(N m s)",
+        since="0.3",
+        brief=True,
+        default=0.0,
+        message="wheel_momentum",
+        late=True,
+    )
 
     def __post_init__(self) -> None:
         """Check the weights."""
         check_declared(self, "objective")
-        if self.joint_path_length == self.chaser_attitude == self.duration == 0.0:
+        if self.only_duration and self.duration == 0.0:
             raise InvalidInput(
                 Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
             )
@@ -51,7 +61,7 @@ class Objective:
     @property
     def only_duration(self) -> bool:
         """Whether the shortest plan is asked for, whatever else it is."""
-        return self.joint_path_length == self.chaser_attitude == 0.0
+        return self.joint_path_length == self.chaser_attitude == self.wheel_momentum == 0.0
 
 
 # A plan is not shorter [s]: no controller samples it more often, and the powers of much shorter

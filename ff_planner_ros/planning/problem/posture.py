@@ -37,7 +37,7 @@ class Posture:
         a_vector(None),
         "of each joint at the end",
         key="joints.position",
-        unit="rad",
+        unit="rad, m",
         optional=True,
         default=None,
     )
@@ -45,7 +45,7 @@ class Posture:
         a_vector(None),
         "of each joint at the end; default: zero",
         key="joints.velocity",
-        unit="rad/s",
+        unit="rad/s, m/s",
         optional=True,
         default=None,
     )
@@ -86,11 +86,12 @@ class Posture:
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
         rates = np.broadcast_to(self.rates, lower.shape)
         most = robot.velocity_limits if keeps_rates else np.full(robot.joints, np.inf)
-        for name, values, low, high, unit in (
-            ("position", self.positions, lower, upper, "rad"),
-            ("velocity", rates, -most, most, "rad/s"),
+        for name, values, low, high, per_time in (
+            ("position", self.positions, lower, upper, ""),
+            ("velocity", rates, -most, most, "/s"),
         ):
             for joint in np.flatnonzero((values < low) | (values > high)):
+                unit = robot.unit(int(joint)) + per_time
                 raise InvalidInput(
                     Status.OUT_OF_RANGE,
                     f"target.joints.{name}[{robot.joint_names[joint]}]",

@@ -183,6 +183,8 @@ def _by_configuration(
     by_tangent[:, 3:6] = -np.einsum("rji,rj->ri", rotations[0], turned[:, 0])
     axes = np.einsum("krij,kj->rki", rotations[1 : joint + 1], robot.joint_axes[:joint])
     by_tangent[:, 6 : 6 + joint] = -np.sum(axes * turned[:, 1 : joint + 1], axis=2)
+    slides = np.einsum("krij,kj->rki", rotations[1 : joint + 1], robot.joint_slides[:joint])
+    by_tangent[:, 6 : 6 + joint] -= np.einsum("rki,ri->rk", slides, gradients)
     return by_tangent
 
 

@@ -58,11 +58,12 @@ def _off_posture(samples: Samples, posture: Posture) -> Iterator[Failure]:
     """Yield how far the joints are from a posture, or from rest, at the goal."""
     motion, goal = samples.trajectory, samples.goal
     tolerance = samples.settings.orientation_tolerance
-    off = [(motion.joint_velocities[goal] - posture.rates, "is faster", "rad/s")]
+    off = [(motion.joint_velocities[goal] - posture.rates, "is faster", "/s")]
     if posture.positions is not None:
-        off.append((motion.joint_positions[goal] - posture.positions, "is further", "rad"))
-    for misses, verb, unit in off:
+        off.append((motion.joint_positions[goal] - posture.positions, "is further", ""))
+    for misses, verb, per_time in off:
         worst = int(np.abs(misses).argmax())
+        unit = samples.problem.robot.unit(worst) + per_time
         if not abs(misses[worst]) <= tolerance:
             yield Failure(
                 Status.CHECK_FAILED,

@@ -16,7 +16,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
-from ff_planner_ros.errors import Failure
+from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import last_points, split_obstacles
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
@@ -53,6 +53,19 @@ class ObstacleClearance(Requirement):
     """Every body, or line, stays outside every obstacle that is no sphere."""
 
     name = "obstacle_clearance"
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse lines that grow where a joint slides out: no body is as long as they are."""
+        robot = problem.robot
+        if problem.obstacle_bodies and not robot.bodies and robot.joint_slides[1:].any():
+            allowed = (
+                "with lines every obstacle must be a sphere where a joint slides along the arm; "
+                "robot.geometry must be shapes"
+            )
+            told = f"obstacles[{problem.obstacle_bodies[0].id}].shape"
+            raise InvalidInput(Status.UNSUPPORTED, told, "no sphere", allowed)
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
         """Return the clearance that the search keeps at the points [m]."""

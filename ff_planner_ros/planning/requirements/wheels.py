@@ -6,7 +6,7 @@ them, with exact derivatives; the check measures both by Pinocchio's centroidal 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -61,6 +61,10 @@ class WheelLimits(Requirement):
         """Refuse wheels that hold more than they may, or joints that accelerate against them."""
         wheels = problem.robot.wheels
         if wheels is None:
+            if problem.objective.wheel_momentum:
+                allowed = f"with robot.base {problem.robot.base} it must be 0: there are no wheels"
+                given = problem.objective.wheel_momentum
+                raise InvalidInput(Status.UNSUPPORTED, "objective.wheel_momentum", given, allowed)
             return
         stored, limits = momenta_of(wheels, problem.start), wheels.momentum_limits
         for k in np.flatnonzero(np.abs(stored) > (1.0 + ALLOWED_EXCESS) * limits):
@@ -96,12 +100,12 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return None
         of_momenta = _kept(
-            *_momenta_with_derivatives(problem, wheels, motion, sensitivity),
+            *momenta_with_derivatives(problem, wheels, motion, sensitivity),
             wheels.momentum_limits,
             margin,
         )
         of_torques = _kept(
-            *_torques_with_derivatives(problem, wheels, motion, sensitivity),
+            *_torques_with_derivatives(problem, wheels, motion, sensitivity, _OF_INTEREST + margin),
             wheels.torque_limits,
             margin,
         )
@@ -117,6 +121,20 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return np.inf
         return min(float(one.left.min()) for one in _judged(problem, wheels, motion))
+
+    def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
+        """Return the largest momentum and torque of each wheel; without wheels nothing."""
+        problem, wheels = samples.problem, samples.problem.robot.wheels
+        if wheels is None:
+            return {}
+        found = peaks_along(problem.robot, wheels, problem.start, samples.followed)
+        return {
+            name: tuple(np.abs(peaks.values).tolist())
+            for name, peaks in (
+                ("peak_wheel_momenta", found.momenta),
+                ("peak_wheel_torques", found.torques),
+            )
+        }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the wheel that is furthest beyond its momentum, and the one beyond its torque."""
@@ -172,7 +190,7 @@ def peaks_along(
     return wheel_peaks(robot, wheels, start, motion)
 
 
-def _momenta_with_derivatives(
+def momenta_with_derivatives(
     problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
 ) -> tuple[Array, Array]:
     """Return what each wheel holds at the points, (points, wheels), and its derivatives by x.
@@ -196,15 +214,30 @@ def _momenta_with_derivatives(
 
 
 def _torques_with_derivatives(
-    problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
+    problem: PlanningProblem,
+    wheels: Wheels,
+    motion: Motion,
+    sensitivity: Sensitivity,
+    interest: float = np.inf,
 ) -> tuple[Array, Array]:
-    """Return what each wheel gives at the points, (points, wheels), and its derivatives by x."""
+    """Return what each wheel gives at the points, (points, wheels), and its derivatives by x.
+
+    Args:
+        interest: At points where all are further from their limits than by this part of them, the
+            derivatives are zero: they take most of the time.
+    """
     robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
     accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
-    of_rates = accelerations_by_x(motion, sensitivity, step)
-    at = motion.q, motion.v, accelerated
-    by_x = torques_on_base_by_x(robot, *at, sensitivity.q, sensitivity.v, of_rates)
-    return _torques(robot, wheels, *at), -_shares(robot, wheels) @ by_x
+    torques = _torques(robot, wheels, motion.q, motion.v, accelerated)
+    is_near = np.abs(torques) >= (1.0 - interest) * wheels.torque_limits
+    (near,) = np.nonzero(is_near.any(axis=1))
+    by_x = np.zeros((*torques.shape, sensitivity.variables))
+    if near.size:
+        of_rates = accelerations_by_x(motion, sensitivity, step)
+        rows = motion.q, motion.v, accelerated, sensitivity.q, sensitivity.v, of_rates
+        of_base = torques_on_base_by_x(robot, *(each[near] for each in rows))
+        by_x[near] = -_shares(robot, wheels) @ of_base
+    return torques, by_x
 
 
 def _torques(robot: Robot, wheels: Wheels, q: Array, v: Array, accelerations: Array) -> Array:

@@ -20,7 +20,7 @@ from ff_planner_ros.common.declared import (
     schema_of,
 )
 from ff_planner_ros.common.declared_parts import changes, part
-from ff_planner_ros.common.forms import DIALECT, TEXT, Schema, a_word, by_name
+from ff_planner_ros.common.forms import DIALECT, TEXT, Schema, a_number, a_word, by_name
 from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status
@@ -43,7 +43,7 @@ from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
-from ff_planner_ros.robot.model import Base, Robot, load_robot
+from ff_planner_ros.robot.model import SLIDE_WEIGHT, SLIDE_WEIGHTS, Base, Robot, load_robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 
@@ -79,7 +79,7 @@ class RobotFile:
     )
     locked_joints: Mapping[str, float] | None = declare(
         by_name("a joint"),
-        "where joints are held that are not planned; default: all that do not turn between base "
+        "where joints are held that are not planned; default: all that are not between base "
         "and tip, at zero",
         unit="rad, m",
         since="0.3",
@@ -103,6 +103,14 @@ class RobotFile:
     payload: Payload | None = declare(
         part(Payload), "a body that a link holds; default: none", since="0.3", default=None
     )
+    slide_weight: float | None = declare(
+        a_number(at_least=0.0, at_most=SLIDE_WEIGHTS[1]),
+        "what a joint that slides by 1 m adds to the joint path, 0: it is held; default: as one "
+        "turned by 1 rad",
+        unit="rad/m",
+        since="0.3",
+        default=None,
+    )
 
     def load(self, directory: Path) -> Robot:
         """Return the robot; its paths are relative to a directory.
@@ -115,7 +123,9 @@ class RobotFile:
         links = self.base_link, self.tip_link
         held = self.locked_joints or {}
         wheels = None if self.wheels is None else self.wheels.wheels
-        robot = load_robot(urdf, *links, self.base, held, self.geometry, srdf, wheels)
+        told = urdf, *links, self.base, held, self.geometry, srdf, wheels
+        weight = SLIDE_WEIGHT if self.slide_weight is None else self.slide_weight
+        robot = load_robot(*told, slide_weight=weight)
         return (
             robot if self.payload is None else with_payload(robot, self.payload.loaded(directory))
         )

@@ -35,6 +35,7 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     named = RobotFile(
         *(urdf.name, robot.base_link, robot.tip_link, robot.base, wheels_file(task.problem)),
         geometry=geometry,
+        slide_weight=robot.slide_weight if robot.has_slides else None,
     )
     values = {"robot": named} | _said_of(task.problem) | _said_by(task)
     # Flow style for what holds no other lists: a line for each vector.

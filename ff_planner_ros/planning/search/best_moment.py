@@ -103,7 +103,9 @@ def plan_at_best_moment(
         known += promising
     if best is None and known:
         best, moment = _best_of(asked, known, _LATER)
-    held = best and (is_held(problem, settings, best) or is_detour(best))
+    held = best and (
+        is_held(problem, settings, best) or is_detour(best, problem.robot.joint_weights)
+    )
     if best and not problem.objective.only_duration and held:
         best, moment = _better_in_another_family(asked, best, moment)
     if best is None:

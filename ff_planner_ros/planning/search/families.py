@@ -7,7 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.motion.measures import straight_way
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.end_effector_polynomial import (
     PAPERS_JOINTS,
@@ -93,8 +95,7 @@ def is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> 
     )
 
 
-def is_detour(plan: Plan) -> bool:
-    """Tell whether a plan's joints go far round."""
-    ends = plan.trajectory.joint_positions[[0, -1]]
-    direct = float(np.linalg.norm(ends[1] - ends[0]))
+def is_detour(plan: Plan, weights: Array | float = 1.0) -> bool:
+    """Tell whether a plan's joints, of some weights each, go far round."""
+    direct = straight_way(plan.trajectory.joint_positions[[0, -1]], weights)
     return plan.metrics.joint_path_length > _DETOUR * direct

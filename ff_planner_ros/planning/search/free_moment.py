@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
-from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.check.preconditions import require_plannable, require_time
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
@@ -232,6 +232,8 @@ def moments_to_begin_at(problem: PlanningProblem) -> list[float]:
 def _plannable(problem: PlanningProblem, settings: PlannerSettings) -> list[PlanningProblem]:
     """Return the problem at the moments to begin at, those at which it is not hopeless."""
     begun, refusals = list[PlanningProblem](), list[NoPlanFound]()
+    # What is too short to end at is good to begin at: it leads to the shortest that is not.
+    require_time(lasting(problem, problem.durations.maximum))
     for duration in moments_to_begin_at(problem):
         fixed = lasting(problem, duration)
         try:
@@ -293,6 +295,8 @@ def _earlier(
         return
     fixed = lasting(bounded, bounded.duration)
     starts = math.ceil(_GLANCED_AT * settings.starts)
+    if _is_convex(problem) and not known.demanded:
+        starts = 0  # what is nearest to the known one tells of all
     for ways in reversed(path_families(fixed, settings)):
         for way in ways:
             guesses = islice(FreeSearch(bounded, fixed, way, settings).guesses(), starts)
@@ -314,6 +318,17 @@ def _earlier(
                     yield from _earlier(problem, moment, settings, watch, effort)
                     return
                 bounded, guess = earlier, moment.x
+
+
+def _is_convex(problem: PlanningProblem) -> bool:
+    """Tell whether all that is kept at a given duration is linear in the path's control points.
+
+    Then no path arrives sooner if none near a known one does. Only the joints' own limits are
+    linear; torques and those of wheels are not: see `Moment.demanded`.
+    """
+    limits, others = problem.limits, (problem.obstacles, problem.robot.pairs, problem.requirements)
+    turns = min(limits.chaser_attitude, limits.chaser_rotation)
+    return problem.posture is not None and not any(others) and math.isinf(turns)
 
 
 def _before(problem: PlanningProblem, known: Moment) -> PlanningProblem | None:

@@ -46,6 +46,8 @@ class Moment:
     x: Array  # decision variables of the path
     objective: float  # with the weight of the duration
     violation: float  # of the worst requirement
+    # Whether a path on the way has violated what is only looked at then, torques say
+    demanded: bool = False
 
     @property
     def is_certain(self) -> bool:
@@ -105,7 +107,9 @@ class FreeSearch:
 
     def _program(self) -> PathProgram:
         asked = self.problem.objective
-        least = self.settings.joint_path_tie_break * max(asked.chaser_attitude, asked.duration)
+        least = self.settings.joint_path_tie_break * max(
+            asked.chaser_attitude, asked.wheel_momentum, asked.duration
+        )
         path = replace(asked, joint_path_length=asked.joint_path_length or least)
         return path_program(replace(self.fixed, objective=path), self.family, self.settings)
 
@@ -189,6 +193,7 @@ class FreeSearch:
             along[:-1],
             solution.at_x.objective,
             solution.at_x.violation,
+            program.on_demand != self._program().on_demand,
         )
 
     def _along(self, guess: Array) -> Array:

@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import OutOfTime
-from ff_planner_ros.planning.motion.measures import joint_path_length
+from ff_planner_ros.planning.motion.measures import joint_path_length, straight_way
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, PassingOn, Watch
 from ff_planner_ros.planning.optimisation.program import PathLinearisation
@@ -119,16 +117,16 @@ def _restoration(solver: GridSolver, grid: Grid, start: Array) -> PathSolution:
 
 def _is_long(solver: GridSolver, at_x: PathLinearisation) -> bool:
     """Tell whether a path may be a long way round."""
-    ends = at_x.motion.q[[0, -1], 7:]
     length = at_x.objective / solver.program.objective.joint_path_length
-    if length <= _DIRECT * float(np.linalg.norm(ends[1] - ends[0])):
+    robot = solver.problem.robot
+    if length <= _DIRECT * straight_way(at_x.motion.q[[0, -1], 7:], robot.joint_weights):
         return False
     stage = solver.grids[0].stage
     own = solver.program.family.motion(_own(solver), stage.points, stage.damping)
     if own.singular_at is not None:
         return False
     step = solver.problem.duration / (stage.points - 1)
-    return length > _LONG * joint_path_length(own.v[:, 6:], step)
+    return length > _LONG * joint_path_length(own.v[:, 6:], step, robot.joint_weights)
 
 
 def _own(solver: GridSolver) -> Array:

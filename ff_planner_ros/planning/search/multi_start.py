@@ -50,7 +50,7 @@ def _coarse_paths(solver: GridSolver, first_guess: Array | None) -> Iterator[Pat
     postponed: list[PathSolution] = []
     for number, guess in enumerate(islice(chain(given, solver.initial_guesses()), starts), start=1):
         solver.effort.starts += 1
-        coarse = solver.solve(solver.grids[0], guess)
+        coarse = solver.solve_coarsely(guess)
         if is_promising(coarse, geometry):
             yield coarse
             continue

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.check import out_of_time, refusal
-from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.check.preconditions import require_plannable, require_time
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.steered import steered
 from ff_planner_ros.planning.motion.watch import PassingOn, Watch
@@ -164,6 +164,7 @@ def _plan_in_time(
 ) -> Plan:
     """Return a plan whose duration is given; `plan` says the rest."""
     require_plannable(problem, settings)
+    require_time(problem)
     groups = path_families(problem, settings)
     if isinstance(first_guess, Remainder):
         near, first_guess = plan_near_remainder(problem, settings, watch, groups, first_guess)
@@ -268,7 +269,7 @@ def _for_family_of_more(
     if any(is_held(problem, settings, one.plan) for one in found):
         return found
     best = min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics))
-    return [best] if is_detour(best.plan) else []
+    return [best] if is_detour(best.plan, problem.robot.joint_weights) else []
 
 
 def _in_family_of_more(

@@ -74,6 +74,8 @@ def _parts_of_robot(robot: Robot) -> list[Any]:
         parts.append(robot.base)
     if robot.wheels is not None:
         parts.append(robot.wheels)
+    if robot.has_slides:
+        parts.append(robot.joint_weights)
     if robot.geometry is not Geometry.LINES:
         bodies = [(body.name, body.joint, *defining_numbers(body)) for body in robot.bodies]
         parts += [robot.geometry, bodies, robot.pairs]

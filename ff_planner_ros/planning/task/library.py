@@ -185,7 +185,8 @@ def _reach(robot: Robot) -> float:
     # The free-flyer is joint 1, the arm's first joint 2.
     placements = [model.jointPlacements[2 + k] for k in range(1, robot.joints)]
     placements.append(model.frames[robot.tip_frame_id].placement)
-    return sum(float(np.linalg.norm(place.translation)) for place in placements)
+    lengths = sum(float(np.linalg.norm(place.translation)) for place in placements)
+    return lengths + float(robot.furthest_slides.sum())
 
 
 def _variables(task: PlanningTask) -> Sequence[int]:

@@ -144,6 +144,7 @@ def with_payload(robot: Robot, payload: Payload) -> Robot:
             robot.base,
             geometry=robot.geometry,
             wheels=robot.wheels,
+            slide_weight=robot.slide_weight,
         )
     except InvalidInput as error:
         fault = error.faults[0]

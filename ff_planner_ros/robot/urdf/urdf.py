@@ -43,19 +43,21 @@ def checked_urdf(
     base_link: str | None = None,
     tip_link: str | None = None,
     held_at: Mapping[str, float] = NOTHING_HELD,
+    holds_slides: bool = False,
 ) -> CheckedUrdf:
     """Return what a URDF says, checked.
 
-    The arm is what turns between base and tip. All other joints, those of a gripper, of another arm
-    or of a rail, become fixed joints, at zero or at the limit that is next to it.
+    The arm is what turns or slides between base and tip. All other joints, those of a gripper or of
+    another arm, become fixed joints, at zero or at the limit that is next to it.
 
     Args:
         base_link: None: the root.
         tip_link: None: the only link that moves and carries no other.
         held_at: Where joints are held [rad] or [m], those of the arm among them.
+        holds_slides: Joints of the arm that slide are held, too.
 
     Raises:
-        InvalidInput: No chain of joints that turn from the base link to the tip link, or an inertia
+        InvalidInput: No chain of joints that move from the base link to the tip link, or an inertia
             that no body has. It tells of all such faults.
     """
     faults = Faults()
@@ -77,6 +79,9 @@ def checked_urdf(
     }
     notes: list[str] = []
     if chain is not None:
+        if holds_slides:
+            sliding = [_name(joint) for joint in chain if joint.get("type") == "prismatic"]
+            held_at = _held_where_they_are(tree, sliding) | dict(held_at)
         notes += _check_joints(tree, chain, base_link or "", placements, held_at, faults)
     notes += check_bodies(tree, placements, base_link or "", faults)
     faults.refuse_if_any()
@@ -135,14 +140,12 @@ def _check_joints(
         faults.add("robot.locked_joints", name, "", "unknown", allowed)
     held_at = {name: at for name, at in held_at.items() if _can_be_held(tree, name, at, faults)}
     moving = [
-        joint
-        for joint in chain
-        if joint.get("type") not in ("fixed", "prismatic") and _name(joint) not in held_at
+        joint for joint in chain if joint.get("type") != "fixed" and _name(joint) not in held_at
     ]
     for arm_joint in moving:
         _check_arm_joint(_name(arm_joint), arm_joint, faults)
     if not moving:
-        allowed = "at least one must turn between base and tip"
+        allowed = "at least one must turn or slide between base and tip"
         faults.add("number of joints from base to tip", "", "", 0, allowed)
     # Whatever moves with the tip, and all that hangs on it.
     under_base = {link_of(joint, "child") for joint in tree.upwards(base_link)}
@@ -167,9 +170,15 @@ def _check_joints(
             told.append(_hold(joint, placements, link, where[_name(joint)]))
     notes = [f"held, because the end effector carries them: {listed(held)}"] if held else []
     if held_elsewhere:
-        why = "they do not belong to the arm, slide, or are to be held"
+        why = "they do not belong to the arm, or are to be held"
         notes.append(f"held, because {why}: {listed(held_elsewhere)}")
     return notes
+
+
+def _held_where_they_are(tree: Tree, names: Sequence[str]) -> dict[str, float]:
+    """Return where joints are held that nobody says it of: at zero, or at the limit next to it."""
+    still = {name: tree.joints[name] for name in names}
+    return {name: _where_held(name, still, NOTHING_HELD) for name in names}
 
 
 def _can_be_held(tree: Tree, name: str, at: float, faults: Faults) -> bool:
@@ -192,8 +201,9 @@ def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
     if kind == "continuous":
         _limit_continuous(joint)
         _check_limits(name, joint, faults)
-    elif kind != "revolute":
-        faults.add("joint", name, "", kind or "of no type", "it must be revolute or fixed")
+    elif kind not in ("revolute", "prismatic"):
+        allowed = "it must be revolute, prismatic or fixed"
+        faults.add("joint", name, "", kind or "of no type", allowed)
     else:
         _check_limits(name, joint, faults)
     axis = joint.find("axis")

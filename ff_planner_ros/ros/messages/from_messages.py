@@ -167,7 +167,8 @@ def _limits(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
         if limit > highest[joint]:
             allowed = (
                 f"joint {robot.joint_names[joint]} must not be given more than {highest[joint]:g} "
-                "rad/s2, the parameter limits.acceleration, which no request exceeds"
+                f"{robot.unit(joint)}/s2, the parameter limits.acceleration, which no request "
+                "exceeds"
             )
             field, found = "limits.acceleration", list(asked["joint_accelerations"])
             raise InvalidInput(Status.OUT_OF_RANGE, field, found, allowed)
@@ -287,8 +288,13 @@ def plan_from_answer(answer: PlanAnswer) -> Plan:
 def metrics_from_message(message: PlanMetrics) -> Metrics:
     """Read the metrics of a plan or of the best attempt."""
     # A message decoded from a bag of an earlier version lacks what has a default.
-    values = {item.name: value_at(message, item.name, item.default) for item in fields(Metrics)}
-    return Metrics(**values | {"peak_joint_torques": tuple(message.peak_joint_torques)})
+    values: dict[str, Any] = {
+        item.name: value_at(message, item.name, item.default) for item in fields(Metrics)
+    }
+    for name, value in values.items():
+        if not isinstance(value, str | float):
+            values[name] = tuple(value)
+    return Metrics(**values)
 
 
 def solver_report_from_message(message: SolverReportMessage) -> SolverReport:

@@ -10,7 +10,7 @@ from itertools import cycle
 import numpy as np
 from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PublishedPlan as PublishedPlanMessage
-from ff_planner_msgs.msg import TrackingError
+from ff_planner_msgs.msg import TrackingError, WheelState
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -24,7 +24,7 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory, WheelMotion
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
@@ -46,6 +46,7 @@ class PublishedPlan:
     target_body: TargetBody | None = None  # that it captures, at its first point; None: none
     duration: float | None = None  # from the first point to the goal [s]; None: to the last point
     before: PublishedPlan | None = None  # what runs until it begins, alone; None: not known
+    wheels: WheelMotion | None = None  # that hold the chaser; None: there are none
 
     @property
     def seconds_to_goal(self) -> float:
@@ -70,9 +71,9 @@ class PublishedPlan:
 class PlanOutput:
     """Publishes while the node is active, and remembers the last plan."""
 
-    def __init__(self, node: LifecycleNode, parameters: NodeParameters) -> None:
+    def __init__(self, node: LifecycleNode, base_link: str, parameters: NodeParameters) -> None:
         """Create the publishers, which are silent until the node is active."""
-        self._frame = parameters.inertial_frame
+        self._base_link, self._frame = base_link, parameters.inertial_frame
         self._rates, qos = parameters.rates, parameters.qos
         self._clock = node.get_clock()
         self.published: PublishedPlan | None = None  # the last plan that went out
@@ -96,6 +97,9 @@ class PlanOutput:
         )
         self._relative_pose = self._publisher(
             PoseStamped, "predicted_relative_pose", qos_profile(qos.predicted_chaser_pose)
+        )
+        self._wheels = self._publisher(
+            WheelState, "predicted_wheel_momentum", qos_profile(qos.predicted_chaser_pose)
         )
         # Who hears the trajectory can also hear whose it is.
         self._published_plan = self._publisher(
@@ -149,7 +153,7 @@ class PlanOutput:
         if last is not None and last.plan_id == previous_plan_id:
             before = replace(last, before=None)
         self.published = PublishedPlan(
-            plan_id, plan.trajectory, start_ns, body, plan.duration, before
+            plan_id, plan.trajectory, start_ns, body, plan.duration, before, plan.wheels
         )
         self.published_one()
 
@@ -192,6 +196,12 @@ class PlanOutput:
             )
             if relative is not None:
                 self._relative_pose.publish(relative)
+        if running.wheels is not None:
+            held = prediction.predicted_wheels(
+                motion.time, running.wheels, start_ns, now_ns, self._base_link
+            )
+            if held is not None:
+                self._wheels.publish(held)
         if measured is None:
             return
         error = prediction.tracking_error(motion, start_ns, measured.state, measured.stamp_ns)

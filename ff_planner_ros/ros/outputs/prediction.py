@@ -5,14 +5,16 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
+from ff_planner_msgs.msg import WheelState
 from geometry_msgs.msg import PoseStamped
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
 from ff_planner_ros.analysis.drawing.tracking import planned_poses
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
@@ -82,6 +84,27 @@ def predicted_relative_pose(
     return PoseStamped(
         header=Header(stamp=time_message(time_ns), frame_id=GRASP_FRAME),
         pose=pose_message(way.tolist(), (attitude * ee.rotation).as_quat().tolist()),
+    )
+
+
+def predicted_wheels(
+    time_of_points: Array, wheels: WheelMotion, start_ns: int, time_ns: int, base_link: str
+) -> WheelState | None:
+    """Return what the wheels hold and give at time_ns [ns], its stamp; None outside the plan.
+
+    Between two points a momentum is on the cubic through both, whose slopes are the torques there.
+
+    Args:
+        time_of_points: From the plan's first point on. Shape (points,) [s].
+    """
+    time = (time_ns - start_ns) / NANOSECONDS
+    if not time_of_points[0] <= time <= time_of_points[-1]:
+        return None
+    momenta = CubicHermiteSpline(time_of_points, wheels.momenta, wheels.torques)
+    return WheelState(
+        header=Header(stamp=time_message(time_ns), frame_id=base_link),
+        momenta=momenta(time).tolist(),
+        torques=momenta(time, 1).tolist(),
     )
 
 

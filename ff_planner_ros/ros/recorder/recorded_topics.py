@@ -11,7 +11,7 @@ import yaml
 from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import PublishedPlan, TrackingError
+from ff_planner_msgs.msg import PublishedPlan, TrackingError, WheelState
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import TransitionEvent
@@ -126,6 +126,7 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
         ("predicted_chaser_pose", PoseStamped, qos_profile(qos.predicted_chaser_pose)),
         ("predicted_target_path", PathMsg, qos_profile(qos.predicted_chaser_path)),
         ("predicted_relative_pose", PoseStamped, qos_profile(qos.predicted_chaser_pose)),
+        ("predicted_wheel_momentum", WheelState, qos_profile(qos.predicted_chaser_pose)),
         ("tracking_error", TrackingError, STREAM_QOS),
         ("markers", MarkerArray, LATCHED_QOS),
         ("planned_joint_states", JointState, STREAM_QOS),

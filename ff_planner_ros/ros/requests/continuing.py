@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.published_plans import ReplanningParameters
@@ -32,8 +33,12 @@ def continued_plan(
     measured: Snapshot,
     start_ns: int,
     allowed: ReplanningParameters,
+    weights: Array | float = 1.0,
 ) -> ContinuedPlan:
     """Return the published plan that another one takes over from at start_ns [ns].
+
+    Args:
+        weights: Of the joints: those that slide count by theirs. Shape (joints,).
 
     Raises:
         InvalidInput: None runs (NO_ACTIVE_PLAN), it ends too soon (PLAN_ENDING), or the system is
@@ -60,7 +65,7 @@ def continued_plan(
         )
         raise InvalidInput(Status.PLAN_ENDING, _FIELD, True, words)
     motion = _joints(running, published, measured.stamp_ns)
-    off = list(_off(running, motion, measured, allowed))
+    off = list(_off(running, motion, measured, allowed, weights))
     if off:
         words = f"the system is not where {running.plan_id} says: {'; '.join(off)}"
         raise InvalidInput(Status.STATE_MOVED, _FIELD, True, f"{words}; ask for a plan of its own")
@@ -83,11 +88,15 @@ def _joints(running: PublishedPlan, published: PublishedPlan, since_ns: int) -> 
 
 
 def _off(
-    running: PublishedPlan, motion: JointMotion, measured: Snapshot, allowed: ReplanningParameters
+    running: PublishedPlan,
+    motion: JointMotion,
+    measured: Snapshot,
+    allowed: ReplanningParameters,
+    weights: Array | float,
 ) -> Iterator[str]:
     """Yield by how much the measured system is further from its plan than is allowed."""
     (planned,), _, _ = motion.at(np.zeros(1))
-    joints = float(np.abs(measured.state.joint_positions - planned).max())
+    joints = float(np.abs(weights * (measured.state.joint_positions - planned)).max())
     chaser = tracking_error(running.trajectory, running.start_ns, measured.state, measured.stamp_ns)
     found = [("a joint", "max_joint_position", joints, "rad")]
     if chaser is not None:

@@ -145,9 +145,8 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
                 previous_plan_id=getattr(knowledge.published, "plan_id", ""),
                 handover_delay=(start_ns - knowledge.now_ns) / NANOSECONDS,
             )
-            continued = continued_plan(
-                knowledge.published, measured, start_ns, parameters.replanning
-            )
+            asked = knowledge.published, measured, start_ns, parameters.replanning
+            continued = continued_plan(*asked, knowledge.robot.joint_weights)
             provenance = replace(provenance, splice_time=continued.splice_time)
         own = request.scene[0] if request.scene else None
         scene = knowledge.scenes.moving_scene(
@@ -251,7 +250,7 @@ def motion_until_start(
     # A plan that begins with the new one moves nothing before.
     if published is None or published.start_ns == start_ns:
         return None
-    return _running(published, measured, knowledge.parameters.following_tolerance)
+    return _running(published, measured, knowledge)
 
 
 def _seen_body(request: PlanRequest, knowledge: Knowledge) -> SeenBody:
@@ -337,14 +336,14 @@ def _end_behaviour(request: PlanRequest, parameters: NodeParameters) -> EndBehav
     return EndBehaviour(word)
 
 
-def _running(published: PublishedPlan, measured: Snapshot, tolerance: float) -> JointMotion | None:
+def _running(plan: PublishedPlan, measured: Snapshot, knowledge: Knowledge) -> JointMotion | None:
     """Return the published plan if it runs: the joints are where it wants them to be.
 
     Nobody tells the planner which plans are executed; a plan that was not leaves the joints behind.
     """
-    motion = published.motion(measured.stamp_ns)
+    motion = plan.motion(measured.stamp_ns)
     if not motion.time[0] <= 0.0 <= motion.time[-1]:
         return None
     (planned,), _, _ = motion.at(np.zeros(1))
-    off = float(np.abs(measured.state.joint_positions - planned).max())
-    return motion if off <= tolerance else None
+    aside = knowledge.robot.joint_weights * (measured.state.joint_positions - planned)
+    return motion if np.abs(aside).max() <= knowledge.parameters.following_tolerance else None

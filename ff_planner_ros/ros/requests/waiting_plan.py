@@ -78,7 +78,9 @@ def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Kn
     allowed = knowledge.parameters.publication
     off = [
         f"{what} by {found:.3g} {unit}, more than publication.{name}, {limit:g} {unit}"
-        for what, name, found, unit in _differences(there, made.plan.trajectory)
+        for what, name, found, unit in _differences(
+            there, made.plan.trajectory, knowledge.robot.joint_weights
+        )
         # Written so that NaN is refused.
         if not found <= (limit := getattr(allowed, name))
     ]
@@ -90,7 +92,9 @@ def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Kn
         )
 
 
-def _differences(state: SystemState, motion: Trajectory) -> Iterator[tuple[str, str, float, str]]:
+def _differences(
+    state: SystemState, motion: Trajectory, weights: Array
+) -> Iterator[tuple[str, str, float, str]]:
     """Yield how far a state is from a plan's first point: what, parameter's name, by how much."""
 
     def distance(a: Array, b: Array) -> float:
@@ -108,8 +112,8 @@ def _differences(state: SystemState, motion: Trajectory) -> Iterator[tuple[str, 
     turning = distance(
         state.angular_velocity_chaser_in_inertial, motion.chaser_angular_velocities[0]
     )
-    joints = largest(state.joint_positions, motion.joint_positions[0])
-    rates = largest(state.joint_velocities, motion.joint_velocities[0])
+    joints = largest(weights * state.joint_positions, weights * motion.joint_positions[0])
+    rates = largest(weights * state.joint_velocities, weights * motion.joint_velocities[0])
     yield "the chaser's position", "max_position", position, "m"
     yield "its attitude", "max_angle", float((planned.inv() * attitude).magnitude()), "rad"
     yield "its velocity", "max_velocity", velocity, "m/s"

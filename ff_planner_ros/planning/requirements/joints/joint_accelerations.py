@@ -48,12 +48,13 @@ class JointAccelerations(Requirement):
         if limits is None or accelerations is None:
             return
         joint = int((np.abs(accelerations) / limits).argmax())
+        unit = f"{problem.robot.unit(joint)}/s2"
         if np.abs(accelerations[joint]) > (1.0 + ALLOWED_EXCESS) * limits[joint]:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.acceleration[{problem.robot.joint_names[joint]}]",
-                f"{accelerations[joint]:.6f} rad/s2",
-                f"it must be at most {limits[joint]:.6f} rad/s2 either way, limits.acceleration",
+                f"{accelerations[joint]:.6f} {unit}",
+                f"it must be at most {limits[joint]:.6f} {unit} either way, limits.acceleration",
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
@@ -86,11 +87,12 @@ class JointAccelerations(Requirement):
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return how near any acceleration comes to its limit."""
+        """Return how near any acceleration comes to its limit, a slide's by its weight."""
         limits = _limits(samples.problem)
         if limits is None:
             return {}
-        least = samples.followed.joints.least_distance(-limits, limits, order=2)
+        weights = samples.problem.robot.joint_weights
+        least = samples.followed.joints.least_distance(-limits, limits, 2, weights)
         return {"min_acceleration_margin": least}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
@@ -105,17 +107,18 @@ class JointAccelerations(Requirement):
         side, joint = np.unravel_index(parts.argmin(), parts.shape)
         excess = -distances[side, joint]
         acceleration = (limits[joint] + excess) * (1.0 if side else -1.0)
+        unit = f"{samples.problem.robot.unit(int(joint))}/s2"
         yield Failure(
             Status.LIMIT_VIOLATED,
             f"joint {samples.problem.robot.joint_names[joint]} accelerates by "
-            f"{acceleration:.4g} rad/s2, {excess:.3g} rad/s2 more than its limit of "
-            f"{limits[joint]:.4g} rad/s2, at {samples.at(times[side, joint])}",
+            f"{acceleration:.4g} {unit}, {excess:.3g} {unit} more than its limit of "
+            f"{limits[joint]:.4g} {unit}, at {samples.at(times[side, joint])}",
             ("a longer duration", "a larger limits.acceleration", "more planner.starts"),
         )
 
 
 def _limits(problem: PlanningProblem) -> Array | None:
-    """Return the largest acceleration of each joint [rad/s2]; None: any."""
+    """Return the largest acceleration of each joint [rad/s2, m/s2]; None: any."""
     limits = problem.limits.joint_accelerations
     return None if limits is None else np.array(limits)
 

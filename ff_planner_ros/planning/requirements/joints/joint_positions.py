@@ -42,19 +42,21 @@ class JointPositions(Requirement):
     ) -> None:
         """Refuse a joint outside its limits, or one that cannot stop before them."""
         robot = problem.robot
-        for name, position, lower, upper in zip(
-            robot.joint_names,
-            problem.start.joint_positions,
-            robot.lower_position_limits,
-            robot.upper_position_limits,
-            strict=True,
+        for joint, (position, lower, upper) in enumerate(
+            zip(
+                problem.start.joint_positions,
+                robot.lower_position_limits,
+                robot.upper_position_limits,
+                strict=True,
+            )
         ):
             if not lower - ALLOWED_EXCESS <= position <= upper + ALLOWED_EXCESS:
                 raise InvalidInput(
                     Status.START_OUTSIDE_LIMITS,
-                    f"joints.position[{name}]",
-                    f"{position:.6f} rad",
-                    f"it must be within the joint's limits [{lower:.6f}, {upper:.6f}] rad",
+                    f"joints.position[{robot.joint_names[joint]}]",
+                    f"{position:.6f} {robot.unit(joint)}",
+                    f"it must be within the joint's limits [{lower:.6f}, {upper:.6f}] "
+                    f"{robot.unit(joint)}",
                 )
         _require_stops(problem)
 
@@ -92,23 +94,26 @@ class JointPositions(Requirement):
         return float(distances.min()) + LIMIT_TOLERANCE
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the distance to the nearest limit."""
+        """Return the distance to the nearest limit; that of a joint that slides by its weight."""
         robot, joints = samples.problem.robot, samples.followed.joints
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
-        return {"min_joint_margin": joints.least_distance(lower, upper)}
+        return {"min_joint_margin": joints.least_distance(lower, upper, 0, robot.joint_weights)}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint that is furthest outside."""
-        if metrics.min_joint_margin >= -ALLOWED_EXCESS:
+        if metrics.min_joint_margin >= 0.0:
             return
         robot = samples.problem.robot
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
         distances, times = _distances(robot, samples.followed.joints)
+        if distances.min() >= -ALLOWED_EXCESS:
+            return
         side, joint = np.unravel_index(distances.argmin(), distances.shape)
+        unit = robot.unit(int(joint))
         yield Failure(
             Status.LIMIT_VIOLATED,
-            f"joint {robot.joint_names[joint]} is {-distances[side, joint]:.3g} rad outside its "
-            f"limits [{lower[joint]:.4f}, {upper[joint]:.4f}] rad at "
+            f"joint {robot.joint_names[joint]} is {-distances[side, joint]:.3g} {unit} outside its "
+            f"limits [{lower[joint]:.4f}, {upper[joint]:.4f}] {unit} at "
             f"{samples.at(times[side, joint])}",
             ("another goal orientation, start posture or duration", "more planner.starts"),
         )
@@ -136,11 +141,12 @@ def _require_stops(problem: PlanningProblem) -> None:
         excess = highest - sign * limits
         joint = int(excess.argmax())
         if excess[joint] > ALLOWED_EXCESS:
+            unit = robot.unit(joint)
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.velocity[{robot.joint_names[joint]}]",
-                f"{rates[joint]:.6f} rad/s at {positions[joint]:.6f} rad",
-                f"no plan can stop the joint before its limit of {limits[joint]:.6f} rad",
+                f"{rates[joint]:.6f} {unit}/s at {positions[joint]:.6f} {unit}",
+                f"no plan can stop the joint before its limit of {limits[joint]:.6f} {unit}",
             )
 
 

@@ -46,15 +46,16 @@ class JointRates(Requirement):
         if not problem.limits.joint_velocities:
             return
         robot = problem.robot
-        for name, rate, limit in zip(
-            robot.joint_names, problem.start.joint_velocities, robot.velocity_limits, strict=True
+        for joint, (rate, limit) in enumerate(
+            zip(problem.start.joint_velocities, robot.velocity_limits, strict=True)
         ):
+            unit = robot.unit(joint)
             if not abs(rate) <= limit + max(ALLOWED_EXCESS * limit, LIMIT_TOLERANCE):
                 raise InvalidInput(
                     Status.START_OUTSIDE_LIMITS,
-                    f"joints.velocity[{name}]",
-                    f"{rate:.6f} rad/s",
-                    f"it must be at most {limit:.6f} rad/s either way, the joint's limit",
+                    f"joints.velocity[{robot.joint_names[joint]}]",
+                    f"{rate:.6f} {unit}/s",
+                    f"it must be at most {limit:.6f} {unit}/s either way, the joint's limit",
                 )
         rates, accelerations = problem.start.joint_velocities, problem.start.joint_accelerations
         if accelerations is None:
@@ -65,12 +66,13 @@ class JointRates(Requirement):
         )
         joint = int((highest / robot.velocity_limits).argmax())
         if highest[joint] > (1.0 + ALLOWED_EXCESS) * robot.velocity_limits[joint]:
+            unit = robot.unit(joint)
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.acceleration[{robot.joint_names[joint]}]",
-                f"{accelerations[joint]:.6f} rad/s2 at {rates[joint]:.6f} rad/s",
+                f"{accelerations[joint]:.6f} {unit}/s2 at {rates[joint]:.6f} {unit}/s",
                 f"no plan can keep the joint within its limit of {robot.velocity_limits[joint]:.6f}"
-                " rad/s",
+                f" {unit}/s",
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
@@ -112,9 +114,10 @@ class JointRates(Requirement):
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the distance to the nearest limit."""
-        limits, joints = samples.problem.robot.velocity_limits, samples.followed.joints
-        return {"min_velocity_margin": joints.least_distance(-limits, limits, order=1)}
+        """Return the distance to the nearest limit; that of a joint that slides by its weight."""
+        robot, joints = samples.problem.robot, samples.followed.joints
+        limits, weights = robot.velocity_limits, robot.joint_weights
+        return {"min_velocity_margin": joints.least_distance(-limits, limits, 1, weights)}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint whose rate exceeds its limit by most."""
@@ -128,10 +131,11 @@ class JointRates(Requirement):
         side, joint = np.unravel_index(parts.argmin(), parts.shape)
         excess = -distances[side, joint]
         rate = (limits[joint] + excess) * (1.0 if side else -1.0)
+        moves, unit = ("slides", "m/s") if robot.slides(int(joint)) else ("turns", "rad/s")
         yield Failure(
             Status.LIMIT_VIOLATED,
-            f"joint {robot.joint_names[joint]} turns at {rate:.4f} rad/s, {excess:.3g} rad/s "
-            f"faster than its limit of {limits[joint]:.4f} rad/s, at "
+            f"joint {robot.joint_names[joint]} {moves} at {rate:.4f} {unit}, {excess:.3g} {unit} "
+            f"faster than its limit of {limits[joint]:.4f} {unit}, at "
             f"{samples.at(times[side, joint])}",
             ("a longer duration", "more planner.starts"),
         )

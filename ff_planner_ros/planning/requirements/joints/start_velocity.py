@@ -26,9 +26,10 @@ class StartVelocity(Requirement):
     name = "start_velocity"
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the largest jump."""
+        """Return the largest jump; that of a joint that slides by its weight."""
         jump = samples.trajectory.joint_velocities[0] - samples.problem.start.joint_velocities
-        return {"start_velocity_jump": float(np.abs(jump).max())}
+        shares = samples.problem.robot.joint_weights * jump
+        return {"start_velocity_jump": float(np.abs(shares).max())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield a jump that is too large."""

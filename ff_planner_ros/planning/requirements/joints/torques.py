@@ -1,4 +1,7 @@
-"""The joints' torques stay within the effort limits of the URDF, between the points too."""
+"""The joints' torques stay within the effort limits of the URDF, between the points too.
+
+Of a joint that slides it is its force.
+"""
 
 from __future__ import annotations
 
@@ -55,13 +58,14 @@ class Torques(Requirement):
         (torques,) = joint_torques(robot, q_start[None], v_start[None], accelerations[None])
         excess = np.abs(torques) - robot.effort_limits
         joint = int(excess.argmax())
+        unit = robot.effort_unit(joint)
         if excess[joint] > LIMIT_TOLERANCE:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.acceleration[{robot.joint_names[joint]}]",
-                f"{accelerations[joint]:.6f} rad/s2, for which the joint needs "
-                f"{torques[joint]:.4g} N m",
-                f"its effort limit is {robot.effort_limits[joint]:g} N m either way",
+                f"{accelerations[joint]:.6f} {robot.unit(joint)}/s2, for which the joint needs "
+                f"{torques[joint]:.4g} {unit}",
+                f"its effort limit is {robot.effort_limits[joint]:g} {unit} either way",
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
@@ -113,7 +117,8 @@ class Torques(Requirement):
         peaks = np.abs(torques)
         return {
             "peak_joint_torques": tuple(peaks.tolist()),
-            "min_torque_margin": float((robot.effort_limits - peaks).min()),
+            # A force as the torque that does as much work along the joint path.
+            "min_torque_margin": float(((robot.effort_limits - peaks) / robot.joint_weights).min()),
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
@@ -125,11 +130,12 @@ class Torques(Requirement):
             return
         torques, times = _peaks(robot, samples.followed)
         excess = np.abs(torques) - limits
-        joint = excess.argmax()
+        joint = int((excess / robot.joint_weights).argmax())
+        unit = robot.effort_unit(joint)
         yield Failure(
             Status.TORQUE_TOO_HIGH,
-            f"joint {robot.joint_names[joint]} needs {torques[joint]:.4g} N m, "
-            f"{excess[joint]:.4g} N m more than its effort limit of {limits[joint]:g} N m, "
+            f"joint {robot.joint_names[joint]} needs {torques[joint]:.4g} {unit}, "
+            f"{excess[joint]:.4g} {unit} more than its effort limit of {limits[joint]:g} {unit}, "
             f"at {samples.at(times[joint])}",
             ("a longer duration", "limits.effort none"),
         )
