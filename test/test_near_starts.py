@@ -190,3 +190,25 @@ def test_a_plan_ends_no_nearer_to_an_obstacle_than_another_one_may_start(
             continue
         with pytest.raises(InvalidInput, match=r"a start needs a clearance of 0\.01 mm"):
             require_plannable(start, SETTINGS)
+
+
+def test_a_plan_ends_with_joints_that_can_stop_before_their_limits() -> None:
+    """Joints move at the goal, since the chaser drifts: limits are put just beyond that."""
+    problem = load_scenario(LEMUR_SCENARIO)
+    plan = perform(PlanningTask(problem, SETTINGS))
+    at_end, rates = plan.trajectory.joint_positions[-1], plan.trajectory.joint_velocities[-1]
+    planned = 0
+    for joint in np.flatnonzero(np.abs(rates) > 3e-3):
+        name = "upper_position_limits" if rates[joint] > 0.0 else "lower_position_limits"
+        limits = getattr(problem.robot, name).copy()
+        limits[joint] = at_end[joint] + np.copysign(2e-5, rates[joint])
+        limited = replace(problem, robot=replace(problem.robot, **{name: limits}))
+        found = [one.finding for one in failures(limited, plan, SETTINGS)]
+        reaches = np.abs(plan.trajectory.joint_positions[:, joint] - limits[joint]).min() < 2.1e-5
+        assert reaches
+        assert any("and cannot stop before its limit of" in words for words in found), joint
+        other = outcome(limited)
+        if isinstance(other, Plan):
+            require_plannable(end_of(limited, other), SETTINGS)
+            planned += 1
+    assert planned

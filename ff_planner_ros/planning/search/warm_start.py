@@ -30,8 +30,6 @@ from ff_planner_ros.planning.search.guided_search import plans_from, plans_near
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import accelerations
 
-# A goal is at the same moment, but for this [s].
-_ROUNDING = 1e-6
 # Weights of the plan at which a search for a better attitude begins.
 SHORTEST = Objective(1.0, 0.0)
 
@@ -125,8 +123,6 @@ def plan_near_remainder(
 
 def _unchanged(problem: PlanningProblem, settings: PlannerSettings, rest: Remainder) -> Plan | None:
     """Return what remains of a running plan as it is, where that keeps every requirement."""
-    if abs(rest.goal - problem.duration) > _ROUNDING:
-        return None
     robot = problem.robot
     time = np.linspace(0.0, 1.0, problem.points) * problem.duration
     joints = JointMotion(time, *rest.joints.at(time))
