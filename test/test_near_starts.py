@@ -21,7 +21,7 @@ from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.distance.contact import deepest_contact
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
@@ -212,3 +212,19 @@ def test_a_plan_ends_with_joints_that_can_stop_before_their_limits() -> None:
             require_plannable(end_of(limited, other), SETTINGS)
             planned += 1
     assert planned
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_start_may_accelerate_as_much_as_a_plan_may(sign: float) -> None:
+    """Of a limit that is small the solver's tolerance is the larger part."""
+    problem, limit = at_rest("lines"), 1e-3
+    limits = Limits(joint_accelerations=(limit, *6 * [50.0]))
+    for beyond, is_allowed in ((1e-4 * limit + 0.9e-6, True), (1e-4 * limit + 1.1e-6, False)):
+        accelerations = sign * (limit + beyond) * np.eye(7)[0]
+        start = replace(problem.start, joint_accelerations=accelerations)
+        asked = replace(problem, start=start, limits=limits)
+        if is_allowed:
+            require_plannable(asked, SETTINGS)
+            continue
+        with pytest.raises(InvalidInput, match=r"joints\.acceleration\[joint_1\] is"):
+            require_plannable(asked, SETTINGS)

@@ -48,7 +48,8 @@ class JointAccelerations(Requirement):
         if limits is None or accelerations is None:
             return
         joint = int((np.abs(accelerations) / limits).argmax())
-        if np.abs(accelerations[joint]) > (1.0 + ALLOWED_EXCESS) * limits[joint]:
+        most = (1.0 + ALLOWED_EXCESS) * limits[joint] + LIMIT_TOLERANCE
+        if np.abs(accelerations[joint]) > most:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.acceleration[{problem.robot.joint_names[joint]}]",
