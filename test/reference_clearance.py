@@ -100,14 +100,19 @@ def _quarter_way(values: Array) -> Array:
 
 
 def search_certificate(
-    robot: Robot, q: Array, v: Array, times: Array, spheres: Sequence[Sphere]
+    robot: Robot,
+    q: Array,
+    v: Array,
+    times: Array,
+    spheres: Sequence[Sphere],
+    gap: float = CERTIFICATE_GAP,
 ) -> float:
     """Return what `search_certificate` does.
 
     Between two points the motion is the cubic through both configurations and velocities. In a
     piece of it no point of the arm moves further than its speed allows, nor does a sphere, so the
     distance of both is at least the mean of both ends' less half both ways. Pieces whose bound is
-    too low to tell are halved. The bound is within `CERTIFICATE_GAP` of the truth.
+    too low to tell are halved. The bound is within the gap of the truth.
     """
     if not spheres:
         return np.inf
@@ -129,7 +134,7 @@ def search_certificate(
     while True:
         part = end - begin
         bound = ((at_begin + at_end - ways[index] * part[:, None]) / 2).min(axis=1)
-        open_ = (bound < lowest - CERTIFICATE_GAP) & (part > SHORTEST_PIECE)
+        open_ = (bound < lowest - gap) & (part > SHORTEST_PIECE)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return certified

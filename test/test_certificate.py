@@ -109,4 +109,4 @@ def test_the_certificate_is_below_what_many_moments_show_and_near_to_it(
         true = float(distance.min())
         # Between two moments the distance may be lower by what the arm moves in half of the time.
         room = float(np.abs(np.diff(distance.min(axis=(1, 2)))).max())
-        assert true - certificate._GAP - room <= found <= true + 1e-12
+        assert true - certificate.LINES_GAP - room <= found <= true + 1e-12

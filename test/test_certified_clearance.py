@@ -31,7 +31,7 @@ REST = told(TIMES, np.zeros((5, 1)), np.zeros((5, 1)))
 def require(motion: FollowedMotion, spheres: Sequence[Sphere], true: float) -> None:
     """Hold both certificates against the true clearance, and each against its gap."""
     asked = ARM, motion.q, motion.v, motion.time, spheres
-    assert true - certificate._GAP - 1e-9 <= certified_clearance(*asked) <= true + 1e-9
+    assert true - certificate.LINES_GAP - 1e-9 <= certified_clearance(*asked) <= true + 1e-9
     assert true - CERTIFICATE_GAP - 1e-9 <= search_certificate(*asked) <= true + 1e-9
 
 

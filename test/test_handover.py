@@ -216,6 +216,9 @@ def test_the_search_knows_by_when_its_best_plan_has_to_be_there(
         _, budget, taken_up, *_ = worker.solve.call_args.args
     latest = ALLOWANCE - (HANDOVER if continues else 0.0)
     assert 0.0 < budget.seconds <= 0.9 * latest + (time.monotonic() - taken_up)
+    # A running plan's remainder is one, and the rest of the time is for its way.
+    with_plan = budget.with_plan - (time.monotonic() - taken_up)
+    assert (with_plan <= 0.5 * latest) is continues
     # It was not its own budget that ended it: without a clock it is planned to its end.
     assert (found.status.code, found.effort) == (Status.TOO_LATE, 0)
     assert "would be missed" in found.status.message

@@ -160,12 +160,21 @@ def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case
             (1 - s) * (1 - 2 * s) * begin + 4 * s * (1 - s) * middle + s * (2 * s - 1) * end
             for s in (0.25, 0.75)
         )
+
+    def distances(arm: Array) -> list[float]:
+        return [
+            distance_from_segment(sphere.center, start, end) - sphere.radius
+            for start, end in pairwise(arm)
+            for sphere in case.program.problem.obstacles
+            if np.linalg.norm(end - start) > 1e-3
+        ]
+
+    # Of what the start is nearer to, half of that distance.
+    margins = [min(MARGIN, max(at_start, 0.0) / 2) for at_start in distances(at_points[0])]
     expected = [
-        distance_from_segment(sphere.center, start, end) - sphere.radius - MARGIN
+        distance - margin
         for arm in arms
-        for start, end in pairwise(arm)
-        for sphere in case.program.problem.obstacles
-        if np.linalg.norm(end - start) > 1e-3
+        for distance, margin in zip(distances(arm), margins, strict=True)
     ]
     near = np.sort(expected)
     near = near[near < 0.2]
@@ -200,10 +209,45 @@ def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point_and_turn(
     found = of_problem(case.program, robot=robot, obstacles=()).linearise(case.x).constraints
     spline = joints_of(rollout)[2]
     joint = np.append(joint, spline(spline.derivative().roots(False, False)))
+    # And where it stops after the last point, by jerks of 10 rad/s3.
+    rate = rollout.v[-1, 6 + 2]
+    stop = rollout.q[-1, 7 + 2] + rate * np.sqrt(2.0 * abs(rate) / 10.0) / 1.5
+    beyond = stop - limit if side == "upper" else limit - stop
+    if (rate > 0.0) == (side == "upper") and beyond > -1e-3:
+        joint = np.append(joint, stop)
     expected = np.sort(joint - limit if side == "lower" else limit - joint)
     expected = expected[expected < 0.25]
     assert expected[0] < 0.0 < expected[-1]
     np.testing.assert_allclose(np.sort(found), expected, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_where_a_joint_stops_has_the_derivatives_of_differences(case: Case, side: str) -> None:
+    joints, step = case.program.problem.robot.joints, 1e-6
+    end = case.program.family.motion(case.x, POINTS)
+    tried = 0
+    for joint in range(joints):
+        if (end.v[-1, 6 + joint] > 0.0) != (side == "upper"):
+            continue
+        limits = {"lower": np.full(joints, -1e3), "upper": np.full(joints, 1e3)}
+        limits[side][joint] = end.q[-1, 7 + joint]
+        robot = replace(
+            case.program.problem.robot,
+            lower_position_limits=limits["lower"],
+            upper_position_limits=limits["upper"],
+        )
+        program = of_problem(case.program, robot=robot, obstacles=())
+        at_x = program.linearise(case.x)
+        way = (2.0 * abs(end.v[-1, 6 + joint])) ** 1.5 / np.sqrt(10.0) / 3.0
+        (row,) = np.flatnonzero(np.isclose(at_x.constraints, -way, rtol=1e-9))
+        for k, aside in enumerate(step * np.eye(len(case.x))):
+            ahead, behind = (
+                program.linearise(case.x + sign * aside).constraints[row] for sign in (1, -1)
+            )
+            found = at_x.constraints_jacobian[row, k]
+            assert found == pytest.approx((ahead - behind) / (2 * step), abs=1e-5)
+        tried += 1
+    assert tried
 
 
 def joints_of(motion: Motion) -> list[CubicHermiteSpline]:

@@ -28,7 +28,7 @@ from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.qos import STREAM_QOS, qos_profile
+from ff_planner_ros.ros.qos import MOST_REQUESTS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorded_topics import recording
 from ff_planner_ros.ros.recorder.recording_services import recording_services
 from ff_planner_ros.ros.requests.namesakes import namesakes
@@ -226,6 +226,8 @@ class Session:
             target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
+            most_waiting=self._service.most_waiting,
+            waiting_allowed=MOST_REQUESTS,
             handover_lead=self._service.lead_times.lead_time(now.replanning),
             handover_lead_asked=now.replanning.lead_time,
             solver_is_warm=self._worker.is_warm,

@@ -17,7 +17,7 @@ from ff_planner_ros.planning.motion.measures import chaser_euler, joint_path_len
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory, WheelMotion
 from ff_planner_ros.planning.motion.wheel_motion import wheels_along
-from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements import requirements_of
 from ff_planner_ros.planning.requirements.requirement import Samples
@@ -69,7 +69,7 @@ def named_failures(
     """Yield `failures` with the names of their requirements."""
     samples = _samples(problem, settings, plan.trajectory)
     for required in requirements_of(problem):
-        if plan.family != Parametrisation.JOINT_SPLINE or required.name != SingularValues.name:
+        if not (plan.may_be_singular and required.name == SingularValues.name):
             for failure in required.failures(samples, plan.metrics):
                 yield required.name, failure
 

@@ -107,12 +107,14 @@ def least_sphere_distance(
     chosen: Indices,
     last: int,
     part: float = EXACT_PART,
+    gap: float = CERTIFICATE_GAP,
 ) -> Least:
     """Return the least distance of chosen bodies and spheres from the first point to the last.
 
     Args:
         chosen: Body times the number of spheres, plus sphere.
         part: Of a distance, to which it is certified.
+        gap: To which it is certified, too, where that is more and nothing touches [m].
     """
     if not len(chosen) or last < 0:
         return NOTHING
@@ -132,7 +134,7 @@ def least_sphere_distance(
         return sphere_distances(robot, at.placed, centers, radius[few], rows).distance
 
     kind = _Kind(bounds, distances, _ways_beside(robot, motion, spheres))
-    return _least(kind, chosen, last, motion.time, part)
+    return _least(kind, chosen, last, motion.time, part, gap)
 
 
 def least_obstacle_distance(
@@ -142,6 +144,7 @@ def least_obstacle_distance(
     chosen: Indices,
     last: int,
     part: float = EXACT_PART,
+    gap: float = CERTIFICATE_GAP,
 ) -> Least:
     """Return the least distance of chosen bodies and obstacles from the first point to the last.
 
@@ -166,7 +169,7 @@ def least_obstacle_distance(
         return obstacle_distances(robot, at.placed, poses, chosen_ones, rows).distance
 
     kind = _Kind(bounds, distances, _ways_beside(robot, motion, obstacles))
-    return _least(kind, chosen, last, motion.time, part)
+    return _least(kind, chosen, last, motion.time, part, gap)
 
 
 def _ways_beside(
@@ -233,7 +236,14 @@ def _placed_at_points(robot: Robot, motion: FollowedMotion) -> Placed:
     return placed_bodies(robot, motion.q[:, 7:])
 
 
-def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) -> Least:
+def _least(
+    kind: _Kind,
+    chosen: Indices,
+    last: int,
+    time: Array,
+    part: float,
+    gap: float = CERTIFICATE_GAP,
+) -> Least:
     """Halve pieces of the motion until the least distance is known."""
     steps = np.append(np.arange(0.0, last, _STRIDE), float(last))
     bounds = kind.bounds(steps)[:, chosen]
@@ -256,8 +266,9 @@ def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) ->
     begin, end = np.tile(steps[:-1], len(within)), np.tile(steps[1:], len(within))
     at_begin, at_end = table[:, :-1].ravel(), table[:, 1:].ravel()
     certified = found
-    finest = max(CERTIFICATE_GAP, _ROUNDING * float(ways.sum(axis=0)[within].max(initial=0.0)))
+    rounding = _ROUNDING * float(ways.sum(axis=0)[within].max(initial=0.0))
     while True:
+        finest = max(CERTIFICATE_GAP if found < 0.0 else gap, rounding)
         way = kind.ways(end, pair_of) - kind.ways(begin, pair_of)
         bound = (at_begin + at_end - way) / 2
         open_ = bound < found - max(finest, part * found)

@@ -17,7 +17,7 @@ from ff_planner_ros.robot.model import Robot
 # paint, and a quarter of the default margin.
 CERTIFICATE_GAP = 5e-4
 # The check's certified clearance of lines is below the truth by at most this [m].
-_GAP = 1e-4
+LINES_GAP = 1e-4
 # Into so many a piece is cut: to look once at several moments takes less time than to look twice.
 _PIECES = 4
 # Part of the way between two points that is not cut further: rounding is all that is left.
@@ -32,6 +32,7 @@ def certified_clearance(
     times: Array,
     spheres: Sequence[Sphere],
     positions: Array | None = None,
+    gap: float = LINES_GAP,
 ) -> float:
     """Return a lower bound of the clearance along the whole motion, between the points too.
 
@@ -46,9 +47,10 @@ def certified_clearance(
         v: Tangent velocities. Shape (points, 6 + joints).
         times: Of the points, from the plan's first on. Shape (points,) [s].
         positions: Of `arm_points`. None: they are worked out.
+        gap: By which it may be below the truth [m].
 
     Returns:
-        Clearance [m], within `_GAP` of the truth; infinite without spheres.
+        Clearance [m], within the gap of the truth; infinite without spheres.
     """
     if not spheres:
         return np.inf
@@ -80,7 +82,7 @@ def certified_clearance(
         part = (end - begin)[:, None]
         bound = _lower_bounds(at_begin, at_end, ways[index] * part, bends[index] * part**2, radii)
         bound = bound.min(axis=1)
-        open_ = (bound < lowest - _GAP) & (end - begin > SHORTEST_PIECE)
+        open_ = (bound < lowest - gap) & (end - begin > SHORTEST_PIECE)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return certified

@@ -41,7 +41,7 @@ _TURNS = np.deg2rad([1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0])
 
 
 class Contact(NamedTuple):
-    """Two that touch."""
+    """Two that touch, or nearly do."""
 
     distance: float  # zero or less: how deep one is in the other [m]
     first: str  # name of a body
@@ -50,11 +50,17 @@ class Contact(NamedTuple):
     by_joints: Array  # derivatives of the distance by the joint angles; shape (joints,)
 
 
-def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Contact | None:
-    """Return the deepest contact in a configuration at a time [s] that is not allowed then."""
+def deepest_contact(
+    problem: PlanningProblem, q: Array, time: float = 0.0, within: float = 0.0
+) -> Contact | None:
+    """Return the deepest contact in a configuration at a time [s] that is not allowed then.
+
+    Args:
+        within: Clearance from obstacles [m]; to be nearer is a contact, too.
+    """
     robot, bodies = problem.robot, problem.robot.bodies
     if not bodies:
-        return _deepest(_with_obstacles(problem, q, time))
+        return _deepest(_with_obstacles(problem, q, time, within), within)
     placed, found = placed_bodies(robot, q[None, 7:]), list[Contact]()
     free = is_near_goal(problem, q, time)
     near = pair_bounds(robot, placed) <= 0.0
@@ -66,7 +72,7 @@ def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Co
         first, second = (bodies[body].name for body in robot.pairs[number])
         found.append(Contact(float(distance), first, second, False, by_joints))
     centers, radius = _spheres(problem, q, time)
-    near = sphere_bounds(robot, placed, centers, radius) <= 0.0
+    near = sphere_bounds(robot, placed, centers, radius) <= within
     near.reshape(-1)[split_spheres(problem)[1]] &= not free
     at = np.nonzero(near)
     measured = sphere_distances(robot, placed, centers, radius, at)
@@ -76,15 +82,21 @@ def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Co
     ):
         names = bodies[body].name, problem.spheres[sphere].id
         found.append(Contact(float(distance), *names, True, by_joints))
-    return _deepest([*found, *_with_obstacles(problem, q, time)])
+    return _deepest([*found, *_with_obstacles(problem, q, time, within)], within)
 
 
-def _deepest(found: Iterable[Contact]) -> Contact | None:
-    touching = [contact for contact in found if contact.distance <= 0.0]
+def _deepest(found: Iterable[Contact], within: float) -> Contact | None:
+    touching = [
+        contact
+        for contact in found
+        if contact.distance <= 0.0 or (contact.obstacle and contact.distance < within)
+    ]
     return min(touching, key=lambda contact: contact.distance, default=None)
 
 
-def _with_obstacles(problem: PlanningProblem, q: Array, time: float) -> Iterator[Contact]:
+def _with_obstacles(
+    problem: PlanningProblem, q: Array, time: float, within: float
+) -> Iterator[Contact]:
     """Yield contacts with obstacles that are no spheres, and what may be one."""
     robot, obstacles = with_bodies(problem.robot), problem.obstacle_bodies
     if not obstacles:
@@ -92,7 +104,7 @@ def _with_obstacles(problem: PlanningProblem, q: Array, time: float) -> Iterator
     placed = placed_bodies(robot, q[None, 7:])
     at_time = np.array([time])
     poses = seen_from_chaser(q[None], at_time, obstacles)
-    near = obstacle_bounds(robot, placed, q[None], at_time, obstacles) <= 0.0
+    near = obstacle_bounds(robot, placed, q[None], at_time, obstacles) <= within
     near.reshape(-1)[split_obstacles(problem)[1]] &= not is_near_goal(problem, q, time)
     at = np.nonzero(near)
     measured = obstacle_distances(robot, placed, poses, obstacles, at)
@@ -104,11 +116,12 @@ def _with_obstacles(problem: PlanningProblem, q: Array, time: float) -> Iterator
         yield Contact(float(distance), *names, True, by_joints)
 
 
-def way_out(problem: PlanningProblem, q: Array, contact: Contact) -> str:
+def way_out(problem: PlanningProblem, q: Array, contact: Contact, within: float = 0.0) -> str:
     """Return words for one joint's turn after which nothing touches any more; empty: none is known.
 
     Args:
         q: Where the contact is the deepest one. Shape (7 + joints,).
+        within: As for `deepest_contact`.
     """
     robot = problem.robot
     for turn in _TURNS:
@@ -121,7 +134,7 @@ def way_out(problem: PlanningProblem, q: Array, contact: Contact) -> str:
             lower, upper = robot.lower_position_limits[joint], robot.upper_position_limits[joint]
             if not (contact.by_joints[joint] and lower <= aside[7 + joint] <= upper):
                 continue
-            if deepest_contact(problem, aside) is None:
+            if deepest_contact(problem, aside, within=within) is None:
                 by = float(aside[7 + joint] - q[7 + joint])
                 moved = f"turned by {math.degrees(by):+.0f} deg"
                 if robot.slides(joint):

@@ -31,12 +31,17 @@ from ff_planner_ros.robot.model import Robot
 
 
 def search_certificate(
-    robot: Robot, q: Array, v: Array, times: Array, spheres: Sequence[Sphere]
+    robot: Robot,
+    q: Array,
+    v: Array,
+    times: Array,
+    spheres: Sequence[Sphere],
+    gap: float = CERTIFICATE_GAP,
 ) -> float:
     """Return a lower bound of the clearance along the whole motion; the check never asks here.
 
     By how far arm and spheres move alone, and thus below `certified_clearance`, which knows how
-    they bend: by `CERTIFICATE_GAP` at most.
+    they bend: by the gap [m] at most.
     """
     if not spheres:
         return np.inf
@@ -45,7 +50,7 @@ def search_certificate(
         compiled.CubicMotion(chain_of(robot), q, cubics, times),
         way_bounds(slides(robot), arm_points(robot, q[:1])[0], q[0], cubics),
         spheres_of(spheres, float(times[-1])),
-        CERTIFICATE_GAP,
+        gap,
     )
 
 
@@ -76,6 +81,7 @@ def search_sphere_distance(
     chosen: Indices,
     last: int,
     part: float,
+    gap: float = CERTIFICATE_GAP,
 ) -> float:
     """Return what is certified by `least_sphere_distance`, or as good a bound."""
     return _certified(
@@ -88,10 +94,10 @@ def search_sphere_distance(
             spheres_of(spheres, float(motion.time[-1])),
             chosen,
             last,
-            CERTIFICATE_GAP,
+            gap,
             part,
         ),
-        lambda: least_sphere_distance(robot, motion, spheres, chosen, last, part),
+        lambda: least_sphere_distance(robot, motion, spheres, chosen, last, part, gap),
     )
 
 
@@ -102,6 +108,7 @@ def search_obstacle_distance(
     chosen: Indices,
     last: int,
     part: float,
+    gap: float = CERTIFICATE_GAP,
 ) -> float:
     """Return what is certified by `least_obstacle_distance`, or as good a bound."""
     return _certified(
@@ -114,10 +121,10 @@ def search_obstacle_distance(
             obstacles_of(obstacles, float(motion.time[-1])),
             chosen,
             last,
-            CERTIFICATE_GAP,
+            gap,
             part,
         ),
-        lambda: least_obstacle_distance(robot, motion, obstacles, chosen, last, part),
+        lambda: least_obstacle_distance(robot, motion, obstacles, chosen, last, part, gap),
     )
 
 

@@ -10,6 +10,7 @@ from ff_planner_ros.core.conversions import chain_of, start_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion, steps_of
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.robot.model import Robot
 
 
 def followed_path(
@@ -27,11 +28,20 @@ def followed_path(
     robot, every = problem.robot, points_per_sample(len(q), problem.points)
     time = np.linspace(0.0, 1.0, len(q[::every])) * problem.duration
     samples = (rows[::every] for rows in (q[:, 7:], v[:, 6:], acceleration[:, 6:]))
-    joints = JointMotion(time, *samples)
-    pieces, time = steps_of(joints, v[0], 2 * every)
-    half_steps = np.linspace(0.0, problem.duration, 2 * len(time) - 1)
+    return followed_joints(robot, q[0], v[0], JointMotion(time, *samples), 2 * every)
+
+
+def followed_joints(
+    robot: Robot, q_start: Array, v_start: Array, joints: JointMotion, multiple: int = 1
+) -> FollowedMotion:
+    """Return what comes of samples of the joints; the arguments are those of `followed`."""
+    pieces, time = steps_of(joints, v_start, multiple)
+    half_steps = np.linspace(0.0, joints.time[-1], 2 * len(time) - 1)
     motion = compiled.DrivenMotion(
-        chain_of(robot), start_of(robot, q[0], v[0]), *joints.at(half_steps), problem.duration
+        chain_of(robot),
+        start_of(robot, q_start, v_start),
+        *joints.at(half_steps),
+        float(joints.time[-1]),
     )
     return FollowedMotion(joints, pieces, time, motion.q, motion.v)
 

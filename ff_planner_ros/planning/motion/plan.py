@@ -8,6 +8,10 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.problem.goal_words import Parametrisation
+
+# Instead of a family's name: what remains of a running plan, as it is.
+REMAINDER = "remainder"
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +105,8 @@ class Plan:
     orientation_reading: str  # what the last nine of them describe (see `polynomial`), or empty
     metrics: Metrics
     solver: SolverReport
-    family: str = ""  # name of the path family; empty where the motion is no path of a family
+    # Name of the path family, or `REMAINDER`; empty where the motion is no path of a family
+    family: str = ""
     # Decision variables, a first guess for another plan; shape (variables,), empty without a family
     coefficients: Array = field(default_factory=lambda: np.empty(0))
     duration: float | None = None  # from the first point to the goal [s]; None: as was asked for
@@ -115,6 +120,11 @@ class Plan:
     # At which chaser and arm turn together where the joints rest at the goal [rad/s]; None: they do
     # not, or it was not asked for
     turn_rate_at_rest: float | None = None
+
+    @property
+    def may_be_singular(self) -> bool:
+        """Whether no velocity map made it, so that it may begin, pass and end at singularities."""
+        return self.family in (Parametrisation.JOINT_SPLINE, REMAINDER)
 
     @property
     def message(self) -> str:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import base_twist
 
@@ -95,12 +96,21 @@ def approached(problem: PlanningProblem, distances: Distances) -> Approached | N
     return Approached(int(near[worst]), found, found - float(at_most[worst]), float(speed))
 
 
-def refuse_approached(obstacle: str, body: str, found: Approached) -> None:
+def refuse_approached(
+    problem: PlanningProblem, distances: Distances, names: Callable[[int], tuple[str, str]]
+) -> None:
     """Refuse a start that moves into an obstacle whatever follows.
+
+    Args:
+        names: Returns those of a pair's body and obstacle.
 
     Raises:
         InvalidInput: It does.
     """
+    found = approached(problem, distances)
+    if found is None:
+        return
+    body, obstacle = names(found.pair)
     raise InvalidInput(
         Status.START_IN_COLLISION,
         f"obstacles[{obstacle}]",
@@ -108,3 +118,33 @@ def refuse_approached(obstacle: str, body: str, found: Approached) -> None:
         f"at this speed {found.needed * 1e3:.3f} mm are needed at the start, or else no plan stops "
         "it before they touch; start further away, or slower",
     )
+
+
+def refuse_bodies_approached(
+    problem: PlanningProblem,
+    near: Array,
+    distances: Callable[[Array, Array, tuple[Indices, ...]], Array],
+    ids: Sequence[str],
+) -> None:
+    """Refuse a start with a body that moves into an obstacle whatever follows.
+
+    Args:
+        near: Whether a body may be near an obstacle that it must not touch. (bodies, obstacles).
+        distances: Returns distances [m] in configurations at times; rows number configurations,
+            bodies and obstacles.
+        ids: Of the obstacles.
+
+    Raises:
+        InvalidInput: It does.
+    """
+    bodies, numbers = np.nonzero(near)
+    if not bodies.size:
+        return
+
+    def of_pairs(q: Array, times: Array) -> Array:
+        at = np.repeat(np.arange(len(q)), len(bodies))
+        rows = at, np.tile(bodies, len(q)), np.tile(numbers, len(q))
+        return distances(q, times, rows).reshape(len(q), -1)
+
+    names = [body.name for body in with_bodies(problem.robot).bodies]
+    refuse_approached(problem, of_pairs, lambda pair: (names[bodies[pair]], ids[numbers[pair]]))

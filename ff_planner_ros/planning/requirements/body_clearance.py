@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import (
     last_points,
@@ -32,18 +32,20 @@ from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
     search_sphere_distance,
 )
+from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE, certificate_gap
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.paths.start_approach import (
-    NEAR,
-    approached,
-    refuse_approached,
-)
+from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
-from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
+from ff_planner_ros.planning.requirements.collisions import (
+    DETOURS,
+    SLACK_PART,
+    collision,
+    refuse_nearness,
+)
 from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
@@ -62,18 +64,18 @@ class BodyClearance(Requirement):
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
         """Refuse a start with a body inside an obstacle or in another body."""
-        contact = deepest_contact(problem, q_start)
+        contact = deepest_contact(problem, q_start, within=LEAST_CLEARANCE)
         if contact is None:
             _refuse_approached(problem, q_start)
             return
-        depth = f"{-contact.distance:.4f} m deep"
+        out = way_out(problem, q_start, contact, LEAST_CLEARANCE)
         if contact.obstacle:
-            field, value = f"obstacles[{contact.second}]", f"around {contact.first}, {depth}"
-        else:
-            field, value = "joints.position", f"with {contact.first} in {contact.second}, {depth}"
-        allowed = "at the start the robot must touch neither an obstacle nor itself"
+            refuse_nearness(contact.second, contact.first, contact.distance, "robot", out)
         raise InvalidInput(
-            Status.START_IN_COLLISION, field, value, allowed + way_out(problem, q_start, contact)
+            Status.START_IN_COLLISION,
+            "joints.position",
+            f"with {contact.first} in {contact.second}, {-contact.distance:.4f} m deep",
+            f"at the start the robot must touch neither an obstacle nor itself{out}",
         )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
@@ -93,8 +95,9 @@ class BodyClearance(Requirement):
         robot, spheres = problem.robot, problem.spheres
         if not (robot.bodies and spheres):
             return np.inf
+        gap = certificate_gap(problem)
         return min(
-            search_sphere_distance(robot, motion, spheres, chosen, last, SLACK_PART)
+            search_sphere_distance(robot, motion, spheres, chosen, last, SLACK_PART, gap)
             for chosen, last in last_points(problem, motion, *split_spheres(problem))
         )
 
@@ -180,9 +183,10 @@ def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     robot, spheres = problem.robot, problem.spheres
     if not (robot.bodies and spheres):
         return NOTHING
+    gap = certificate_gap(problem)
     return lesser(
         *(
-            least_sphere_distance(robot, motion, spheres, chosen, last)
+            least_sphere_distance(robot, motion, spheres, chosen, last, gap=gap)
             for chosen, last in last_points(problem, motion, *split_spheres(problem))
         )
     )
@@ -217,23 +221,12 @@ def _refuse_approached(problem: PlanningProblem, q_start: Array) -> None:
     near = bounds[0] < NEAR
     if is_near_goal(problem, q_start, 0.0):
         near.reshape(-1)[split_spheres(problem)[1]] = False
-    bodies, numbers = np.nonzero(near)
-    if not bodies.size:
-        return
 
-    def of_bodies(q: Array, times: Array) -> Array:
-        rows = (
-            np.repeat(np.arange(len(q)), len(bodies)),
-            *(np.tile(one, len(q)) for one in (bodies, numbers)),
-        )
+    def distances(q: Array, times: Array, rows: tuple[Indices, ...]) -> Array:
         placed = placed_bodies(robot, q[:, 7:])
-        found = sphere_distances(robot, placed, seen(q, times), radius, rows)
-        return found.distance.reshape(len(q), -1)
+        return sphere_distances(robot, placed, seen(q, times), radius, rows).distance
 
-    found = approached(problem, of_bodies)
-    if found is not None:
-        body, sphere = robot.bodies[bodies[found.pair]], spheres[numbers[found.pair]]
-        refuse_approached(sphere.id, body.name, found)
+    refuse_bodies_approached(problem, near, distances, [sphere.id for sphere in spheres])
 
 
 def _body_and_sphere(problem: PlanningProblem, least: Least) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at, velocities_at
+from ff_planner_ros.planning.distance.start_room import room_of_bodies
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
@@ -104,7 +105,7 @@ def sphere_rows(
                 problem, gradients, at, rows[0], rows[2]
             )
         jacobian = np.vstack([jacobian, deeper])
-    margins, apart = np.minimum(margin, _room_of_spheres(problem)), split_spheres(problem)[0]
+    margins, apart = np.minimum(margin, room_of_bodies(problem)), split_spheres(problem)[0]
     return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
 
 
@@ -137,19 +138,6 @@ def _room_of_pairs(problem: PlanningProblem) -> Array:
     rows = np.zeros(len(robot.pairs), np.intp), np.arange(len(robot.pairs))
     distance = pair_distances(robot, placed_bodies(robot, q[None, 7:]), rows).distance
     return np.maximum(distance, 0.0) / 2
-
-
-@lru_cache(maxsize=4)
-def _room_of_spheres(problem: PlanningProblem) -> Array:
-    """Return likewise half the distance of bodies from spheres. Shape (bodies, spheres) [m]."""
-    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
-    centers, _, radius = sphere_arrays(problem.spheres)
-    shape = len(robot.bodies), len(radius)
-    bodies, spheres = (number.ravel() for number in np.indices(shape))
-    rows = np.zeros(len(bodies), np.intp), bodies, spheres
-    placed, seen = placed_bodies(robot, q[None, 7:]), centers_in_base(q[None], centers[None])
-    distance = sphere_distances(robot, placed, seen, radius, rows).distance
-    return np.maximum(distance, 0.0).reshape(shape) / 2
 
 
 @lru_cache(maxsize=2)

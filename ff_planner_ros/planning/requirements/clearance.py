@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
-from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.distance.certificate import certified_clearance
+from ff_planner_ros.errors import Failure, Status
+from ff_planner_ros.planning.distance.certificate import LINES_GAP, certified_clearance
 from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     clearance_rows,
@@ -23,14 +23,22 @@ from ff_planner_ros.planning.distance.clearance import (
     penalty,
     segments,
 )
+from ff_planner_ros.planning.distance.contact import deepest_contact
 from ff_planner_ros.planning.distance.search_certificate import search_certificate
+from ff_planner_ros.planning.distance.start_room import (
+    CLEARANCE_AT_END,
+    LEAST_CLEARANCE,
+    certificate_gap,
+    room_of_lines,
+)
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.paths.start_approach import approached, refuse_approached
+from ff_planner_ros.planning.paths.start_approach import refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, quarter_way
+from ff_planner_ros.planning.requirements.collisions import refuse_nearness
 from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
@@ -63,15 +71,11 @@ class Clearance(Requirement):
         positions = arm_points(problem.robot, q_start[None])
         starts = segments(positions)
         distance = clearances(positions, np.zeros(1), starts, problem.spheres).distance[0]
-        if distance.min(initial=np.inf) <= 0.0:
+        if distance.min(initial=np.inf) < LEAST_CLEARANCE:
             segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
-            raise InvalidInput(
-                Status.START_IN_COLLISION,
-                f"obstacles[{problem.spheres[sphere].id}]",
-                f"around {link_name(problem.robot, int(starts[segment]))}, "
-                f"{-distance[segment, sphere]:.4f} m deep",
-                "at the start the arm must be outside every obstacle",
-            )
+            link = link_name(problem.robot, int(starts[segment]))
+            nearest = float(distance[segment, sphere])
+            refuse_nearness(problem.spheres[sphere].id, link, nearest, "arm", "")
         if not problem.spheres:
             return
 
@@ -79,11 +83,11 @@ class Clearance(Requirement):
             found = clearances(arm_points(problem.robot, q), times, starts, problem.spheres)
             return found.distance.reshape(len(q), -1)
 
-        found = approached(problem, of_lines)
-        if found is not None:
-            line, sphere = divmod(found.pair, len(problem.spheres))
-            link = link_name(problem.robot, int(starts[line]))
-            refuse_approached(problem.spheres[sphere].id, link, found)
+        def names(pair: int) -> tuple[str, str]:
+            line, sphere = divmod(pair, len(problem.spheres))
+            return link_name(problem.robot, int(starts[line])), problem.spheres[sphere].id
+
+        refuse_approached(problem, of_lines, names)
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
         """Return the clearance that the search keeps at the points [m]."""
@@ -107,16 +111,17 @@ class Clearance(Requirement):
             quarter_way=few,
             times_by_last=sensitivity.times_by_last(looked_at, problem.duration),
         )
-        return Rows(distances - margin, jacobian, names)
+        room = room_of_lines(problem).ravel()
+        return Rows(distances - np.minimum(margin, room[names % room.size]), jacobian, names)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
         if problem.robot.geometry is Geometry.SHAPES:
             return np.inf
         at = _looked_at(motion)
-        return search_certificate(
-            problem.robot, motion.q[at], motion.v[at], motion.time[at], problem.spheres
-        )
+        gap = certificate_gap(problem)
+        begin = motion.q[at], motion.v[at], motion.time[at]
+        return search_certificate(problem.robot, *begin, problem.spheres, gap)
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return certified clearance and R_obst."""
@@ -144,7 +149,11 @@ class Clearance(Requirement):
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the deepest collision."""
+        """Yield the deepest collision, and what the last point is too near to."""
+        yield from self._collision(samples, metrics)
+        yield from _too_near_at_end(samples)
+
+    def _collision(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         problem = samples.problem
         if problem.robot.geometry is Geometry.SHAPES or metrics.min_clearance >= 0.0:
             return
@@ -175,6 +184,29 @@ class Clearance(Requirement):
                 "more planner.starts",
                 *([margin] if depth < samples.settings.clearance_margin else []),
             ),
+        )
+
+
+def _too_near_at_end(samples: Samples) -> Iterator[Failure]:
+    """Yield what the last point, where another plan may start, is too near to."""
+    problem, q, end = samples.problem, samples.q[-1], samples.trajectory.time[-1:]
+    near: list[tuple[float, str, str]] = []
+    contact = deepest_contact(problem, q, float(end[0]), CLEARANCE_AT_END)
+    if contact is not None and contact.obstacle:
+        near.append((contact.distance, contact.first, contact.second))
+    if problem.spheres and problem.robot.geometry is not Geometry.SHAPES:
+        starts = segments(samples.arm)
+        distance = clearances(samples.arm[-1:], end, starts, problem.spheres).distance[0]
+        line, sphere = np.unravel_index(distance.argmin(), distance.shape)
+        link = link_name(problem.robot, int(starts[line]))
+        near.append((float(distance[line, sphere]), link, problem.spheres[sphere].id))
+    distance, body, obstacle = min(near, default=(np.inf, "", ""))
+    if 0.0 < distance < CLEARANCE_AT_END:  # of one that is inside, others tell
+        yield Failure(
+            Status.COLLISION,
+            f"at its last point {body} is {distance * 1e3:.4f} mm from obstacle {obstacle}, where "
+            f"{CLEARANCE_AT_END * 1e3:g} mm are needed so that another plan may start there",
+            ("another goal", "a larger planner.clearance_margin"),
         )
 
 
@@ -214,7 +246,8 @@ def _certified(problem: PlanningProblem, motion: FollowedMotion, arm: Array) -> 
     """Return the certified clearance [m]."""
     at = _looked_at(motion)
     begin = motion.q[at], motion.v[at], motion.time[at]
-    return certified_clearance(problem.robot, *begin, problem.spheres, arm[at])
+    gap = certificate_gap(problem, LINES_GAP)
+    return certified_clearance(problem.robot, *begin, problem.spheres, arm[at], gap)
 
 
 def _looked_at(motion: FollowedMotion) -> slice:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from ff_planner_ros.errors import Failure, Status
+from typing import NoReturn
+
+from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.body_certificate import Least
+from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
 from ff_planner_ros.planning.requirements.requirement import Samples
 
 # The search asks only whether anything is left of a clearance.
@@ -33,4 +36,30 @@ def collision(
     margin = ("a smaller planner.clearance_margin",) if shallow else ()
     return Failure(
         Status.COLLISION, f"{first} is {depth:.3g} m inside {second} at {when}", (*advice, *margin)
+    )
+
+
+def refuse_nearness(obstacle: str, body: str, distance: float, what: str, way_out: str) -> NoReturn:
+    """Refuse a start inside an obstacle, or nearer than `LEAST_CLEARANCE`.
+
+    Args:
+        distance: Between both, less than that; negative: how deep one is in the other [m].
+        what: Must stay away.
+        way_out: Words on how to get out.
+
+    Raises:
+        InvalidInput: Always.
+    """
+    value, allowed = (
+        f"around {body}, {-distance:.4f} m deep",
+        f"at the start the {what} must be outside every obstacle",
+    )
+    if distance > 0.0:
+        value = f"{distance * 1e3:.4f} mm from {body}"
+        allowed = (
+            f"a start needs a clearance of {LEAST_CLEARANCE * 1e3:g} mm from every obstacle; start "
+            "further away"
+        )
+    raise InvalidInput(
+        Status.START_IN_COLLISION, f"obstacles[{obstacle}]", value, allowed + way_out
     )

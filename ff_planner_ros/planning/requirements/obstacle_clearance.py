@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
@@ -26,15 +26,19 @@ from ff_planner_ros.planning.distance.body_certificate import (
     lesser,
 )
 from ff_planner_ros.planning.distance.body_distances import sphere_gradients
+from ff_planner_ros.planning.distance.contact import is_near_goal
 from ff_planner_ros.planning.distance.obstacle_distances import (
     approach_speeds,
+    obstacle_bounds,
     obstacle_distances,
     seen_from_chaser,
 )
 from ff_planner_ros.planning.distance.search_certificate import search_obstacle_distance
+from ff_planner_ros.planning.distance.start_room import certificate_gap, room_of_obstacles
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
@@ -46,7 +50,6 @@ from ff_planner_ros.planning.requirements.body_rows import (
 from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
 from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
 from ff_planner_ros.robot.collision.lines import with_bodies
-from ff_planner_ros.robot.configuration import configuration
 
 
 class ObstacleClearance(Requirement):
@@ -57,15 +60,31 @@ class ObstacleClearance(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse lines that grow where a joint slides out: no body is as long as they are."""
-        robot = problem.robot
-        if problem.obstacle_bodies and not robot.bodies and robot.joint_slides[1:].any():
+        """Refuse a start that moves into an obstacle; `BodyClearance` refuses one that is in it.
+
+        Lines that grow where a joint slides out are refused, too: no body is as long as they are.
+        """
+        robot, obstacles = problem.robot, problem.obstacle_bodies
+        if not obstacles:
+            return
+        if not robot.bodies and robot.joint_slides[1:].any():
             allowed = (
                 "with lines every obstacle must be a sphere where a joint slides along the arm; "
                 "robot.geometry must be shapes"
             )
-            told = f"obstacles[{problem.obstacle_bodies[0].id}].shape"
+            told = f"obstacles[{obstacles[0].id}].shape"
             raise InvalidInput(Status.UNSUPPORTED, told, "no sphere", allowed)
+        robot = with_bodies(robot)
+        placed, now = placed_bodies(robot, q_start[None, 7:]), np.zeros(1)
+        near = obstacle_bounds(robot, placed, q_start[None], now, obstacles)[0] < NEAR
+        if is_near_goal(problem, q_start, 0.0):
+            near.reshape(-1)[split_obstacles(problem)[1]] = False
+
+        def distances(q: Array, times: Array, rows: tuple[Indices, ...]) -> Array:
+            placed, poses = placed_bodies(robot, q[:, 7:]), seen_from_chaser(q, times, obstacles)
+            return obstacle_distances(robot, placed, poses, obstacles, rows).distance
+
+        refuse_bodies_approached(problem, near, distances, [one.id for one in obstacles])
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
         """Return the clearance that the search keeps at the points [m]."""
@@ -84,8 +103,9 @@ class ObstacleClearance(Requirement):
         robot, obstacles = with_bodies(problem.robot), problem.obstacle_bodies
         if not obstacles:
             return np.inf
+        gap = certificate_gap(problem)
         return min(
-            search_obstacle_distance(robot, motion, obstacles, chosen, last, SLACK_PART)
+            search_obstacle_distance(robot, motion, obstacles, chosen, last, SLACK_PART, gap)
             for chosen, last in last_points(problem, motion, *split_obstacles(problem))
         )
 
@@ -107,9 +127,10 @@ def least_from_obstacles(problem: PlanningProblem, motion: FollowedMotion) -> Le
     robot, obstacles = with_bodies(problem.robot), problem.obstacle_bodies
     if not obstacles:
         return NOTHING
+    gap = certificate_gap(problem)
     return lesser(
         *(
-            least_obstacle_distance(robot, motion, obstacles, chosen, last)
+            least_obstacle_distance(robot, motion, obstacles, chosen, last, gap=gap)
             for chosen, last in last_points(problem, motion, *split_obstacles(problem))
         )
     )
@@ -152,18 +173,5 @@ def obstacle_rows(
             deeper[:, -1] += at.times_by_last[rows[0]] * speeds
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    margins, apart = np.minimum(margin, _room_of_obstacles(problem)), split_obstacles(problem)[0]
+    margins, apart = np.minimum(margin, room_of_obstacles(problem)), split_obstacles(problem)[0]
     return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
-
-
-@lru_cache(maxsize=4)
-def _room_of_obstacles(problem: PlanningProblem) -> Array:
-    """Return half the distance of bodies from obstacles at the start. (bodies, obstacles) [m]."""
-    robot, q = with_bodies(problem.robot), configuration(problem.robot, problem.start)[0]
-    shape = len(robot.bodies), len(problem.obstacle_bodies)
-    bodies, numbers = (number.ravel() for number in np.indices(shape))
-    rows = np.zeros(len(bodies), np.intp), bodies, numbers
-    placed = placed_bodies(robot, q[None, 7:])
-    poses = seen_from_chaser(q[None], np.zeros(1), problem.obstacle_bodies)
-    distance = obstacle_distances(robot, placed, poses, problem.obstacle_bodies, rows).distance
-    return np.maximum(distance, 0.0).reshape(shape) / 2

@@ -67,7 +67,8 @@ class WheelLimits(Requirement):
                 raise InvalidInput(Status.UNSUPPORTED, "objective.wheel_momentum", given, allowed)
             return
         stored, limits = momenta_of(wheels, problem.start), wheels.momentum_limits
-        for k in np.flatnonzero(np.abs(stored) > (1.0 + ALLOWED_EXCESS) * limits):
+        most = (1.0 + ALLOWED_EXCESS) * limits + LIMIT_TOLERANCE
+        for k in np.flatnonzero(np.abs(stored) > most):
             allowed = f"wheel {k + 1} holds {limits[k]:g} N m s at most, either way"
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS, f"{STORED}[{k}]", f"{stored[k]:.6g} N m s", allowed

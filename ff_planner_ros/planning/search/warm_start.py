@@ -10,18 +10,25 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.check.preconditions import require_plannable
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.followed_path import followed_joints
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.plan import REMAINDER, Plan, SolverReport
 from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
+from ff_planner_ros.planning.search.candidate import plan_of_motion
 from ff_planner_ros.planning.search.continuing import NEAR, PathNear, Remainder
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.grid_solver import GridSolver
 from ff_planner_ros.planning.search.guided_search import plans_from, plans_near
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.dynamics import accelerations
 
 # Weights of the plan at which a search for a better attitude begins.
 SHORTEST = Objective(1.0, 0.0)
@@ -89,11 +96,16 @@ def plan_near_remainder(
 ) -> tuple[Plan | None, Array]:
     """Return the plan near what remains of another one, if there is one, and a guess for others.
 
-    It is a path of the first family that has one as near as it takes, or of the nearest.
+    It is a path of the first family that has one as near as it takes, or of the nearest. Before
+    anything is searched for, the remainder itself is offered, where it keeps everything: that
+    is the answer if the time is used up, or if no path is near enough.
 
     Raises:
         OutOfTime: By the watch.
     """
+    unchanged = _unchanged(problem, settings, rest)
+    if unchanged is not None:
+        watch.offer(unchanged)
     paths = list[PathNear]()
     for family in chain.from_iterable(groups):
         paths.append(rest.path_near(problem, family))
@@ -103,4 +115,25 @@ def plan_near_remainder(
     family, guess = nearest.family, nearest.x
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     solver = GridSolver(path_program(problem, family, settings), settings, watch)
-    return next(plans_near(solver, guess), None), guess
+    near = next(plans_near(solver, guess), None)
+    if near is None and unchanged is not None:
+        near = replace(unchanged, solver=solver.effort.report(unchanged.solver))
+    return near, guess
+
+
+def _unchanged(problem: PlanningProblem, settings: PlannerSettings, rest: Remainder) -> Plan | None:
+    """Return what remains of a running plan as it is, where that keeps every requirement."""
+    robot = problem.robot
+    time = np.linspace(0.0, 1.0, problem.points) * problem.duration
+    joints = JointMotion(time, *rest.joints.at(time))
+    motion = followed_joints(robot, *configuration(robot, problem.start), joints)
+    if problem.posture is None:
+        position, turn = np.linalg.norm(miss(robot, motion.q[-1], problem.target), axis=1)
+        if position > settings.position_tolerance or turn > settings.orientation_tolerance:
+            return None
+    q, v = motion.q[:: motion.pieces], motion.v[:: motion.pieces]
+    by_time = accelerations(robot, q, v, joints.accelerations)
+    report = SolverReport(1, 0, 0, np.inf, "good enough: what remains of the running plan")
+    plan = plan_of_motion(problem, settings, q, v, by_time, report)
+    plan = replace(plan, family=REMAINDER)
+    return None if any(failures(problem, plan, settings)) else plan

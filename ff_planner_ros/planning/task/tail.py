@@ -20,7 +20,7 @@ from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.motion.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.paths.holding import holding_in_part, poses_held
 from ff_planner_ros.planning.paths.path_family import singular_refusal
-from ff_planner_ros.planning.problem.problem import MAX_POINTS, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.problem import MAX_POINTS, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.requirements.requirement import Samples
@@ -85,7 +85,7 @@ def with_tail(
     momentum = total_momentum(robot, robot.model.createData(), q[0], v[0])
     if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
         try:
-            in_part = problem.target_body or plan.family == Parametrisation.JOINT_SPLINE
+            in_part = problem.target_body or plan.may_be_singular
             hold = holding_in_part if in_part else _holding
             tail = hold(problem, q[-1], v[-1, 6:], momentum, finer)
         except NoPlanFound as singular:

@@ -26,6 +26,9 @@ _OF_GIVEN_UP = 2.0
 # Of the time until its plan has to be ready, a search leaves so much for writing the plan: a part,
 # and at most [s].
 _FOR_ANSWER, _MOST_FOR_ANSWER = 0.1, 0.5
+# And once it has a plan that takes over, be it what remains of the running one, this part: on a
+# busy machine the way of the answer takes as long as the search.
+_FOR_ANSWER_WITH_PLAN = 0.5
 
 
 class LeadTimes:
@@ -81,6 +84,7 @@ class Deadline:
     at_ns: int  # by the node's clock [ns]
     moment: str  # in words: what is then
     advice: str  # what to change first
+    takes_over: bool = False  # whether a plan runs meanwhile
 
     def require(self, now_ns: int, stages: Stages) -> None:
         """Refuse a plan that is not ready by then.
@@ -114,8 +118,15 @@ class Deadline:
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
             return budget  # how long that is by the wall clock is for the simulation to say
         left = (self.at_ns - clock.now().nanoseconds) / NANOSECONDS
-        left -= min(_FOR_ANSWER * left, _MOST_FOR_ANSWER)
-        return budget._replace(seconds=min(budget.seconds, time.monotonic() - taken_up + left))
+        gone, seconds = (
+            time.monotonic() - taken_up,
+            left - min(_FOR_ANSWER * left, _MOST_FOR_ANSWER),
+        )
+        limited = budget._replace(seconds=min(budget.seconds, gone + seconds))
+        if not self.takes_over:
+            return limited
+        with_plan = gone + (1.0 - _FOR_ANSWER_WITH_PLAN) * left
+        return limited._replace(with_plan=min(budget.with_plan, with_plan))
 
 
 def deadline_of(request: PlanRequest, read: ReadRequest, parameters: NodeParameters) -> Deadline:
@@ -137,4 +148,5 @@ def deadline_of(request: PlanRequest, read: ReadRequest, parameters: NodeParamet
         f"the handover from {read.provenance.previous_plan_id}, {after}, less "
         f"{replanning.handover:g} s for the controller (replanning.handover),"
     )
-    return Deadline(read.start_ns - round(replanning.handover * NANOSECONDS), moment, advice)
+    ready_ns = read.start_ns - round(replanning.handover * NANOSECONDS)
+    return Deadline(ready_ns, moment, advice, takes_over=True)

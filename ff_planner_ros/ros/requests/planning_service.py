@@ -7,7 +7,7 @@ import secrets
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
 
@@ -36,7 +36,7 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.from_messages import metrics_from_message
-from ff_planner_ros.ros.messages.interfaces import SERVICE
+from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN, SERVICE
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
     answer_with_plan,
@@ -57,6 +57,7 @@ from ff_planner_ros.ros.requests.reading import (
     RequestRefused,
     read_request,
 )
+from ff_planner_ros.ros.requests.request_queue import RequestQueue
 from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.ros.requests.worker import Worker
 
@@ -102,6 +103,7 @@ class PlanningService:
         # From request to answer, of the last requests that were searched for [s].
         self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
         self.lead_times = LeadTimes()
+        self._queue = RequestQueue()
         self._answered = -math.inf  # when, by the monotonic clock [s]
         self._writers = ThreadPoolExecutor(_WRITERS, "writer")
 
@@ -112,10 +114,16 @@ class PlanningService:
         self._service.configure_introspection(
             self._clock, EVENT_QOS, ServiceIntrospectionState.CONTENTS
         )
+        self._queue.watch(self._service)
         self._action = PlanAction(
             node, group, self._jobs, self._job, self._preempts, self._answer, self._refuse
         )
         self._publication = Publication(node, output, self._knowledge)
+
+    @property
+    def most_waiting(self) -> Mapping[str, int]:
+        """How many requests waited at once at most, by service."""
+        return {SERVICE: self._queue.most, PUBLISH_PLAN: self._publication.queue.most}
 
     def activate(self) -> None:
         """Take up requests from now on."""

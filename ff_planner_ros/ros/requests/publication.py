@@ -32,6 +32,7 @@ from ff_planner_ros.ros.messages.to_messages import plan_message, status_message
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.reading import Knowledge, requester_named
+from ff_planner_ros.ros.requests.request_queue import RequestQueue
 from ff_planner_ros.ros.requests.waiting_plan import (
     MadePlan,
     require_same_rules,
@@ -57,6 +58,7 @@ class Publication:
         self._lock = threading.RLock()
         self._waiting: dict[str, MadePlan] = {}  # the oldest first
         self._refusal: tuple[Status, str] | None = None
+        self.queue = RequestQueue()
         self.answered = -math.inf  # when, last of all, by the monotonic clock [s]
         self.close(Status.NOT_ACTIVE, "the planner is not active yet")
         self._service = node.create_service(
@@ -69,6 +71,7 @@ class Publication:
         self._service.configure_introspection(
             node.get_clock(), EVENT_QOS, ServiceIntrospectionState.CONTENTS
         )
+        self.queue.watch(self._service)
 
     def open(self) -> None:
         """Publish from now on."""

@@ -49,7 +49,8 @@ class JointAccelerations(Requirement):
             return
         joint = int((np.abs(accelerations) / limits).argmax())
         unit = f"{problem.robot.unit(joint)}/s2"
-        if np.abs(accelerations[joint]) > (1.0 + ALLOWED_EXCESS) * limits[joint]:
+        most = (1.0 + ALLOWED_EXCESS) * limits[joint] + LIMIT_TOLERANCE
+        if np.abs(accelerations[joint]) > most:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.acceleration[{problem.robot.joint_names[joint]}]",

@@ -12,7 +12,7 @@ from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.paths.start_motion import least_highest_positions
+from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE, least_highest_positions
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.joints.turns import beyond, joined, turns
@@ -30,6 +30,9 @@ from ff_planner_ros.robot.model import Robot
 
 # Between 50 points the quintics and the cubics that the search knows differ by less [rad].
 _MARGIN = 1e-5
+# A joint that stops further from its limit than this [rad] after the last point stops soon enough.
+_STOP_OF_INTEREST = 1e-3
+_OTHERWISE = ("another goal orientation, start posture or duration", "more planner.starts")
 
 
 class JointPositions(Requirement):
@@ -72,18 +75,19 @@ class JointPositions(Requirement):
         lower, upper = _eased_limits(problem.robot, at_start)
         lower = lower + np.clip(at_start - lower, 0.0, margin)
         upper = upper - np.clip(upper - at_start, 0.0, margin)
+        at_end = _stopping(motion, sensitivity, lower, upper)
         if motion.hull is not None and sensitivity.hull is not None:
             hull, by_x = motion.hull.positions, sensitivity.hull.positions
-            return within(hull, by_x, lower, upper, OF_INTEREST)
+            return joined(within(hull, by_x, lower, upper, OF_INTEREST), *at_end)
         at_points = within(motion.q[1:, 7:], sensitivity.q[1:, 6:], lower, upper, OF_INTEREST)
         step = problem.duration / (len(motion.q) - 1)
         # No cubic leaves the span of its ends and of its two control points between them.
         p, reach = motion.q[:, 7:], step / 3 * np.abs(motion.v[:, 6:])
         if (p + reach < upper - OF_INTEREST).all() and (p - reach > lower + OF_INTEREST).all():
-            return at_points
+            return joined(at_points, *at_end)
         between = turns(motion, step)
         at_turns = beyond(between, motion, sensitivity, lower, upper, OF_INTEREST)
-        return joined(at_points, at_turns)
+        return joined(at_points, at_turns, *at_end)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the joints stay from their limits, or less that is enough [rad]."""
@@ -91,7 +95,8 @@ class JointPositions(Requirement):
         distances = motion.joints.least_distances(lower, upper)
         if distances.min() < 0.0:
             distances, _ = motion.joints.distances(lower, upper)
-        return float(distances.min()) + LIMIT_TOLERANCE
+        at_end = _left_at_end(motion.joints, lower, upper)
+        return float(min(distances.min(), at_end.min())) + LIMIT_TOLERANCE
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the distance to the nearest limit; that of a joint that slides by its weight."""
@@ -100,23 +105,74 @@ class JointPositions(Requirement):
         return {"min_joint_margin": joints.least_distance(lower, upper, 0, robot.joint_weights)}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the joint that is furthest outside."""
-        if metrics.min_joint_margin >= 0.0:
-            return
+        """Yield the joint that is furthest outside, or cannot stop inside after the last point."""
         robot = samples.problem.robot
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
-        distances, times = _distances(robot, samples.followed.joints)
-        if distances.min() >= -ALLOWED_EXCESS:
-            return
-        side, joint = np.unravel_index(distances.argmin(), distances.shape)
+        if metrics.min_joint_margin < 0.0:
+            distances, times = _distances(robot, samples.followed.joints)
+            side, joint = np.unravel_index(distances.argmin(), distances.shape)
+            if distances[side, joint] < -ALLOWED_EXCESS:
+                unit = robot.unit(int(joint))
+                yield Failure(
+                    Status.LIMIT_VIOLATED,
+                    f"joint {robot.joint_names[joint]} is {-distances[side, joint]:.3g} {unit} "
+                    f"outside its limits [{lower[joint]:.4f}, {upper[joint]:.4f}] {unit} at "
+                    f"{samples.at(times[side, joint])}",
+                    _OTHERWISE,
+                )
+                return
+        yield from _runs_out(robot, samples.followed.joints)
+
+
+def _runs_out(robot: Robot, joints: JointMotion) -> Iterator[Failure]:
+    """Yield the joint that no other plan can stop before its limit, where this one ends."""
+    lower, upper = robot.lower_position_limits, robot.upper_position_limits
+    left = _left_at_end(joints, lower, upper)
+    side, joint = np.unravel_index(left.argmin(), left.shape)
+    if left[side, joint] < -ALLOWED_EXCESS:
         unit = robot.unit(int(joint))
         yield Failure(
             Status.LIMIT_VIOLATED,
-            f"joint {robot.joint_names[joint]} is {-distances[side, joint]:.3g} {unit} outside its "
-            f"limits [{lower[joint]:.4f}, {upper[joint]:.4f}] {unit} at "
-            f"{samples.at(times[side, joint])}",
-            ("another goal orientation, start posture or duration", "more planner.starts"),
+            f"joint {robot.joint_names[joint]} moves at {joints.velocities[-1, joint]:.4f} {unit}/s "
+            f"at the last point, {joints.positions[-1, joint]:.4f} {unit}, and cannot stop before "
+            f"its limit of {(lower, upper)[side][joint]:.4f} {unit}: no other plan can start there",
+            _OTHERWISE,
         )
+
+
+def _left_at_end(joints: JointMotion, lower: Array, upper: Array) -> Array:
+    """Return how far joints that stop after the last point stay from their limits: (2, joints).
+
+    As from a measured start, of which the accelerations are not known.
+    """
+    p, v, none = joints.positions[-1], joints.velocities[-1], np.zeros(len(lower))
+    highest = [least_highest_positions(s * p, s * v, none, np.inf) for s in (-1.0, 1.0)]
+    return np.array([-lower, upper]) - highest
+
+
+def _stopping(
+    motion: Motion, sensitivity: Sensitivity, lower: Array, upper: Array
+) -> tuple[Rows, ...]:
+    """Return what is left to the limits when a joint stops after the last point; none: enough.
+
+    Without acceleration it stops after t = sqrt(2 v / j), further by v t - j t^3 / 6. By the time t
+    this does not change, so that its derivative by v is t.
+    """
+    joints = len(lower)
+    position, rate = motion.q[-1, 7:], motion.v[-1, 6:]
+    seconds = np.sqrt(2.0 * np.abs(rate) / FASTEST_CHANGE)
+    way = np.abs(rate) * seconds - FASTEST_CHANGE * seconds**3 / 6.0
+    left = np.where(rate > 0.0, upper - position, position - lower) - way
+    (near,) = np.nonzero(left < _STOP_OF_INTEREST)
+    if not near.size:
+        return ()
+    outward = np.where(rate > 0.0, 1.0, -1.0)[near, None]
+    by_x = -outward * sensitivity.q[-1, 6 + near] - seconds[near, None] * (
+        outward * sensitivity.v[-1, 6 + near]
+    )
+    # Below those of the turns.
+    names = -1 - 2 * len(motion.q) * joints - np.where(rate > 0.0, joints, 0)[near] - near
+    return (Rows(left[near], by_x, names - 1),)
 
 
 def _eased_limits(robot: Robot, at_start: Array) -> tuple[Array, Array]:

@@ -1,0 +1,88 @@
+"""How near the start is to what is in the way: a motion cannot leave at once where it begins."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core.conversions import sphere_arrays
+from ff_planner_ros.planning.distance.allowed_contact import split_obstacles, split_spheres
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
+from ff_planner_ros.planning.distance.body_distances import sphere_distances
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_distances, seen_from_chaser
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.configuration import configuration
+
+# The clearance from every obstacle that a start needs [m], ten times the solver's tolerance; and
+# that a plan has at its last point, where another one may start: the frame of each rounds places.
+LEAST_CLEARANCE, CLEARANCE_AT_END = 1e-5, 1.2e-5
+# Of the distance at the start, the part that a motion keeps of it, and that a certificate may be
+# below the truth.
+_KEPT, _GAP = 0.5, 0.25
+
+
+def certificate_gap(problem: PlanningProblem, most: float = CERTIFICATE_GAP) -> float:
+    """Return by how much certificates may be below the truth, so that the start passes [m].
+
+    Args:
+        most: Where nothing is near.
+    """
+    near = start_clearance(problem)
+    return min(most, _GAP * near) if near > 0.0 else most  # none is planned for that touches
+
+
+@lru_cache(maxsize=4)
+def start_clearance(problem: PlanningProblem) -> float:
+    """Return the distance at the start from the nearest obstacle that is never touched [m]."""
+    if problem.robot.bodies:
+        spheres = room_of_bodies(problem).ravel()[split_spheres(problem)[0]]
+    else:
+        spheres = room_of_lines(problem).ravel()
+    others = room_of_obstacles(problem).ravel()[split_obstacles(problem)[0]]
+    return float(np.concatenate([spheres, others]).min(initial=np.inf)) / _KEPT
+
+
+@lru_cache(maxsize=4)
+def room_of_lines(problem: PlanningProblem) -> Array:
+    """Return half the distance of the arm's lines from spheres. Shape (lines, spheres) [m]."""
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    positions = arm_points(robot, q[None])
+    found = clearances(positions, np.zeros(1), segments(positions), problem.spheres)
+    return _room(found.distance[0])
+
+
+@lru_cache(maxsize=4)
+def room_of_bodies(problem: PlanningProblem) -> Array:
+    """Return half the distance of bodies from spheres. Shape (bodies, spheres) [m]."""
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    centers, _, radius = sphere_arrays(problem.spheres)
+    shape = len(robot.bodies), len(radius)
+    bodies, spheres = (number.ravel() for number in np.indices(shape))
+    rows = np.zeros(len(bodies), np.intp), bodies, spheres
+    placed, seen = placed_bodies(robot, q[None, 7:]), centers_in_base(q[None], centers[None])
+    return _room(sphere_distances(robot, placed, seen, radius, rows).distance).reshape(shape)
+
+
+@lru_cache(maxsize=4)
+def room_of_obstacles(problem: PlanningProblem) -> Array:
+    """Return half the distance of bodies from other obstacles. Shape (bodies, obstacles) [m]."""
+    robot, q = with_bodies(problem.robot), configuration(problem.robot, problem.start)[0]
+    shape = len(robot.bodies), len(problem.obstacle_bodies)
+    if not shape[1]:
+        return np.empty(shape)
+    bodies, numbers = (number.ravel() for number in np.indices(shape))
+    rows = np.zeros(len(bodies), np.intp), bodies, numbers
+    placed = placed_bodies(robot, q[None, 7:])
+    poses = seen_from_chaser(q[None], np.zeros(1), problem.obstacle_bodies)
+    found = obstacle_distances(robot, placed, poses, problem.obstacle_bodies, rows)
+    return _room(found.distance).reshape(shape)
+
+
+def _room(distances: Array) -> Array:
+    """Return the part of distances at the start that a motion keeps [m]."""
+    return np.maximum(distances, 0.0) * _KEPT
