@@ -195,7 +195,8 @@ def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
     distance, normal = distance.reshape(shape), normal.reshape(*shape, 3)
     places = np.broadcast_to(centers[:, None], normal.shape)
     ee_positions = q[:, :3] + np.einsum("tij,tj->ti", base, ends[:, -1])
-    counts = np.arange(len(q))[:, None, None] < _touching_from(robot, scene, ee_positions, times)
+    until = touching_from(robot, (*spheres, *others), scene, ee_positions, times)
+    counts = np.arange(len(q))[:, None, None] < until
     if others:
         around, radii = around_obstacles(others, times)
         found = _to_others(robot, q, times, others, counts[:, :, len(spheres) :])
@@ -289,10 +290,13 @@ def measured(
     return length - radius[sphere], way / np.maximum(length, _SAME_POINT)[:, None]
 
 
-def _touching_from(robot: Robot, scene: Scene, ee_positions: Array, times: Array) -> Array:
+def touching_from(
+    robot: Robot, obstacles: Sequence[Obstacle], scene: Scene, ee_positions: Array, times: Array
+) -> Array:
     """Return the first time from which on each part may touch each obstacle, by its number.
 
     Args:
+        obstacles: In the order of the answer.
         scene: In the frame of the positions.
         ee_positions: As planned. Shape (times, 3) [m].
         times: Shape (times,) [s].
@@ -301,7 +305,6 @@ def _touching_from(robot: Robot, scene: Scene, ee_positions: Array, times: Array
         As many as there are times: never. Shape (bodies, obstacles); (1, obstacles) for lines.
     """
     names = [body.link for body in robot.bodies] or [""]
-    obstacles: tuple[Obstacle, ...] = (*scene.spheres, *scene.obstacle_bodies)
     never = np.full((len(names), len(obstacles)), len(times))
     goal = scene.targets(times)
     if not scene.allowed_collisions or goal is None:
