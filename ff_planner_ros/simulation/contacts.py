@@ -1,5 +1,6 @@
 """Which bodies touch along a motion: MuJoCo's collision detection, on MuJoCo's own links.
 
+Of a robot of lines it is the arm's centre lines that must not touch an obstacle.
 Contacts are seen and do not push: the first one fails the plan, and a motion after a push would say
 nothing about it.
 """
@@ -20,6 +21,8 @@ from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
@@ -41,12 +44,14 @@ class Contact:
     depth: float  # then [m]
 
 
+# MuJoCo has no solids without thickness [m].
+_THINNEST = 1e-6
 # Of the pyramid that stands for a cone: it is thinner by three in ten thousand.
 _SIDES = 128
 
 
 class Touch:
-    """A robot's bodies in a scene, in MuJoCo."""
+    """A robot's bodies, or lines, in a scene, in MuJoCo."""
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
         """Give each link the geoms of its bodies.
@@ -55,14 +60,15 @@ class Touch:
             InvalidInput: MuJoCo refuses a shape.
         """
         obstacles: tuple[Obstacle, ...] = (*scene.spheres, *scene.obstacle_bodies)
+        robot = with_bodies(robot)
         spec, names = specification(robot.urdf)
         spec.compiler.discardvisual = False  # else what is in no pair is left out
         bodies = [f"body {number}" for number in range(len(robot.bodies))]
         others = [f"obstacle {number}" for number in range(len(obstacles))]
         for geom, body in zip(bodies, robot.bodies, strict=True):
-            frame = robot.model.frames[robot.model.getFrameId(body.link, pin.FrameType.BODY)]
+            frame = _carrier(robot, body)
             placement = frame.placement.actInv(body.placement_in_joint)
-            _add_geom(spec, spec.body(names[body.link]), geom, body.solid, placement)
+            _add_geom(spec, spec.body(names[frame.name]), geom, body.solid, placement)
         for geom, one in zip(others, obstacles, strict=True):
             mover = spec.worldbody.add_body(name=geom, mocap=True)
             _add_geom(spec, mover, geom, obstacle_geometry(one), pin.SE3.Identity())
@@ -155,6 +161,20 @@ class Touch:
         return tuple(told.values())
 
 
+def _carrier(robot: Robot, body: Body) -> pin.Frame:
+    """Return the frame of the link that a body is fixed to; of a line, of one that its joint moves.
+
+    The first one is the link right below the joint.
+    """
+    if robot.model.existFrame(body.link, pin.FrameType.BODY):
+        return robot.model.frames[robot.model.getFrameId(body.link, pin.FrameType.BODY)]
+    return next(
+        frame
+        for frame in robot.model.frames
+        if frame.type is pin.FrameType.BODY and frame.parentJoint == body.joint
+    )
+
+
 def _looks(states: Sequence[Array], times: Array, size: int) -> Iterator[tuple[Array, Array]]:
     """Yield configurations and their times: on each chord between states, and the last state.
 
@@ -185,6 +205,8 @@ def _add_geom(
         kind, size = kinds.mjGEOM_SPHERE, [solid.radius, 0.0, 0.0]
     elif isinstance(solid, coal.Capsule):
         kind, size = kinds.mjGEOM_CAPSULE, [solid.radius, solid.halfLength, 0.0]
+        if not solid.radius:  # a thin capsule may pass through a box unseen
+            kind, size = kinds.mjGEOM_BOX, [_THINNEST, _THINNEST, solid.halfLength]
     elif isinstance(solid, coal.Cylinder):
         kind, size = kinds.mjGEOM_CYLINDER, [solid.radius, solid.halfLength, 0.0]
     elif isinstance(solid, coal.Box):
