@@ -7,6 +7,7 @@ nothing about it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,9 +27,10 @@ from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
-# So often it is looked between two states of an execution. From one to the next nothing turns by
-# more than 0.01 rad: from look to look a corner 3 m away moves 1.5 mm.
-LOOKS = 20
+# So often it is looked between two states of an execution, and a thousand times a second, at the
+# least. From one state to the next nothing turns by more than 0.01 rad: from look to look a corner
+# 3 m away moves 1.5 mm.
+LOOKS, _LOOKS_A_SECOND = 20, 1000.0
 
 # What a geom must not bring along: mass, and contacts beside those that are asked for.
 _BARE: dict[str, Any] = {"mass": 0.0, "contype": 0, "conaffinity": 0}
@@ -180,10 +182,11 @@ def _looks(states: Sequence[Array], times: Array, size: int) -> Iterator[tuple[A
 
     They are off the arc by a few micrometres.
     """
-    shares = np.arange(LOOKS) / LOOKS
     for (first, second), (begin, end) in zip(
         pairwise(states), pairwise(times.tolist()), strict=False
     ):
+        looks = max(LOOKS, math.ceil((end - begin) * _LOOKS_A_SECOND))
+        shares = np.arange(looks) / looks
         chord = np.outer(1.0 - shares, first[:size]) + np.outer(shares, second[:size])
         yield chord, (1.0 - shares) * begin + shares * end
     yield states[-1][None, :size], times[len(states) - 1 : len(states)]
