@@ -113,7 +113,7 @@ def _measurements(
     yield "joint goals", success.joint_goals_measurement(scenarios, settings)
     yield "captures", captures.measurement(some(_CAPTURES), settings)
     yield "free moments", captures.fastest_measurement(some(_FASTEST), settings, quick=quick)
-    yield "all features", all_features.measurement(some(_EVERYTHING), settings)
+    yield "all features", all_features.measurement(some(_EVERYTHING), settings, quick=quick)
     yield "steadiness", attitude.measurement(1 if quick else len(attitude.BEST_KNOWN), settings)
     count = 1 if quick else len(attitude.BEST_KNOWN)
     yield "equal time", attitude.equal_time_measurement(count, some(_EVERYTHING), settings)
