@@ -39,6 +39,7 @@ _SAME_POINT = 1e-12  # [m]
 # Of an obstacle that is no sphere, distances that are longer by so much [m] than one that is
 # measured are told by the spheres around both: they are lower bounds.
 _NOT_MEASURED = 0.5
+_AT_ONCE = 20_000  # distances whose derivatives are in memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +87,12 @@ class Nearness:
 
     def sigmas(self, spread: Array) -> Array:
         """Return the deviation of every distance. Shape (times, parts, obstacles) [m]."""
-        rows = np.nonzero(np.ones_like(self.distance, bool))
-        deviations = np.linalg.norm(self.by_errors(spread, rows), axis=1)
-        return np.asarray(deviations.reshape(self.distance.shape), np.float64)
+        every, found = np.nonzero(np.ones_like(self.distance, bool)), np.empty(self.distance.size)
+        for first in range(0, found.size, _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            rows = tuple(each[some] for each in every)
+            found[some] = np.linalg.norm(self.by_errors(spread, rows), axis=1)
+        return found.reshape(self.distance.shape)
 
     def rows_near(self, spread: Array) -> tuple[Indices, ...]:
         """Return what may be the nearest where errors are not far beyond their deviations."""
