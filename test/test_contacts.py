@@ -36,7 +36,7 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.simulation.contacts import Contact, Touch
+from ff_planner_ros.simulation.contacts import Contact, Touch, _cone
 from ff_planner_ros.simulation.verification import verify
 
 # What the surface of each solid is away from its centre along its x axis: 0.5 m.
@@ -163,8 +163,8 @@ def test_obstacles_of_any_shape_are_in_mujoco_as_coal_measures_them(
         geoms = model.geom(f"body {body}").id, model.geom(f"obstacle {number}").id
         by_mujoco = mujoco.mj_geomDistance(model, data, *geoms, 50.0, np.zeros(6))
         if distance > 0.0:
-            # The pyramid is in its cone, by three in ten thousand of the radius.
-            exact = 2e-5 + (4e-4 * one.solid.sizes[0] if one.solid.kind == "cone" else 0.0)
+            # The pyramid is in its cone, by half a tenth of a millimetre.
+            exact = 2e-5 + (5e-5 if one.solid.kind == "cone" else 0.0)
             assert by_mujoco == pytest.approx(distance, abs=exact), (name, one.solid.kind)
             seen += 1
         if abs(distance) > 1e-3:
@@ -216,6 +216,16 @@ def test_a_line_touches_a_sphere_by_as_much_as_geometry_says() -> None:
         "joint_1-joint_2/beside": pytest.approx(0.04, abs=1e-5),
         "joint_2-tip/box": pytest.approx(0.02, abs=1e-5),
     }
+
+
+@pytest.mark.parametrize("radius", [1e-3, 0.2, 1.5, 20.0])
+def test_the_pyramid_that_stands_for_a_cone_is_hardly_thinner(radius: float) -> None:
+    """By less than a tenth of a millimetre, in the middle between two corners of its rim."""
+    *rim, apex = _cone(coal.Cone(radius, 0.6))
+    assert apex == pytest.approx([0.0, 0.0, 0.3])
+    assert np.linalg.norm(np.array(rim)[:, :2], axis=1) == pytest.approx(radius)
+    middles = (np.array(rim) + np.roll(rim, 1, axis=0)) / 2
+    assert 0.0 <= radius - np.linalg.norm(middles[:, :2], axis=1).min() < 1e-4
 
 
 def test_contacts_do_not_push_and_lines_keep_clear_of_what_they_were_planned_among(

@@ -48,8 +48,8 @@ class Contact:
 
 # MuJoCo has no solids without thickness [m].
 _THINNEST = 1e-6
-# Of the pyramid that stands for a cone: it is thinner by three in ten thousand.
-_SIDES = 128
+# A pyramid stands for a cone: it is thinner by so much at most [m], or has so many sides.
+_THINNER, _FEWEST_SIDES, _MOST_SIDES = 5e-5, 128, 2048
 
 
 class Touch:
@@ -227,7 +227,10 @@ def _add_geom(
 
 def _cone(solid: coal.Cone) -> Array:
     """Return the corners of a pyramid in a cone, which MuJoCo does not know."""
-    angles = 2 * np.pi / _SIDES * np.arange(_SIDES)
+    # A side of angle a is off its arc by radius (1 - cos a / 2).
+    enough = np.pi / math.acos(max(0.0, 1.0 - _THINNER / solid.radius))
+    sides = min(max(_FEWEST_SIDES, math.ceil(enough)), _MOST_SIDES)
+    angles = 2 * np.pi / sides * np.arange(sides)
     rim = np.column_stack([np.cos(angles), np.sin(angles)]) * solid.radius
-    base = np.column_stack([rim, np.full(_SIDES, -solid.halfLength)])
+    base = np.column_stack([rim, np.full(sides, -solid.halfLength)])
     return np.vstack([base, [0.0, 0.0, solid.halfLength]])
