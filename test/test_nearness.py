@@ -187,6 +187,27 @@ def test_the_least_of_each_run_is_that_of_all_parts_at_all_times(
     assert found == pytest.approx(expected, abs=1e-6)
 
 
+def test_a_turn_about_the_middle_of_a_long_body_brings_its_end_near() -> None:
+    """Its middle stays where it is seen, and so does the ball that was nearest before."""
+    middle = np.array([1.0, 2.2, 0.0])
+    rod = ObstacleBody("rod", Solid("box", np.array([4.0, 0.02, 0.02])), middle)
+    scene = Scene((Sphere("ball", middle, 0.95), rod))
+    q = np.zeros((6, 9))
+    q[:, 6] = 1.0
+    about = pin.SE3(np.eye(3), middle)
+    turned = about * pin.SE3(pin.exp3(np.array([0.0, 0.0, 0.8])), np.zeros(3)) * about.inverse()
+    there = q.copy()
+    there[:, :7] = pin.SE3ToXYZQUAT(turned)
+    (expected,) = {float(nearness(LINES, there, TIMES, scene).distance.min())}
+    before = nearness(LINES, q, TIMES, scene)
+    assert expected < before.distance.min() - 0.1
+    found = before.least(
+        np.broadcast_to(turned.rotation, (6, 1, 3, 3)),
+        np.broadcast_to(turned.translation, (6, 1, 3)),
+    )
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
 def test_far_from_nothing_every_run_is_infinitely_far() -> None:
     q = drawn(1)
     empty = nearness(LINES, q, TIMES, Scene())
