@@ -48,6 +48,16 @@ def among_bodies(problem: PlanningProblem, seed: int = 0) -> PlanningProblem:
     return replace(problem, obstacles=(*bodies(rng), ball, *problem.obstacles))
 
 
+def among_cubes(problem: PlanningProblem) -> PlanningProblem:
+    """Return a problem whose spheres are cubes of their volume."""
+    edge = (4 * np.pi / 3) ** (1 / 3)
+    cubes = [
+        ObstacleBody(one.id, Solid("box", np.full(3, edge * one.radius)), one.center)
+        for one in problem.spheres
+    ]
+    return replace(problem, obstacles=(*cubes, *problem.obstacle_bodies))
+
+
 def with_fixed_bodies(body: TargetBody, away: float = 0.0) -> TargetBody:
     """Return a target body with a body of each kind fixed to it, so far away along x [m]."""
     fixed = tuple(

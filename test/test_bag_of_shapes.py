@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,8 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import tumbling
+from ff_planner_ros.problems import shapes, tumbling
+from ff_planner_ros.robot.collision.solids import KINDS
 from ff_planner_ros.ros.client import request_of_scenario
 from ff_planner_ros.ros.messages.from_messages import scene_from_message, target_body_from_message
 from ff_planner_ros.runs.offline_bag import record_answer
@@ -66,6 +68,38 @@ def test_a_bag_has_the_bodies_on_their_topic_and_replays_to_the_last_bit(
     assert [one.id for one in array.bodies] == list(SOLIDS)
     assert recorded.read_request().task.digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
+
+
+# At rest, moving, fixed to a target, and beside a robot of lines: shapes of every kind among them.
+NEAR = (0, 1, 5, 6)
+
+
+@pytest.mark.parametrize("number", NEAR)
+@pytest.mark.parametrize("sigmas", [0.0, 3.0])
+def test_plans_around_each_kind_of_shape_replay_to_the_last_bit(
+    number: int, sigmas: float, tmp_path: Path
+) -> None:
+    """Bodies that the plan goes round, with and without deviations that are kept back."""
+    problem = shapes.problem(number).problem
+    settings = replace(SETTINGS, robust=replace(SETTINGS.robust, sigmas=sigmas))
+    task = PlanningTask(problem, settings)
+    plan = perform(task)
+    free = perform(PlanningTask(replace(problem, obstacles=(), target_body=None), settings))
+    assert (plan.trajectory.joint_positions != free.trajectory.joint_positions).any()
+    record_answer(tmp_path / "bag", task, plan, 0.5)
+    with open_bag(tmp_path / "bag") as opened:
+        (recorded,) = recorded_run(opened).requests
+    assert recorded.read_request().task.digest == task.digest
+    assert replay(recorded).verdict is Verdict.IDENTICAL
+
+
+def test_shapes_of_each_kind_are_among_these() -> None:
+    kinds = {
+        body.solid.kind
+        for number in NEAR
+        for body in shapes.problem(number).problem.obstacle_bodies
+    }
+    assert kinds == set(KINDS) - {"sphere"}
 
 
 @pytest.mark.parametrize("recovered", [False, True])

@@ -176,6 +176,21 @@ def test_what_shapes_cost_is_measured_against_what_else_is_there() -> None:
     assert all(min(one.seconds, one.seconds_beside, one.rollouts) > 0 for one in found)
 
 
+def test_boxes_beside_spheres_are_compared_on_many_problems_of_lines_and_shapes() -> None:
+    found = list(scaling.prices_of_many(load_parameters().planner, 1))
+    count = len(scaling.ARMS)
+    assert [one.capture for one in found] == [f"{count} problems, {of}" for of in Geometry]
+    assert all(min(one.seconds, one.seconds_beside, one.rollouts) > 0 for one in found)
+
+
+def test_a_box_in_a_sphere_has_its_corners_on_it() -> None:
+    sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5, np.array([0.1, 0.0, 0.0]))
+    box = scaling._box_inside(sphere)
+    assert box.solid.radius == pytest.approx(0.5)
+    assert (box.position == sphere.center).all()
+    assert (box.velocity == sphere.velocity).all()
+
+
 def test_what_is_compared_is_nearly_the_same() -> None:
     sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5)
     box = scaling._box(sphere)

@@ -86,6 +86,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "kind": 3,
         "sizes": np.zeros(3),
         "vertices": RNG.normal(scale=0.3, size=(6, 3)),
+        "grown": 0.01,
         "center": np.zeros(3),
         "radius": 1.5,
         "rotation": np.eye(3),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,15 +11,34 @@ from typing import Any
 
 import numpy as np
 import pytest
-from robots import LEMUR_SCENARIO
+from robots import CONFIG, LEMUR_SCENARIO
+from scipy.spatial.transform import Rotation
 from scipy.stats import norm
+from shaped_problems import SOLIDS
+from straight_arms import ball, straight_arm
 
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    obstacle_bounds,
+    obstacle_distances,
+    seen_from_chaser,
+)
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.problem.approach import Approach
-from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import (
+    Limits,
+    ObstacleBody,
+    PlanningProblem,
+    Sphere,
+    with_capture_target,
+)
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, RobustSettings
+from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere
 from ff_planner_ros.planning.robust import robust
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
@@ -28,9 +48,12 @@ from ff_planner_ros.planning.robust.margins import (
     TORQUE,
     Margins,
 )
-from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.search.planner import NOBODY
+from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.collision.solids import Solid
 
+WALL = '<collision><geometry><box size="0.4 0.5 0.6"/></geometry></collision>'
 SIGMAS = 3.0
 PLAIN = load_parameters().planner
 SETTINGS = replace(PLAIN, robust=replace(PLAIN.robust, sigmas=SIGMAS))
@@ -115,6 +138,74 @@ def test_what_lacks_something_is_kept_back_by_its_deviations_and_nothing_else_is
     assert dict(told.torques) == {problem.robot.joint_names[6]: pytest.approx(more * 0.2)}
     assert told.plain_joint_path_length == planner.plan.metrics.joint_path_length
     assert told.least_sigmas == pytest.approx(1000.0)
+
+
+def test_what_is_fixed_to_a_target_grows_with_it_in_any_frame(
+    asked: Callable[..., Asked],
+) -> None:
+    """The planner sees it in a frame of its own, where what is fixed is made anew."""
+    lemur_tumbling = load_scenario(CONFIG / "scenarios/lemur_tumbling.yaml")
+    assert lemur_tumbling.target_body is not None
+    box = AttachedBody("box", Solid("box", np.array([0.2, 0.3, 0.4])), np.array([0.0, 0.0, 3.0]))
+    ball = AttachedSphere("ball", np.array([0.0, 0.0, -3.0]), 0.2)
+    body = replace(lemur_tumbling.target_body, obstacles=(box, ball))
+    problem = with_capture_target(body, lemur_tumbling)
+    names = [one.id for one in problem.obstacles]
+    rows = [(0.02, 0.01, names.index("box"), 2.0), (0.02, 0.02, names.index("ball"), 2.0)]
+    planner = asked([margins(CLEARANCE, *rows)], [ENOUGH])
+    told = planner.answer(problem).robust
+    assert told is not None
+    assert dict(told.clearance) == pytest.approx(
+        {"box": 1.02 * SIGMAS * 0.01, "ball": 1.02 * SIGMAS * 0.02}
+    )
+    second = in_own_frame(planner.problems[1])
+    of_box, of_ball = (
+        next(one for one in second.obstacles if one.id == name) for name in ("box", "ball")
+    )
+    assert isinstance(of_box, ObstacleBody)
+    assert isinstance(of_ball, Sphere)
+    assert of_ball.radius == pytest.approx(0.2 + told.clearance[names.index("ball")][1])
+    assert of_box.solid.grown == pytest.approx(1.02 * SIGMAS * 0.01)
+
+
+@pytest.mark.parametrize("kind", list(SOLIDS))
+def test_a_solid_that_is_grown_is_all_that_is_within_a_distance_of_it(kind: str) -> None:
+    """Its distances are less by that, by the core, by Coal and between spheres."""
+    rng, solid, amount = np.random.default_rng(0), SOLIDS[kind], 0.07
+    grown = replace(solid, grown=amount)
+    assert grown.radius == pytest.approx(solid.radius + amount)
+    assert grown.reach == pytest.approx(solid.reach + amount)
+    ways = rng.normal(size=(50, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    np.testing.assert_allclose(grown.furthest(ways), solid.furthest(ways) + amount, atol=1e-12)
+    arm = straight_arm(0.4, 1.0, solids=(("link_1", ball(0.05, 1.0)), ("chaser", WALL)))
+    robots = (arm, with_bodies(straight_arm(0.4, 1.0)))
+    for robot, _ in itertools.product(robots, range(50)):
+        place = np.array([0.9, 0.0, 0.0]) + 1.2 * rng.normal(size=3)
+        turn = Rotation.random(random_state=rng).as_quat()
+        q = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, rng.normal()]])
+        least = list[float]()
+        for one in (ObstacleBody(kind, solid, place, turn), ObstacleBody(kind, grown, place, turn)):
+            count = len(robot.bodies)
+            placed, none = placed_bodies(robot, q[:, 7:]), np.zeros(count, np.intp)
+            poses = seen_from_chaser(q, np.zeros(1), [one])
+            rows = none, np.arange(count), none
+            of_coal = obstacle_distances(robot, placed, poses, [one], rows).distance
+            of_core, _, _, deep = compiled.obstacle_rows(
+                chain_of(robot),
+                bodies_of(robot),
+                q,
+                np.zeros((1, 7, 1)),
+                np.zeros(1),
+                obstacles=obstacles_of([one], 1.0),
+                interest=float(of_coal.max()) + 1e-3,  # so much that none may be left out
+            )
+            apart = np.isin(np.arange(count), deep, invert=True)
+            np.testing.assert_allclose(of_core, of_coal[apart], atol=1e-6)
+            bounds = obstacle_bounds(robot, placed, q, np.zeros(1), [one])[0, :, 0]
+            assert (bounds <= of_coal + 1e-9).all()
+            least.append(of_coal)
+        np.testing.assert_allclose(least[1], least[0] - amount, atol=2e-6)
 
 
 def test_a_corridor_is_kept_as_surely_to_all_sides_as_a_limit_to_one(

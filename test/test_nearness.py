@@ -1,21 +1,25 @@
-"""How near a robot's parts are to spheres where its base is elsewhere: against every part measured.
+"""How near a robot's parts are to obstacles where its base is elsewhere: each part measured.
 
 Distances of lines by geometry, of bodies by Coal, all of them at all times; nothing is left out.
 """
 
 from __future__ import annotations
 
+import itertools
+
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import body_placements, coal_distance
+from scipy.spatial.transform import Rotation
 from straight_arms import ball, straight_arm
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.nearness import Nearness, nearness
-from ff_planner_ros.planning.problem.problem import Sphere, Target
+from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere, Target
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
 from ff_planner_ros.robot.model import Robot
 
 LINES = straight_arm(0.4, 1.0, 0.6)
@@ -34,6 +38,37 @@ SPHERES = (
 )
 
 
+# A plate that moves, a cone that turns, a hull that does both, and what is nobody's nearest.
+PLATE = ObstacleBody(
+    "plate",
+    Solid("box", np.array([1.5, 2.0, 0.01])),
+    [0.5, 1.2, 0.9],
+    [0.5, 0.5, -0.5, 0.5],
+    [0.1, -0.1, 0.0],
+)
+OTHERS = (
+    PLATE,
+    ObstacleBody(
+        "cone",
+        Solid("cone", np.array([0.3, 0.8])),
+        [-1.2, -0.9, 0.2],
+        [0.0, 0.6, 0.0, 0.8],
+        angular_velocity=[0.3, 0.1, -0.5],
+    ),
+    ObstacleBody(
+        "wedge",
+        hull_of_vertices(
+            "wedge", np.array([[0.9, 0, 0], [1.7, 0, 0], [0.9, 0.7, 0], [1.0, 0.1, 0.6]], float)
+        ),
+        [0.4, -1.9, -0.5],
+        velocity=[0.0, 0.05, 0.1],
+        angular_velocity=[0.0, 0.0, 0.2],
+    ),
+    ObstacleBody("moon", Solid("cylinder", np.array([2.0, 3.0])), [40.0, 0.0, 0.0]),
+)
+OBSTACLES = (*SPHERES, *OTHERS)
+
+
 def drawn(seed: int) -> Array:
     """Configurations far from the origin of angles and turns. Shape (times, 7 + joints)."""
     rng = np.random.default_rng(seed)
@@ -49,6 +84,37 @@ def elsewhere(q: Array, turn: Array, way: Array) -> Array:
 
 
 def distances(robot: Robot, q: Array, time: float) -> Array:
+    """Of every part from every obstacle. Shape (parts, obstacles)."""
+    return np.hstack([from_spheres(robot, q, time), from_others(robot, q, time)])
+
+
+def from_others(robot: Robot, q: Array, time: float) -> Array:
+    """A line is a capsule without thickness to Coal."""
+    if robot.bodies:
+        parts = zip([body.solid for body in robot.bodies], body_placements(robot, q), strict=True)
+    else:
+        data = robot.model.createData()
+        pin.forwardKinematics(robot.model, data, q)
+        tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+        ends = [data.oMi[2].translation, data.oMi[3].translation, tip.translation]
+        capsules, places = [], []
+        for start, end in itertools.pairwise(ends):
+            turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start)
+            capsules.append(coal.Capsule(0.0, float(np.linalg.norm(end - start))))
+            places.append(pin.SE3(turn.toRotationMatrix(), (start + end) / 2))
+        parts = zip(capsules, places, strict=True)
+    found = list[list[float]]()
+    for solid, at in parts:
+        found.append([])
+        for one in OTHERS:
+            start = Rotation.from_quat(one.quaternion_xyzw)
+            turned = Rotation.from_rotvec(time * one.angular_velocity) * start
+            place = pin.SE3(turned.as_matrix(), one.position + time * one.velocity)
+            found[-1].append(coal_distance(solid, at, one.solid.geometry, place))
+    return np.array(found)
+
+
+def from_spheres(robot: Robot, q: Array, time: float) -> Array:
     """Of every part from every sphere. Shape (parts, spheres)."""
     centers = [sphere.center + time * sphere.velocity for sphere in SPHERES]
     if robot.bodies:
@@ -76,15 +142,26 @@ def distances(robot: Robot, q: Array, time: float) -> Array:
 
 
 def near(robot: Robot, q: Array) -> Nearness:
-    return nearness(robot, q, TIMES, Scene(SPHERES))
+    return nearness(robot, q, TIMES, Scene(OBSTACLES))
 
 
 @CASES
-def test_every_part_is_as_far_from_every_sphere_as_geometry_says(robot: Robot) -> None:
+def test_every_part_is_as_far_from_every_obstacle_as_geometry_says(robot: Robot) -> None:
+    """What is far from an obstacle that is no sphere is known to be far."""
     q = drawn(1)
     found = near(robot, q)
     expected = np.array([distances(robot, *at) for at in zip(q, TIMES, strict=True)])
-    assert found.distance == pytest.approx(expected, abs=1e-6)
+    others = (slice(None), slice(None), slice(len(SPHERES), None))
+    assert found.distance[:, :, : len(SPHERES)] == pytest.approx(
+        expected[:, :, : len(SPHERES)], abs=1e-6
+    )
+    told, true = found.distance[others], expected[others]
+    close = true <= true.min() + 0.5
+    assert close.sum() > 3
+    assert told[close] == pytest.approx(true[close], abs=1e-6)
+    assert (told <= true + 1e-6).all()
+    assert (told[~close] > true.min()).all()
+    assert not close[:, :, -1].any()
     assert not found.is_empty
     assert nearness(robot, q, TIMES, Scene()).is_empty
 
@@ -110,6 +187,27 @@ def test_the_least_of_each_run_is_that_of_all_parts_at_all_times(
     assert found == pytest.approx(expected, abs=1e-6)
 
 
+def test_a_turn_about_the_middle_of_a_long_body_brings_its_end_near() -> None:
+    """Its middle stays where it is seen, and so does the ball that was nearest before."""
+    middle = np.array([1.0, 2.2, 0.0])
+    rod = ObstacleBody("rod", Solid("box", np.array([4.0, 0.02, 0.02])), middle)
+    scene = Scene((Sphere("ball", middle, 0.95), rod))
+    q = np.zeros((6, 9))
+    q[:, 6] = 1.0
+    about = pin.SE3(np.eye(3), middle)
+    turned = about * pin.SE3(pin.exp3(np.array([0.0, 0.0, 0.8])), np.zeros(3)) * about.inverse()
+    there = q.copy()
+    there[:, :7] = pin.SE3ToXYZQUAT(turned)
+    (expected,) = {float(nearness(LINES, there, TIMES, scene).distance.min())}
+    before = nearness(LINES, q, TIMES, scene)
+    assert expected < before.distance.min() - 0.1
+    found = before.least(
+        np.broadcast_to(turned.rotation, (6, 1, 3, 3)),
+        np.broadcast_to(turned.translation, (6, 1, 3)),
+    )
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
 def test_far_from_nothing_every_run_is_infinitely_far() -> None:
     q = drawn(1)
     empty = nearness(LINES, q, TIMES, Scene())
@@ -122,6 +220,7 @@ def test_distances_change_with_the_base_as_their_differences(robot: Robot) -> No
     """Each error moves the base by zeta_v + zeta_w x p, to either side."""
     q, rng, step = drawn(2), np.random.default_rng(2), 1e-5
     spread, found = rng.normal(size=(6, 6, 4)), near(robot, q)
+    least = found.distance[:, :, len(SPHERES) :].min()
     rows = np.nonzero(np.ones_like(found.distance, bool))
     by_errors = found.by_errors(spread, rows).reshape(*found.distance.shape, 4)
     for time, error in np.ndindex(6, 4):
@@ -131,7 +230,9 @@ def test_distances_change_with_the_base_as_their_differences(robot: Robot) -> No
             for sign in (step, -step)
         ]
         expected = (sides[0] - sides[1]) / (2 * step)
-        assert by_errors[time, :, :, error] == pytest.approx(expected, abs=2e-3)
+        exact = np.ones(expected.shape, bool)
+        exact[:, len(SPHERES) :] = found.distance[time, :, len(SPHERES) :] < least + 0.45
+        assert by_errors[time, :, :, error][exact] == pytest.approx(expected[exact], abs=2e-3)
     sigmas = np.linalg.norm(by_errors, axis=-1)
     assert found.sigmas(spread) == pytest.approx(sigmas, rel=1e-12)
 
@@ -153,6 +254,19 @@ def test_whatever_errors_within_ten_deviations_make_the_nearest_is_among_the_nea
     assert len(ever) > 1
     assert ever <= {tuple(int(number) for number in row) for row in rows}
     assert len(rows) < found.distance.size
+
+
+def test_a_part_may_touch_a_body_at_the_goal_as_a_sphere() -> None:
+    """From the second time on the tip is at a goal that rests."""
+    goal = Target(position=[2.0, 0.0, 0.0], quaternion_xyzw=[0.0, 0.0, 0.0, 1.0])
+    scene = Scene(OBSTACLES, ("link_2/plate",), 0.25, goal, capture_time=5.0)
+    q = np.zeros((6, 9))
+    q[:, 6] = 1.0
+    q[0, 0] = 1.0
+    found = nearness(BODIES, q, TIMES, scene).distance
+    touching = np.zeros(found.shape, bool)
+    touching[1:, 2, len(SPHERES)] = True
+    assert (np.isinf(found) == touching).all()
 
 
 def test_an_allowed_contact_counts_until_the_tool_stays_at_the_goal() -> None:

@@ -10,6 +10,10 @@ import pytest
 from bodied_robots import coal_distance
 from robots import CONFIG
 
+from ff_planner_ros.analysis.drawing.figures import clearance_figure
+from ff_planner_ros.analysis.drawing.plots import clearance_plot
+from ff_planner_ros.analysis.extremes import distances
+from ff_planner_ros.analysis.methods import SHORTEST
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
@@ -19,6 +23,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.report.plan_words import obstacle_table
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
@@ -65,6 +70,24 @@ def test_the_plan_passes_the_check_and_comes_true_in_mujoco(
         problem.robot, plan.trajectory, replace(scene_of(problem), allowed_collisions=())
     )
     assert {one.pair for one in touched.contacts} == {"/".join(GRASPED)}
+
+
+def test_what_may_be_touched_at_the_goal_is_drawn_as_no_collision(
+    problem: PlanningProblem, plan: Plan
+) -> None:
+    """Neither in the figure nor in the report's plot; without the permission both would show it."""
+    motions = {SHORTEST: plan.trajectory}
+    (axes,) = clearance_figure(problem, motions).axes
+    (curve,) = (line for line in axes.lines if len(line.get_xdata()) > 100)
+    lowest = float(np.min(curve.get_ydata()))
+    assert lowest == pytest.approx(1e3 * plan.metrics.min_clearance, abs=0.6)
+    assert lowest > 0.0
+    (drawn, _) = clearance_plot(problem.robot, problem.obstacles, motions, scene_of(problem)).data
+    assert drawn.y.min() == pytest.approx(lowest)
+    robot, obstacles = problem.robot, problem.obstacles
+    assert distances(robot, obstacles, plan.trajectory).closest.min() < -1e-3
+    table = obstacle_table(robot, obstacles, plan.trajectory, scene_of(problem))
+    assert "-" not in [word[:1] for word in table.itertext()]
 
 
 def test_nothing_else_is_touched_says_coal(problem: PlanningProblem, plan: Plan) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import robots
 import yaml
+from shaped_problems import among_cubes
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -59,10 +60,26 @@ def test_at_most_one_run_in_a_hundred_violates_a_robust_plan(
     assert share_of_violations(lemur_capture, robust_plan, seed=11) <= 0.01
 
 
-@pytest.mark.parametrize("name", ["lemur_capture_bodies", "canadarm2_capture", "planar_capture"])
+@pytest.mark.parametrize(
+    "name", ["lemur_capture_bodies", "canadarm2_capture", "planar_capture", "panel_capture"]
+)
 def test_so_do_few_runs_of_other_robots(name: str) -> None:
     task = task_of(name)
     assert share_of_violations(task.problem, perform(task), seed=12) <= 0.01
+
+
+def test_so_do_few_runs_among_bodies_of_any_shape() -> None:
+    """Of the plain plan, whose arm is one of lines, more do: cubes have corners."""
+    task = task_of("lemur_capture")
+    asked = replace(task, problem=among_cubes(task.problem))
+    plain = perform(asking(asked, 0.0))
+    assert share_of_violations(asked.problem, plain, seed=13) > 0.05
+    robust = perform(asked)
+    assert share_of_violations(asked.problem, robust, seed=13) <= 0.01
+    assert robust.robust is not None
+    assert robust.robust.clearance
+    # Measured against the obstacles as they are, not as they were grown for the search.
+    assert robust.metrics.min_clearance >= max(dict(robust.robust.clearance).values())
 
 
 def test_the_price_is_told_beside_the_plain_plan(robust_plan: Plan, lemur_plan: Plan) -> None:

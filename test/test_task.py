@@ -20,10 +20,16 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress, Watch
-from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import (
+    Limits,
+    Objective,
+    ObstacleBody,
+    PlanningProblem,
+    Sphere,
+)
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.controller_rules import Controller
-from ff_planner_ros.planning.task.digest import canonical
+from ff_planner_ros.planning.task.digest import canonical, digest_of
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import (
     PlanningTask,
@@ -31,6 +37,7 @@ from ff_planner_ros.planning.task.task import (
     perform,
     without_search,
 )
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute
@@ -220,6 +227,15 @@ def test_a_first_guess_that_is_none_is_refused(
 ) -> None:
     with pytest.raises(InvalidInput, match="first_guess"):
         PlanningTask(lemur_capture, settings, first_guess=guess)
+
+
+def test_zeros_of_either_sign_are_one_to_a_digest() -> None:
+    """A message drops the sign of an obstacle that rests."""
+    solid, place = Solid("box", np.ones(3)), np.zeros(3)
+    rests = ObstacleBody("b", solid, place)
+    negative = ObstacleBody("b", solid, -place, velocity=-place)
+    assert digest_of(rests) == digest_of(negative)
+    assert digest_of(Sphere("s", place, 1.0)) == digest_of(Sphere("s", -place, 1.0))
 
 
 def test_a_digest_says_what_digests_always_said_and_leaves_out_what_came_later() -> None:

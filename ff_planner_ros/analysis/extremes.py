@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies, radii
 from ff_planner_ros.planning.distance.body_distances import sphere_bounds, sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
+from ff_planner_ros.planning.distance.nearness import touching_from
 from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_bounds,
     obstacle_distances,
@@ -27,6 +29,7 @@ from ff_planner_ros.planning.problem.obstacles import (
     bodies_in,
     spheres_in,
 )
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.requirements.clearance import link_name
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
@@ -39,6 +42,7 @@ _TIMES = 400
 _LONGEST_NAME = 24
 # Distances that are held in memory at once.
 _MOST_DISTANCES = 500_000
+_Flags: TypeAlias = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,56 +77,76 @@ class Nearest:
         return f"{1e3 * self.distance:.1f} mm to {name} at {self.time:.2f} s"
 
 
-def distances(robot: Robot, obstacles: Sequence[Obstacle], motion: Trajectory) -> Distances:
-    """Return the distances of a motion, between its points, too."""
+def distances(
+    robot: Robot,
+    obstacles: Sequence[Obstacle],
+    motion: Trajectory,
+    scene: Scene | None = None,
+) -> Distances:
+    """Return the distances of a motion, between its points, too.
+
+    Args:
+        scene: That says which bodies may touch which obstacles at the goal: from then on these have
+            no distance. None: none may.
+    """
     time, q = _between_points(robot, motion)
+    until = np.full((1, len(obstacles)), len(time))
+    if scene is not None:
+        seen = scene.captured_at(float(motion.time[-1]))
+        until = touching_from(robot, obstacles, seen, arm_points(robot, q)[:, -1], time)
+    is_body = np.array([not isinstance(one, Sphere) for one in obstacles], bool)
+    until = np.broadcast_to(until, (max(1, len(robot.bodies)), len(obstacles)))
     starts = np.arange(len(robot.bodies)) if robot.bodies else segments(arm_points(robot, q))
     whole, spheres, bodies = with_bodies(robot), spheres_in(obstacles), bodies_in(obstacles)
     rows = max(1, _MOST_DISTANCES // max(1, len(starts) * len(obstacles)))
     found, which = [], []
     for k in range(0, len(time), rows):
         part = slice(k, k + rows)
+        counts = np.arange(len(time))[part, None, None] < until
         if robot.bodies:
-            distance = _of_bodies(robot, spheres, time[part], q[part])
+            distance = _of_bodies(robot, spheres, time[part], q[part], counts[:, :, ~is_body])
         else:
             lines = arm_points(robot, q[part])
             distance = clearances(lines, time[part], starts, spheres).distance
-        others = _of_shapes(whole, bodies, time[part], q[part])
+        others = _of_shapes(whole, bodies, time[part], q[part], counts[:, :, is_body])
         found.append(np.hstack([distance.min(axis=1), others.min(axis=1)]))
         which.append(np.hstack([starts[distance.argmin(axis=1)], others.argmin(axis=1)]))
     # From spheres and bodies to the order of the obstacles
-    is_body = np.array([not isinstance(one, Sphere) for one in obstacles], bool)
     order = np.argsort(np.argsort(is_body, kind="stable"), kind="stable")
     return Distances(time, np.concatenate(found)[:, order], np.concatenate(which)[:, order])
 
 
-def _of_shapes(robot: Robot, obstacles: Sequence[ObstacleBody], time: Array, q: Array) -> Array:
+def _of_shapes(
+    robot: Robot, obstacles: Sequence[ObstacleBody], time: Array, q: Array, counts: _Flags
+) -> Array:
     """Return distances of bodies from obstacles; infinite where another body is nearer for certain.
 
-    Shape (times, bodies, obstacles) [m].
+    Shape (times, bodies, obstacles) [m], and that of what counts may be broadcast to it.
     """
     placed = placed_bodies(robot, q[:, 7:])
-    lowest = obstacle_bounds(robot, placed, q, time, obstacles)
+    lowest = np.where(counts, obstacle_bounds(robot, placed, q, time, obstacles), np.inf)
     around = np.array([one.solid.radius for one in obstacles])
     highest = lowest + 2.0 * (radii(robot)[:, None] + around)
     distance = np.full(lowest.shape, np.inf)
-    rows = np.nonzero(lowest <= highest.min(axis=1, keepdims=True))
+    rows = np.nonzero((lowest <= highest.min(axis=1, keepdims=True)) & np.isfinite(lowest))
     poses = seen_from_chaser(q, time, obstacles)
     distance[rows] = obstacle_distances(robot, placed, poses, obstacles, rows).distance
     return distance
 
 
-def _of_bodies(robot: Robot, obstacles: Sequence[Sphere], time: Array, q: Array) -> Array:
+def _of_bodies(
+    robot: Robot, obstacles: Sequence[Sphere], time: Array, q: Array, counts: _Flags
+) -> Array:
     """Return distances of bodies from spheres; infinite where another body is nearer for certain.
 
-    Shape (times, bodies, spheres) [m].
+    Shape (times, bodies, spheres) [m], and that of what counts.
     """
     placed, radius = placed_bodies(robot, q[:, 7:]), np.array([one.radius for one in obstacles])
     centers = centers_in_base(q, centers_at(time, obstacles))
-    lowest = sphere_bounds(robot, placed, centers, radius)
+    lowest = np.where(counts, sphere_bounds(robot, placed, centers, radius), np.inf)
     highest = lowest + 2.0 * radii(robot)[:, None]
     distance = np.full(lowest.shape, np.inf)
-    rows = np.nonzero(lowest <= highest.min(axis=1, keepdims=True))
+    rows = np.nonzero((lowest <= highest.min(axis=1, keepdims=True)) & np.isfinite(lowest))
     distance[rows] = sphere_distances(robot, placed, centers, radius, rows).distance
     return distance
 

@@ -90,31 +90,34 @@ def main(quick: bool, scenarios: int, json_file: str, commit: str) -> None:
 def _measurements(
     quick: bool, scenarios: int, settings: PlannerSettings
 ) -> Iterator[tuple[str, Measurement]]:
-    """Yield the measurements, each when it is made, with the name of its figures."""
+    """Yield the measurements, each when it is made, with the name of its figures.
+
+    If quick, one problem is planned of every class that takes seconds.
+    """
+
+    def some(most: int) -> int:
+        return 1 if quick else min(scenarios, most)
+
     config = share_directory() / "config"
     problem = load_scenario(config / "scenarios" / "lemur_capture.yaml")
-    few = min(scenarios, _STARTS)
     yield "methods", methods.measurement(problem, settings, quick=quick)
     yield "scaling", scaling.measurement(problem, settings, quick=quick)
     yield "scenarios", success.measurement(scenarios, settings)
-    yield "starts", starts.measurement(few, settings)
-    yield "replanning", replanning.measurement(problem, few, settings)
-    yield "families", families.measurement(min(scenarios, _FAMILIES), settings)
-    yield "geometries", geometries.measurement(min(scenarios, _GEOMETRIES), settings)
+    yield "starts", starts.measurement(some(_STARTS), settings)
+    yield "replanning", replanning.measurement(problem, some(_STARTS), settings)
+    yield "families", families.measurement(some(_FAMILIES), settings)
+    yield "geometries", geometries.measurement(some(_GEOMETRIES), settings)
     yield "crowds", geometries.crowd_measurement(settings, quick=quick)
     yield "prices", scaling.price_measurement(settings, quick=quick)
     yield "shapes", success.shapes_measurement(scenarios, settings)
     yield "joint goals", success.joint_goals_measurement(scenarios, settings)
-    count = 1 if quick else min(scenarios, _CAPTURES)
-    yield "captures", captures.measurement(count, settings)
-    fastest = min(scenarios, _FASTEST)
-    yield "free moments", captures.fastest_measurement(fastest, settings, quick=quick)
-    yield "all features", all_features.measurement(min(scenarios, _EVERYTHING), settings)
+    yield "captures", captures.measurement(some(_CAPTURES), settings)
+    yield "free moments", captures.fastest_measurement(some(_FASTEST), settings, quick=quick)
+    yield "all features", all_features.measurement(some(_EVERYTHING), settings, quick=quick)
     yield "steadiness", attitude.measurement(1 if quick else len(attitude.BEST_KNOWN), settings)
-    count, ordinary = (1, 1) if quick else (len(attitude.BEST_KNOWN), min(scenarios, _EVERYTHING))
-    yield "equal time", attitude.equal_time_measurement(count, ordinary, settings)
-    count = 1 if quick else min(scenarios, _EXECUTED)
-    yield "executions", beliefs.measurement(count, settings)
+    count = 1 if quick else len(attitude.BEST_KNOWN)
+    yield "equal time", attitude.equal_time_measurement(count, some(_EVERYTHING), settings)
+    yield "executions", beliefs.measurement(some(_EXECUTED), settings)
 
 
 def machine() -> dict[str, str]:

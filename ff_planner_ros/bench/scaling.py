@@ -26,7 +26,9 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.bodies import ROBOTS as ARMS
 from ff_planner_ros.problems.bodies import Swept
+from ff_planner_ros.problems.bodies import problem as among_spheres
 from ff_planner_ros.problems.placing import gap_of, random_turn
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.scenarios import scenario
@@ -104,8 +106,8 @@ def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: b
 
 def price_measurement(settings: PlannerSettings, *, quick: bool) -> Measurement:
     """Measure what shapes cost beside spheres, and hulls beside boxes."""
-    runs, sizes = (1, (3, 30)) if quick else (5, (3, 300))
-    found = list(prices(settings, runs, sizes))
+    runs, sizes, count = (1, (3, 30), 1) if quick else (5, (3, 300), 20)
+    found = [*prices(settings, runs, sizes), *prices_of_many(settings, count)]
     rows = [
         (
             *(each.capture, each.of, each.beside, f"{each.seconds / each.seconds_beside:.2f}"),
@@ -150,6 +152,36 @@ def prices(
         of_spheres, of_bodies = _targets(given, settings)
         where = f"{name}, {geometry.value}"
         yield price(where, "target of 20 bodies", "of 20 spheres", of_bodies, of_spheres)
+
+
+def prices_of_many(settings: PlannerSettings, count: int) -> Iterator[Price]:
+    """Yield what boxes cost in place of spheres, in the median of so many problems of each arm.
+
+    What one problem costs is luck: another path is another search. The boxes are in the spheres, so
+    that each problem has a plan.
+    """
+    for geometry in Geometry:
+        spheres = [
+            replace(among_spheres(arm, number).problem, robot=bench_robot(arm, geometry))
+            for number in range(count)
+            for arm in ARMS
+        ]
+        boxes = [replace(one, obstacles=tuple(map(_box_inside, one.spheres))) for one in spheres]
+        (plans, seconds), (plans_beside, seconds_beside) = (
+            timed_plans([ones[0], *ones], settings, warm_up=1) for ones in (boxes, spheres)
+        )
+        rollouts, beside = (
+            sum(plan.solver.rollouts for plan in made[1:]) for made in (plans, plans_beside)
+        )
+        name = f"{len(spheres)} problems, {geometry.value}"
+        yield Price(name, "boxes", "spheres", seconds, seconds_beside, rollouts, beside)
+
+
+def _box_inside(sphere: Sphere) -> ObstacleBody:
+    """Return the cube whose corners are on a sphere, turned anyhow, in its place."""
+    turn = pin.Quaternion(random_turn(np.random.default_rng([*sphere.id.encode()]))).coeffs()
+    solid = Solid("box", np.full(3, 2.0 * sphere.radius / np.sqrt(3.0)))
+    return ObstacleBody(sphere.id, solid, sphere.center, turn, sphere.velocity)
 
 
 def _box(sphere: Sphere) -> ObstacleBody:

@@ -162,10 +162,7 @@ def print_verdict(
         )
     if found.corridor is not None:
         print(f"approach: {_told(found.corridor)}")
-    if robot.bodies:
-        _print_contacts(found, unknown=scene is None)
-    else:
-        print("contacts: not looked for, the robot is planned with lines")
+    _print_contacts(found, "bodies" if robot.bodies else "lines", unknown=scene is None)
     print(f"verdict: {_verdict(found)}")
     if sensitivity:
         print_table(
@@ -195,13 +192,13 @@ def _told(found: Corridor) -> str:
     )
 
 
-def _print_contacts(found: Verification, unknown: bool) -> None:
+def _print_contacts(found: Verification, of: str, unknown: bool) -> None:
     told = ", but the obstacles are not known" if unknown else ""
     if not found.contacts:
-        print(f"contacts: none of {found.pairs} pairs of bodies and obstacles{told}")
+        print(f"contacts: none of {found.pairs} pairs of {of} and obstacles{told}")
         return
     print_table(
-        f"contacts, of {found.pairs} pairs of bodies and obstacles{told}; none of them pushes",
+        f"contacts, of {found.pairs} pairs of {of} and obstacles{told}; none of them pushes",
         ("pair", "from [s]", "deepest at [s]", "depth [mm]"),
         [
             (one.pair, f"{one.first_time:.3f}", f"{one.time:.3f}", f"{one.depth * 1e3:.2f}")

@@ -301,6 +301,7 @@ class Obstacle:
         kind: int,  # `robot.bodies.Kind`
         sizes: Array,  # as of `Body`
         vertices: Array,  # likewise
+        grown: float,  # how far the solid is grown to all sides [m]
         center: Array,  # in its frame, of a sphere around it; shape (3,) [m]
         radius: float,  # of that sphere [m]
         rotation: Array,  # to inertial axes, when the plan begins, or to the body's; shape (3, 3)

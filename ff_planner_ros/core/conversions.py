@@ -98,6 +98,7 @@ def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> list[com
                 kind=kind,
                 sizes=np.array(sizes),
                 vertices=np.asarray(solid.geometry.points()) if kind == Kind.HULL else _NOTHING,
+                grown=solid.grown,
                 center=solid.center,
                 radius=solid.radius,
                 rotation=place.rotation,

@@ -53,7 +53,7 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     if plan.obstacles is not None:
         what = "bodies" if robot.bodies else "arm"
         words = f"Distance of the {what} to the closest obstacle, {all_of} (Fig. 6)."
-        yield "clearance", words, clearance_plot(robot, obstacles, motions)
+        yield "clearance", words, clearance_plot(robot, obstacles, motions, plan.scene)
     words = f"Joints, {all_of}; a double click zooms out to the limits, which are dashed."
     yield "joints", words, joint_plot(robot, motions)
     for name, quantity in wheel_quantities(robot, plan.stored).items():

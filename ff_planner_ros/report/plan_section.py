@@ -70,7 +70,7 @@ def _joints_and_obstacles(
         yield joint_table(plan.robot, motion, _metrics_of(method, answers))
         if plan.obstacles:
             yield element("h3", f"Obstacles, as {method.label}")
-            yield obstacle_table(plan.robot, plan.obstacles, motion)
+            yield obstacle_table(plan.robot, plan.obstacles, motion, plan.scene)
 
 
 def _metrics_of(method: Method, answers: dict[Method, ReportedRequest]) -> Metrics | None:

@@ -19,6 +19,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Sphere, Target
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.report.html import element, row, table, when
 from ff_planner_ros.report.run_report import ReportedPlan
 from ff_planner_ros.robot.model import Robot
@@ -67,7 +68,8 @@ def worst(
     robot, obstacles = plan.robot, plan.obstacles
     found = _joints_at_worst(robot, motion, metrics)
     if obstacles:
-        least = nearest(robot, obstacles, distances(robot, obstacles, motion))
+        found_all = distances(robot, obstacles, motion, plan.scene)
+        least = nearest(robot, obstacles, found_all)
         words = f"{1e3 * least.distance:.1f} mm between {least.link} and {least.obstacle}, at "
         certain = ""
         if metrics is not None and np.isfinite(metrics.min_clearance):
@@ -114,9 +116,11 @@ def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> El
     return table(_JOINT_COLUMNS, rows)
 
 
-def obstacle_table(robot: Robot, obstacles: Sequence[Obstacle], motion: Trajectory) -> Element:
-    """Return a table of the obstacles that the arm comes nearest to."""
-    found = distances(robot, obstacles, motion)
+def obstacle_table(
+    robot: Robot, obstacles: Sequence[Obstacle], motion: Trajectory, scene: Scene | None = None
+) -> Element:
+    """Return a table of the obstacles that the arm comes nearest to; the scene: see `distances`."""
+    found = distances(robot, obstacles, motion, scene)
     listed = np.argsort(found.of_each.min(axis=0), kind="stable")[:_MOST_LISTED]
     rows = [row(_obstacle(robot, obstacles, found, int(sphere))) for sphere in sorted(listed)]
     made = table((*_OBSTACLE_COLUMNS, *_NEAREST_COLUMNS), rows)

@@ -19,6 +19,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.whole_body import whole_body
+from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NOTHING_HELD, checked_urdf
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS
@@ -59,6 +60,7 @@ SLIDE_WEIGHTS = (1e-3, 1e3)
 
 # An axis in the plane's normal as URDFs write it: rpy="1.57 0 0" is a right angle.
 MAX_AXIS_TILT = 1e-3
+_ROBOT = "robot.urdf"
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,18 +165,21 @@ def load_robot(
     )
 
 
-def read_urdf(urdf: Path, field: str = "robot.urdf") -> str:
-    """Return the text of a URDF file, or of the SRDF that is the field's.
+def read_urdf(urdf: Path, field: str = _ROBOT) -> str:
+    """Return the text of a URDF file, or of the other file that is the field's.
+
+    Of a robot in SDFormat it is the URDF that says the same.
 
     Raises:
-        InvalidInput: The file cannot be read.
+        InvalidInput: The file cannot be read, or a model is one that a URDF cannot say.
     """
     try:
         if stat.S_ISREG(urdf.stat().st_mode):  # to open a pipe may last for ever
             with urdf.open("rb") as file:
                 content = file.read(MAX_CHARACTERS + 1)
             if len(content) <= MAX_CHARACTERS:
-                return content.decode("utf-8")
+                text = content.decode("utf-8")
+                return urdf_of(text) if field == _ROBOT else text
             reason = f"it has more than {MAX_CHARACTERS} bytes"
         else:
             reason = "Is a directory" if urdf.is_dir() else "it is no regular file"

@@ -1,11 +1,13 @@
 """Which bodies touch along a motion: MuJoCo's collision detection, on MuJoCo's own links.
 
+Of a robot of lines it is the arm's centre lines that must not touch an obstacle.
 Contacts are seen and do not push: the first one fails the plan, and a motion after a push would say
 nothing about it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,12 +22,15 @@ from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
-# So often it is looked between two states of an execution. From one to the next nothing turns by
-# more than 0.01 rad: from look to look a corner 3 m away moves 1.5 mm.
-LOOKS = 20
+# So often it is looked between two states of an execution, and a thousand times a second, at the
+# least. From one state to the next nothing turns by more than 0.01 rad: from look to look a corner
+# 3 m away moves 1.5 mm.
+LOOKS, _LOOKS_A_SECOND = 20, 1000.0
 
 # What a geom must not bring along: mass, and contacts beside those that are asked for.
 _BARE: dict[str, Any] = {"mass": 0.0, "contype": 0, "conaffinity": 0}
@@ -41,12 +46,14 @@ class Contact:
     depth: float  # then [m]
 
 
-# Of the pyramid that stands for a cone: it is thinner by three in ten thousand.
-_SIDES = 128
+# MuJoCo has no solids without thickness [m].
+_THINNEST = 1e-6
+# A pyramid stands for a cone: it is thinner by so much at most [m], or has so many sides.
+_THINNER, _FEWEST_SIDES, _MOST_SIDES = 5e-5, 128, 2048
 
 
 class Touch:
-    """A robot's bodies in a scene, in MuJoCo."""
+    """A robot's bodies, or lines, in a scene, in MuJoCo."""
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
         """Give each link the geoms of its bodies.
@@ -55,14 +62,15 @@ class Touch:
             InvalidInput: MuJoCo refuses a shape.
         """
         obstacles: tuple[Obstacle, ...] = (*scene.spheres, *scene.obstacle_bodies)
+        robot = with_bodies(robot)
         spec, names = specification(robot.urdf)
         spec.compiler.discardvisual = False  # else what is in no pair is left out
         bodies = [f"body {number}" for number in range(len(robot.bodies))]
         others = [f"obstacle {number}" for number in range(len(obstacles))]
         for geom, body in zip(bodies, robot.bodies, strict=True):
-            frame = robot.model.frames[robot.model.getFrameId(body.link, pin.FrameType.BODY)]
+            frame = _carrier(robot, body)
             placement = frame.placement.actInv(body.placement_in_joint)
-            _add_geom(spec, spec.body(names[body.link]), geom, body.solid, placement)
+            _add_geom(spec, spec.body(names[frame.name]), geom, body.solid, placement)
         for geom, one in zip(others, obstacles, strict=True):
             mover = spec.worldbody.add_body(name=geom, mocap=True)
             _add_geom(spec, mover, geom, obstacle_geometry(one), pin.SE3.Identity())
@@ -155,15 +163,30 @@ class Touch:
         return tuple(told.values())
 
 
+def _carrier(robot: Robot, body: Body) -> pin.Frame:
+    """Return the frame of the link that a body is fixed to; of a line, of one that its joint moves.
+
+    The first one is the link right below the joint.
+    """
+    if robot.model.existFrame(body.link, pin.FrameType.BODY):
+        return robot.model.frames[robot.model.getFrameId(body.link, pin.FrameType.BODY)]
+    return next(
+        frame
+        for frame in robot.model.frames
+        if frame.type is pin.FrameType.BODY and frame.parentJoint == body.joint
+    )
+
+
 def _looks(states: Sequence[Array], times: Array, size: int) -> Iterator[tuple[Array, Array]]:
     """Yield configurations and their times: on each chord between states, and the last state.
 
     They are off the arc by a few micrometres.
     """
-    shares = np.arange(LOOKS) / LOOKS
     for (first, second), (begin, end) in zip(
         pairwise(states), pairwise(times.tolist()), strict=False
     ):
+        looks = max(LOOKS, math.ceil((end - begin) * _LOOKS_A_SECOND))
+        shares = np.arange(looks) / looks
         chord = np.outer(1.0 - shares, first[:size]) + np.outer(shares, second[:size])
         yield chord, (1.0 - shares) * begin + shares * end
     yield states[-1][None, :size], times[len(states) - 1 : len(states)]
@@ -185,6 +208,8 @@ def _add_geom(
         kind, size = kinds.mjGEOM_SPHERE, [solid.radius, 0.0, 0.0]
     elif isinstance(solid, coal.Capsule):
         kind, size = kinds.mjGEOM_CAPSULE, [solid.radius, solid.halfLength, 0.0]
+        if not solid.radius:  # a thin capsule may pass through a box unseen
+            kind, size = kinds.mjGEOM_BOX, [_THINNEST, _THINNEST, solid.halfLength]
     elif isinstance(solid, coal.Cylinder):
         kind, size = kinds.mjGEOM_CYLINDER, [solid.radius, solid.halfLength, 0.0]
     elif isinstance(solid, coal.Box):
@@ -202,7 +227,10 @@ def _add_geom(
 
 def _cone(solid: coal.Cone) -> Array:
     """Return the corners of a pyramid in a cone, which MuJoCo does not know."""
-    angles = 2 * np.pi / _SIDES * np.arange(_SIDES)
+    # A side of angle a is off its arc by radius (1 - cos a / 2).
+    enough = np.pi / math.acos(max(0.0, 1.0 - _THINNER / solid.radius))
+    sides = min(max(_FEWEST_SIDES, math.ceil(enough)), _MOST_SIDES)
+    angles = 2 * np.pi / sides * np.arange(sides)
     rim = np.column_stack([np.cos(angles), np.sin(angles)]) * solid.radius
-    base = np.column_stack([rim, np.full(_SIDES, -solid.halfLength)])
+    base = np.column_stack([rim, np.full(sides, -solid.halfLength)])
     return np.vstack([base, [0.0, 0.0, solid.halfLength]])

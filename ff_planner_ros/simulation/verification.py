@@ -75,7 +75,7 @@ class Verification:
     deviation: Deviation  # from the plan
     momentum_drift: float  # largest change of the total momentum, relative
     contacts: tuple[Contact, ...] = ()  # the earliest first
-    pairs: int = 0  # that were watched for contacts; 0: the robot is one of lines
+    pairs: int = 0  # that were watched for contacts
     capture: Capture | None = None  # of the target body; None: there is none
     corridor: Corridor | None = None  # of the approach; None: there is none
     # Of what holds the chaser's attitude, by which any of three axes needs another torque than the
@@ -105,8 +105,8 @@ class Verification:
 def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verification:
     """Execute a plan's torques open loop in MuJoCo, and compare the motion with the plan.
 
-    Where the robot has bodies, every contact of theirs is told, of the motion as executed. A target
-    body is a second free body.
+    Every contact of the robot's bodies, or of its lines with obstacles, is told, of the motion as
+    executed. A target body is a second free body.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -126,16 +126,13 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
             break
     origin, velocity = engine.center_of_mass(start_state(trajectory))
     seen = scene.captured_at(float(trajectory.time[-1])).seen_from(origin, velocity)
-    contacts, pairs = tuple[Contact, ...](), 0
-    if robot.bodies:
-        touch = Touch(robot, seen)
-        contacts, pairs = touch.along(states, command.time[::2]), touch.pairs
+    touch = Touch(robot, seen)
     return Verification(
         execution=_seen_in(execution, origin, velocity, engine.mass),
         deviation=deviation(execution, planned),
         momentum_drift=drift,
-        contacts=contacts,
-        pairs=pairs,
+        contacts=touch.along(states, command.time[::2]),
+        pairs=touch.pairs,
         capture=_capture(seen, execution),
         corridor=corridor(seen, robot.base, engine, states, command.time[::2]),
         holding_torque_error=_holding_torque_error(robot, engine, planned, states, command),

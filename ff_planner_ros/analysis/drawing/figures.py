@@ -31,6 +31,7 @@ from ff_planner_ros.analysis.drawing.scene import save_scene
 from ff_planner_ros.analysis.methods import PLANNED, Method
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
+from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.robot.model import Base
 
 _FORBIDDEN = "0.85"  # light grey, beside which every method's colour stands out
@@ -107,7 +108,7 @@ def clearance_figure(problem: PlanningProblem, motions: Mapping[Method, Trajecto
     """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
-    panel = clearance_panel(problem.robot, problem.obstacles, motions)
+    panel = clearance_panel(problem.robot, problem.obstacles, motions, scene_of(problem))
     _draw_panel(axes, panel)
     axes.set_xlabel("time [s]")
     if problem.obstacles:

@@ -16,6 +16,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.problem.problem import Obstacle
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
@@ -114,19 +115,26 @@ CHASER_VELOCITY = (  # Fig. 5
 
 
 def clearance_panel(
-    robot: Robot, obstacles: Sequence[Obstacle], motions: Mapping[Method, Trajectory]
+    robot: Robot,
+    obstacles: Sequence[Obstacle],
+    motions: Mapping[Method, Trajectory],
+    scene: Scene | None = None,
 ) -> Panel:
-    """Return the distance of the arm's centre lines to the closest obstacle, the least marked.
+    """Return the distance of bodies, or centre lines, to the closest obstacle, the least marked.
 
     It is known between the points of a plan, too; without obstacles there is none.
+
+    Args:
+        scene: Of which what may touch at the goal does not count, there. None: all counts.
     """
     label, curves, marks = "distance to closest obstacle [mm]", {}, list[Mark]()
     for method, motion in motions.items():
         if not obstacles:
             curves[method] = (motion.time, np.full(len(motion.time), np.nan))
             continue
-        found = distances(robot, obstacles, motion)
-        curves[method] = (found.time, 1e3 * found.closest)
+        found = distances(robot, obstacles, motion, scene)
+        closest = np.where(np.isfinite(found.closest), found.closest, np.nan)
+        curves[method] = (found.time, 1e3 * closest)
         least = nearest(robot, obstacles, found)
         marks.append(Mark(method, least.time, 1e3 * least.distance, least.words))
     return Panel(label, curves, marks=tuple(marks))

@@ -28,6 +28,7 @@ from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Obstacle
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
@@ -62,10 +63,17 @@ def joint_plot(robot: Robot, motions: Mapping[Method, Trajectory]) -> go.Figure:
 
 
 def clearance_plot(
-    robot: Robot, obstacles: Sequence[Obstacle], motions: Mapping[Method, Trajectory]
+    robot: Robot,
+    obstacles: Sequence[Obstacle],
+    motions: Mapping[Method, Trajectory],
+    scene: Scene | None = None,
 ) -> go.Figure:
-    """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
-    panel = clearance_panel(robot, obstacles, motions)
+    """Draw the distance to the closest obstacle, Fig. 6 of the paper, as `clearance_panel` has it.
+
+    Args:
+        scene: As there.
+    """
+    panel = clearance_panel(robot, obstacles, motions, scene)
     figure = panel_plot([panel], 1, rows_high=2)
     if not obstacles:
         figure.add_annotation(
@@ -73,7 +81,9 @@ def clearance_plot(
         )
         return figure
     values = np.concatenate([values for _, values in panel.curves.values()])
-    bottom, top = min(values.min(), -0.05 * values.max()), max(values.max(), 0.0)
+    values = values[np.isfinite(values)]
+    lowest, highest = values.min(initial=0.0), values.max(initial=0.0)
+    bottom, top = min(lowest, -0.05 * highest), highest
     figure.add_hrect(
         y0=2 * bottom, y1=0.0, fillcolor=_FORBIDDEN, line_width=0, layer="below", opacity=1
     )

@@ -10,12 +10,14 @@
 namespace ff {
 namespace {
 
-Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, const Array& center,
-                  double radius, const Array& rotation, const Array& position,
+Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, double grown,
+                  const Array& center, double radius, const Array& rotation, const Array& position,
                   const Array& velocity, const Array& rate, double highest_speed,
                   const std::optional<std::shared_ptr<TumblingBody>>& body) {
   const Pose pose{vector3(position, "position"), matrix3(rotation, "rotation")};
-  return {solid(kind, sizes, vertices),
+  Solid made = solid(kind, sizes, vertices);
+  made.grown = checked(grown, "grown");
+  return {made,
           vector3(center, "center"),
           checked(radius, "radius"),
           pose,
@@ -56,8 +58,9 @@ void bind_obstacles(py::module_& m) {
            py::arg("series"));
   py::class_<Obstacle>(m, "Obstacle")
       .def(py::init(&obstacle), py::arg("kind"), py::arg("sizes"), py::arg("vertices"),
-           py::arg("center"), py::arg("radius"), py::arg("rotation"), py::arg("position"),
-           py::arg("velocity"), py::arg("rate"), py::arg("highest_speed"), py::arg("body"));
+           py::arg("grown"), py::arg("center"), py::arg("radius"), py::arg("rotation"),
+           py::arg("position"), py::arg("velocity"), py::arg("rate"), py::arg("highest_speed"),
+           py::arg("body"));
   m.def("obstacle_rows", &rows_of_obstacles, py::arg("chain"), py::arg("bodies"), py::arg("q"),
         py::arg("q_sensitivity"), py::arg("times"), py::arg("obstacles"), py::arg("interest"),
         py::arg("times_by_last") = Array(0));

@@ -21,9 +21,10 @@ struct Solid {
   Kind kind;
   Vector3 sizes;                  // half edges; or radius, half length
   std::vector<Vector3> vertices;  // of a hull
+  double grown = 0;               // to all sides: corners are round then
 
   // The solid is what is within this distance of its core.
-  double radius() const { return kind == kRound ? sizes[0] : 0; }
+  double radius() const { return (kind == kRound ? sizes[0] : 0) + grown; }
 
   // The point of the core that is furthest in a direction.
   Vector3 support(const Vector3& direction) const {
@@ -160,7 +161,7 @@ inline Gap gap(const Solid& solid, const Pose& at, const Vector3& point) {
       return found;
     }
   }
-  return {distance, point, at.rotation * out};
+  return {distance - solid.grown, point, at.rotation * out};
 }
 
 }  // namespace ff

@@ -1,22 +1,34 @@
 """How near every part of the robot is to every obstacle, where its base may be elsewhere.
 
 Where the joints are controlled the robot is the same seen from its base, and the obstacles move. No
-distance changes by more than a centre does, so that of many runs few distances need be measured.
+distance changes by more than an obstacle's farthest point does, so that of many runs few distances
+need be measured.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.distance.bodies import Placed, placed_bodies
-from ff_planner_ros.planning.distance.body_distances import sphere_distances
+from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base, placed_bodies
+from ff_planner_ros.planning.distance.body_distances import Distances, sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, segments
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    Poses,
+    around_obstacles,
+    obstacle_bounds,
+    obstacle_distances,
+    poses_at,
+    seen_from_chaser,
+)
+from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.settings import MOST_SIGMAS
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 
@@ -24,18 +36,28 @@ from ff_planner_ros.robot.model import Robot
 # as many as a plan may be asked to keep.
 _FAR = MOST_SIGMAS
 _SAME_POINT = 1e-12  # [m]
+# Of an obstacle that is no sphere, distances that are longer by so much [m] than one that is
+# measured are told by the spheres around both: they are lower bounds.
+_NOT_MEASURED = 0.5
+_AT_ONCE = 20_000  # distances whose derivatives are in memory
 
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """Distances of parts from spheres at some times, the base as modelled."""
+    """Distances of parts from obstacles at some times, the base as modelled; spheres come first.
+
+    Centre and radius of an obstacle are those of a sphere around it.
+    """
 
     robot: Robot
     base_q: Array  # shape (times, 7 + joints)
-    radius: Array  # of the spheres; shape (spheres,) [m]
-    centers: Array  # of the spheres, inertial axes; shape (times, spheres, 3) [m]
-    distance: Array  # infinite where they may touch; shape (times, parts, spheres) [m]
-    normal: Array  # from part to sphere, inertial axes; shape (times, parts, spheres, 3)
+    others: tuple[ObstacleBody, ...]  # the obstacles that are no spheres
+    rotations: Array  # of their axes to inertial axes; shape (times, others, 3, 3)
+    radius: Array  # of the obstacles; shape (obstacles,) [m]
+    centers: Array  # of the obstacles, inertial axes; shape (times, obstacles, 3) [m]
+    distance: Array  # infinite where they may touch; shape (times, parts, obstacles) [m]
+    normal: Array  # from part to obstacle, inertial axes; shape (times, parts, obstacles, 3)
+    places: Array  # on the line through both nearest points, likewise [m]
     placed: Placed | None  # of the bodies; None: parts are the arm's lines
     ends: Array  # of the lines, seen from the base; shape (times, joints + 1, 3) [m]
     starts: Indices  # of the lines
@@ -48,26 +70,29 @@ class Nearness:
     def by_errors(self, spread: Array, rows: tuple[Indices, ...]) -> Array:
         """Return the derivatives of some distances by the errors of `base_spread`.
 
-        A part moves by zeta_v + zeta_w x p towards the sphere, and the distance's normal goes
-        through the sphere's centre: p is as good there.
+        A part moves by zeta_v + zeta_w x p towards the obstacle, with p anywhere on the line
+        through both nearest points: a sphere's centre is on it.
 
         Args:
             spread: Shape (times, 6, errors).
-            rows: Times, parts and spheres.
+            rows: Times, parts and obstacles.
 
         Returns:
             Shape (rows, errors).
         """
-        normals, places = self.normal[rows], self.centers[rows[0], rows[2]]
+        normals, places = self.normal[rows], self.places[rows]
         wrench = np.concatenate([normals, np.cross(places, normals)], axis=1)
         found: Array = -np.einsum("ri,rie->re", wrench, spread[rows[0]])
         return found
 
     def sigmas(self, spread: Array) -> Array:
-        """Return the deviation of every distance. Shape (times, parts, spheres) [m]."""
-        rows = np.nonzero(np.ones_like(self.distance, bool))
-        deviations = np.linalg.norm(self.by_errors(spread, rows), axis=1)
-        return np.asarray(deviations.reshape(self.distance.shape), np.float64)
+        """Return the deviation of every distance. Shape (times, parts, obstacles) [m]."""
+        every, found = np.nonzero(np.ones_like(self.distance, bool)), np.empty(self.distance.size)
+        for first in range(0, found.size, _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            rows = tuple(each[some] for each in every)
+            found[some] = np.linalg.norm(self.by_errors(spread, rows), axis=1)
+        return found.reshape(self.distance.shape)
 
     def rows_near(self, spread: Array) -> tuple[Indices, ...]:
         """Return what may be the nearest where errors are not far beyond their deviations."""
@@ -90,43 +115,76 @@ class Nearness:
         )
         base = rotation_base_to_inertial(self.base_q)
         modelled = np.einsum("tji,tsj->tsi", base, self.centers - self.base_q[:, None, :3])
-        moved = np.linalg.norm(seen - modelled[:, None], axis=-1)  # (times, runs, spheres)
-        nearest = self.distance.min(axis=1)  # (times, spheres)
+        moved = np.linalg.norm(seen - modelled[:, None], axis=-1)  # (times, runs, obstacles)
+        others = slice(len(self.radius) - len(self.others), None)
+        if self.others:  # one that is turned about its centre moves by its radius times this
+            turned = np.linalg.norm(rotations - base[:, None], axis=(-2, -1)) / np.sqrt(2.0)
+            moved[:, :, others] += turned[:, :, None] * self.radius[others]
+        nearest = self.distance.min(axis=1)  # (times, obstacles)
         highest = (nearest[:, None] + moved).min(axis=(0, 2))
-        furthest = moved.max(axis=1)  # (times, spheres)
+        furthest = moved.max(axis=1)  # (times, obstacles)
         rows = np.nonzero(self.distance - furthest[:, None] <= highest.max())
-        time, part, sphere = rows
+        time, part, obstacle = rows
         runs_of, index = np.nonzero(
-            (self.distance[rows] - moved[time, :, sphere].T) <= highest[:, None]
+            (self.distance[rows] - moved[time, :, obstacle].T) <= highest[:, None]
         )
-        which = time[index], part[index], sphere[index]
-        distances = self._measured(which, seen[which[0], runs_of, which[2]])
+        which = time[index], part[index], obstacle[index]
+        distances = np.empty(len(index))
+        of_spheres = which[2] < others.start
+        some = tuple(each[of_spheres] for each in which)
+        distances[of_spheres] = self._from_spheres(
+            some, seen[some[0], runs_of[of_spheres], some[2]]
+        )
+        distances[~of_spheres] = self._from_others(
+            tuple(each[~of_spheres] for each in which), runs_of[~of_spheres], rotations, seen
+        )
         least = np.full(runs, np.inf)
         np.minimum.at(least, runs_of, distances)
         return least
 
-    def _measured(self, rows: tuple[Indices, ...], centers: Array) -> Array:
+    def _from_spheres(self, rows: tuple[Indices, ...], centers: Array) -> Array:
         return measured(
             self.robot, self.placed, self.ends, self.starts, rows, centers, self.radius
         )[0]
 
+    def _from_others(
+        self, rows: tuple[Indices, ...], runs: Indices, rotations: Array, seen: Array
+    ) -> Array:
+        """Return the distances from obstacles that are no spheres, as runs see them.
+
+        Args:
+            rows: Times, parts and obstacles.
+            runs: The run of each row.
+            rotations: As in `least`.
+            seen: Centres of the obstacles, from the base. Shape (times, runs, obstacles, 3) [m].
+        """
+        time, part, obstacle = rows
+        robot, number = with_bodies(self.robot), obstacle - (len(self.radius) - len(self.others))
+        to_base = rotations[time, runs].swapaxes(-1, -2)
+        axes = to_base @ self.rotations[time, number]
+        offsets = np.array([one.solid.center for one in self.others]).reshape(-1, 3)[number]
+        origins = seen[time, runs, obstacle] - np.einsum("rij,rj->ri", axes, offsets)
+        placed = placed_bodies(robot, self.base_q[:, 7:])
+        found, none = np.empty(len(time)), np.zeros(len(time), np.intp)
+        for k in np.unique(number).tolist():
+            of = np.flatnonzero(number == k)
+            poses = Poses(axes[of][:, None], origins[of][:, None])
+            here = Placed(*(each[time[of]] for each in placed))
+            which = np.arange(len(of)), part[of], none[of]
+            found[of] = obstacle_distances(robot, here, poses, self.others[k : k + 1], which)[0]
+        return found
+
 
 def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
-    """Measure all parts against all spheres of a scene, but where they may touch.
+    """Measure all parts against all obstacles of a scene, but where they may touch.
 
     Args:
         q: Shape (times, 7 + joints).
         times: Shape (times,) [s].
         scene: In the frame of q.
-
-    Raises:
-        InvalidInput: There are obstacles of other shapes.
     """
-    if scene.obstacle_bodies:
-        allowed = "with uncertain start or masses every obstacle must be a sphere"
-        told = f"obstacles[{scene.obstacle_bodies[0].id}].shape"
-        raise InvalidInput(Status.UNSUPPORTED, told, "no sphere", allowed)
-    centers = centers_at(times, scene.spheres)
+    spheres, others = scene.spheres, scene.obstacle_bodies
+    centers = centers_at(times, spheres)
     at_origin = q.copy()
     at_origin[:, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
     ends = arm_points(robot, at_origin)
@@ -134,23 +192,72 @@ def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
     starts = segments(ends)
     base = rotation_base_to_inertial(q)
     seen = np.einsum("tji,tsj->tsi", base, centers - q[:, None, :3])
-    shape = (len(q), len(robot.bodies) or len(starts), len(scene.spheres))
+    shape = (len(q), len(robot.bodies) or len(starts), len(spheres))
     rows = np.nonzero(np.ones(shape, bool))
-    radius = np.array([sphere.radius for sphere in scene.spheres])
+    radius = np.array([sphere.radius for sphere in spheres])
     distance, normal = measured(robot, placed, ends, starts, rows, seen[rows[0], rows[2]], radius)
+    distance, normal = distance.reshape(shape), normal.reshape(*shape, 3)
+    places = np.broadcast_to(centers[:, None], normal.shape)
     ee_positions = q[:, :3] + np.einsum("tij,tj->ti", base, ends[:, -1])
-    counts = np.arange(len(q))[:, None, None] < _touching_from(robot, scene, ee_positions, times)
+    until = touching_from(robot, (*spheres, *others), scene, ee_positions, times)
+    counts = np.arange(len(q))[:, None, None] < until
+    if others:
+        around, radii = around_obstacles(others, times)
+        found = _to_others(robot, q, times, others, counts[:, :, len(spheres) :])
+        distance = np.concatenate([distance, found.distance], axis=2)
+        places = np.concatenate([places, found.point], axis=2)
+        normal = np.concatenate([normal, found.normal], axis=2)
+        centers, radius = np.concatenate([centers, around], axis=1), np.append(radius, radii)
+    every = np.nonzero(np.ones(distance.shape, bool))
     return Nearness(
         robot=robot,
         base_q=q,
+        others=others,
+        rotations=poses_at(times, others)[0],
         radius=radius,
         centers=centers,
-        distance=np.where(counts, distance.reshape(shape), np.inf),
-        normal=np.einsum("rij,rj->ri", base[rows[0]], normal).reshape(*shape, 3),
+        distance=np.where(counts, distance, np.inf),
+        normal=np.einsum("rij,rj->ri", base[every[0]], normal[every]).reshape(normal.shape),
+        places=places,
         placed=placed,
         ends=ends,
         starts=starts,
     )
+
+
+def _to_others(
+    robot: Robot,
+    q: Array,
+    times: Array,
+    others: Sequence[ObstacleBody],
+    counts: NDArray[np.bool_],
+) -> Distances:
+    """Return how far parts are from obstacles that are no spheres, each (times, parts, others).
+
+    Those that are far are told by the spheres around both.
+
+    Args:
+        counts: What must not touch. Shape (times, parts, others).
+
+    Returns:
+        Points in inertial axes, normals seen from the base.
+    """
+    robot, base = with_bodies(robot), rotation_base_to_inertial(q)
+    placed, poses = placed_bodies(robot, q[:, 7:]), seen_from_chaser(q, times, others)
+    centers = centers_in_base(q, around_obstacles(others, times)[0])
+    way = centers[:, None] - placed.centers[:, :, None]
+    normal = way / np.maximum(np.linalg.norm(way, axis=-1), _SAME_POINT)[..., None]
+    point = np.broadcast_to(centers[:, None], way.shape).copy()
+    distance = obstacle_bounds(robot, placed, q, times, others)
+    lowest = np.where(counts, distance, np.inf)
+    nearest = np.unravel_index(lowest.argmin(), lowest.shape)
+    met = obstacle_distances(robot, placed, poses, others, tuple(at.reshape(1) for at in nearest))
+    rows = np.nonzero(lowest <= met.distance[0] + _NOT_MEASURED)
+    distance[rows], point[rows], normal[rows] = obstacle_distances(
+        robot, placed, poses, others, rows
+    )
+    to_inertial = np.einsum("tij,tpoj->tpoi", base, point)
+    return Distances(distance, q[:, None, None, :3] + to_inertial, normal)
 
 
 def measured(
@@ -187,19 +294,22 @@ def measured(
     return length - radius[sphere], way / np.maximum(length, _SAME_POINT)[:, None]
 
 
-def _touching_from(robot: Robot, scene: Scene, ee_positions: Array, times: Array) -> Array:
-    """Return the first time from which on each part may touch each sphere, by its number.
+def touching_from(
+    robot: Robot, obstacles: Sequence[Obstacle], scene: Scene, ee_positions: Array, times: Array
+) -> Array:
+    """Return the first time from which on each part may touch each obstacle, by its number.
 
     Args:
+        obstacles: In the order of the answer.
         scene: In the frame of the positions.
         ee_positions: As planned. Shape (times, 3) [m].
         times: Shape (times,) [s].
 
     Returns:
-        As many as there are times: never. Shape (bodies, spheres); (1, spheres) for lines.
+        As many as there are times: never. Shape (bodies, obstacles); (1, obstacles) for lines.
     """
     names = [body.link for body in robot.bodies] or [""]
-    never = np.full((len(names), len(scene.spheres)), len(times))
+    never = np.full((len(names), len(obstacles)), len(times))
     goal = scene.targets(times)
     if not scene.allowed_collisions or goal is None:
         return never
@@ -207,7 +317,7 @@ def _touching_from(robot: Robot, scene: Scene, ee_positions: Array, times: Array
     outside = np.flatnonzero(away)
     first = int(outside[-1]) + 1 if outside.size else 0
     for row, name in enumerate(names):
-        for column, sphere in enumerate(scene.spheres):
-            if f"{name}/{sphere.id}" in scene.allowed_collisions:
+        for column, obstacle in enumerate(obstacles):
+            if f"{name}/{obstacle.id}" in scene.allowed_collisions:
                 never[row, column] = first
     return never

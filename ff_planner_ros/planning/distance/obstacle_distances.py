@@ -178,20 +178,27 @@ def obstacle_distances(
     request, result, count = coal_request(), coal.DistanceResult(), len(rows[0])
     distance, point, normal = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
     here, there = coal.Transform3s(), coal.Transform3s()
-    for row, (at, body, number) in enumerate(zip(*(each.tolist() for each in rows), strict=True)):
-        here.setTransform(placed.rotations[at, body], placed.positions[at, body])
-        there.setTransform(poses.rotations[at, number], poses.positions[at, number])
+    at, bodies, numbers = rows
+    places = zip(
+        *(placed.rotations[at, bodies], placed.positions[at, bodies]),
+        *(poses.rotations[at, numbers], poses.positions[at, numbers]),
+        *(bodies.tolist(), numbers.tolist()),
+        strict=True,
+    )
+    for row, (turned, moved, other_turned, other_moved, body, number) in enumerate(places):
+        here.setTransform(turned, moved)
+        there.setTransform(other_turned, other_moved)
         result.clear()
         measure = _measure(robot, body, obstacles[number])
         distance[row] = measure(here, there, request, result)
         point[row] = result.getNearestPoint2()
         normal[row] = result.normal
     for row in np.flatnonzero(has_failed(distance, normal)).tolist():
-        at, body, number = (int(each[row]) for each in rows)
+        time, body, number = (int(each[row]) for each in rows)
         solid = obstacles[number].solid
-        center = poses.positions[at, number] + poses.rotations[at, number] @ solid.center
+        center = poses.positions[time, number] + poses.rotations[time, number] @ solid.center
         distance[row], point[row], normal[row] = between_spheres(
-            placed.centers[at, body], center, robot.bodies[body].radius, solid.radius
+            placed.centers[time, body], center, robot.bodies[body].radius, solid.radius
         )
     return Distances(distance, point, normal)
 

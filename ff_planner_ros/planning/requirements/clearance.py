@@ -97,7 +97,7 @@ class Clearance(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances of interest, less the margin, at points and half-way between."""
-        if problem.robot.geometry is Geometry.SHAPES:
+        if problem.robot.geometry is Geometry.SHAPES or not problem.spheres:
             return None
         few = len(motion.q) < FEW_POINTS
         looked_at = _times(problem.duration, len(motion.q), few)
@@ -116,7 +116,7 @@ class Clearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        if problem.robot.geometry is Geometry.SHAPES:
+        if problem.robot.geometry is Geometry.SHAPES or not problem.spheres:
             return np.inf
         at = _looked_at(motion)
         gap = certificate_gap(problem)

@@ -162,15 +162,18 @@ def obstacle_rows(
     )
     shape = len(at.q), len(robot.bodies), len(obstacles)
     if deep.size:  # Coal knows how deep they are in each other
-        rows = np.unravel_index(deep, shape)
-        placed = placed_bodies(robot, at.q[:, 7:])
-        poses = seen_from_chaser(at.q, at.times, obstacles)
-        found = obstacle_distances(robot, placed, poses, obstacles, rows)
+        when, bodies, numbers = np.unravel_index(deep, shape)
+        few, which = np.unique(when, return_inverse=True)
+        some, numbers = np.unique(numbers, return_inverse=True)
+        deep_ones = [obstacles[number] for number in some.tolist()]
+        q, times, rows = at.q[few], at.times[few], (which, bodies, numbers)
+        placed, poses = placed_bodies(robot, q[:, 7:]), seen_from_chaser(q, times, deep_ones)
+        found = obstacle_distances(robot, placed, poses, deep_ones, rows)
         gradients = sphere_gradients(robot, placed, found, rows)
-        deeper = along_variables(gradients, at.sensitivity, rows[0])
+        deeper = along_variables(gradients, at.sensitivity, when)
         if at.times_by_last.size:
-            speeds = approach_speeds(at.q, at.times, obstacles, found, rows)
-            deeper[:, -1] += at.times_by_last[rows[0]] * speeds
+            speeds = approach_speeds(q, times, deep_ones, found, rows)
+            deeper[:, -1] += at.times_by_last[when] * speeds
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
     margins, apart = np.minimum(margin, room_of_obstacles(problem)), split_obstacles(problem)[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,8 +13,13 @@ from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.nearness import nearness
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.approach import Margins as Inside
-from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import (
+    PlanningProblem,
+    Sphere,
+    with_capture_target,
+)
 from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.problem.target_body import AttachedSphere
 from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
@@ -26,8 +31,8 @@ from ff_planner_ros.planning.robust.margins import (
 )
 from ff_planner_ros.robot.configuration import configuration
 
-# By kind of margin, in its unit: of each obstacle's radius, each joint's torque, and one number for
-# each of the others.
+# By kind of margin, in its unit: how far each obstacle grows, each joint's torque, and one number
+# for each of the others.
 BackOff: TypeAlias = Mapping[str, Array]
 
 # The back-off is this much more than what is lacking: the next plan's deviations differ.
@@ -52,7 +57,7 @@ class _NarrowerApproach(Approach):
 def no_back_off(problem: PlanningProblem) -> BackOff:
     """Return a back-off that tightens nothing."""
     return {
-        CLEARANCE: np.zeros(len(problem.spheres)),
+        CLEARANCE: np.zeros(len(problem.obstacles)),
         ATTITUDE: np.zeros(1),
         ROTATION: np.zeros(1),
         CORRIDOR: np.zeros(1),
@@ -65,8 +70,8 @@ def largest_back_off(problem: PlanningProblem) -> BackOff:
     robot, scene = problem.robot, scene_of(problem)
     q, _ = configuration(robot, problem.start)
     near = nearness(robot, q[None], np.zeros(1), scene)
-    spheres = near.distance.min(axis=(0, 1), initial=np.inf) - _AT_START
-    found = {CLEARANCE: np.maximum(spheres, 0.0)}
+    obstacles = near.distance.min(axis=(0, 1), initial=np.inf) - _AT_START
+    found = {CLEARANCE: np.maximum(obstacles, 0.0)}
     frames = grasp_frames(scene, robot.base, np.linspace(0.0, problem.duration, 2))
     if problem.approach is not None and frames is not None:
         place = frames.sees(arm_points(robot, q[None])[:, -1].repeat(frames.until, axis=0))[:1]
@@ -117,7 +122,9 @@ def tighten(problem: PlanningProblem, back_off: BackOff) -> PlanningProblem:
     if approach is not None and corridor:
         of_approach = {item.name: getattr(approach, item.name) for item in fields(Approach)}
         approach = _NarrowerApproach(**of_approach, back_off=corridor)
-    return replace(
+    ids = [one.id for one in problem.obstacles]
+    grown = dict(zip(ids, back_off[CLEARANCE].tolist(), strict=True))
+    tighter = replace(
         problem,
         robot=robot,
         limits=replace(
@@ -126,8 +133,18 @@ def tighten(problem: PlanningProblem, back_off: BackOff) -> PlanningProblem:
             chaser_rotation=limits.chaser_rotation - rotation,
         ),
         approach=approach,
-        obstacles=tuple(
-            replace(sphere, radius=sphere.radius + float(grown))
-            for sphere, grown in zip(problem.spheres, back_off[CLEARANCE], strict=True)
-        ),
+        obstacles=tuple(_grown(one, grown[one.id]) for one in problem.obstacles),
     )
+    body = problem.target_body
+    if body is None or not any(grown[one.id] for one in body.obstacles):
+        return tighter
+    # In another frame what is fixed to the body is made anew of what the body says.
+    fixed = tuple(_grown(one, grown[one.id]) for one in body.obstacles)
+    return with_capture_target(replace(body, obstacles=fixed), tighter)
+
+
+def _grown(one: Any, amount: float) -> Any:
+    """Return an obstacle, or what is fixed to a body, and all that is within a distance of it."""
+    if isinstance(one, Sphere | AttachedSphere):
+        return replace(one, radius=one.radius + amount)
+    return replace(one, shape=replace(one.shape, grown=amount)) if amount else one

@@ -57,7 +57,7 @@ class Margins:
     kind: str
     values: Array  # as planned; shape (rows,)
     by_errors: Array  # shape (rows, errors)
-    which: Indices  # sphere, joint or Euler angle that each is of, or zero; shape (rows,)
+    which: Indices  # obstacle, joint or Euler angle that each is of, or zero; shape (rows,)
     time: Array  # shape (rows,) [s]
 
     @property

@@ -193,7 +193,7 @@ def _plan_with(asked: _Asked, back_off: BackOff, guess: Array | None) -> Plan:
 def _report(
     asked: _Asked, sigmas: float, kept: Sequence[Margins], back_off: BackOff, rounds: int
 ) -> RobustReport:
-    ids = [sphere.id for sphere in asked.problem.spheres]
+    ids = [one.id for one in asked.problem.obstacles]
 
     def by_name(kind: str, names: Sequence[str]) -> tuple[tuple[str, float], ...]:
         pairs = zip(names, back_off[kind], strict=True)
@@ -237,7 +237,7 @@ def _short_of(
     number = int(worst.which[row])
     name = ""
     if worst.kind == CLEARANCE:
-        name = f" {problem.spheres[number].id}"
+        name = f" {problem.obstacles[number].id}"
     elif worst.kind == TORQUE:
         name = f" {problem.robot.joint_names[number]}"
     tail = plan.duration if plan.duration is not None else problem.duration

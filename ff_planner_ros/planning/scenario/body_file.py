@@ -32,8 +32,8 @@ _OF_URDF: DeclaredFields = {
     "inertia": replace(declared(TargetBody)["inertia"], optional=True),
     _KEY: DeclaredField(
         TEXT,
-        "path of a URDF of the body, relative to this file, or package://: its shapes move with "
-        "it, its axes are those of the root link, and it says an inertia that is left out; "
+        "path of a URDF or SDF of the body, relative to this file, or package://: its shapes move "
+        "with it, its axes are those of the root link, and it says an inertia that is left out; "
         "default: none",
         since="0.3",
         optional=True,

@@ -59,7 +59,9 @@ Built = TypeVar("Built")
 class RobotFile:
     """The files of a robot, and what is made of them."""
 
-    urdf: str = declare(TEXT, "path of the URDF, relative to this file, or package://PACKAGE/PATH")
+    urdf: str = declare(
+        TEXT, "path of the URDF or SDF, relative to this file, or package://PACKAGE/PATH"
+    )
     base_link: str = declare(TEXT, "link that carries the arm")
     tip_link: str = declare(TEXT, "link whose frame is the end effector")
     base: Base = declare(

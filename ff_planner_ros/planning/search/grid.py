@@ -13,9 +13,10 @@ from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.clearance import Clearance
+from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 
 # Requirements whose margins are distances.
-CLEARANCES = (Clearance.name, BodyClearance.name, SelfClearance.name)
+CLEARANCES = (Clearance.name, BodyClearance.name, SelfClearance.name, ObstacleClearance.name)
 
 
 @dataclass(frozen=True)

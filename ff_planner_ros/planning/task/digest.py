@@ -49,13 +49,14 @@ def canonical(value: Any) -> Iterator[bytes]:
         text = word.encode(errors="surrogatepass")
         yield b"s%d:" % len(text) + text
     elif isinstance(value, np.ndarray):
-        yield f"a{value.shape}".encode() + value.astype("<f8").tobytes()
+        # Zeros are equal, whatever their sign.
+        yield f"a{value.shape}".encode() + (value.astype("<f8") + 0.0).tobytes()
     elif isinstance(value, Sequence):
         yield b"l%d:" % len(value)
         for entry in value:
             yield from canonical(entry)
     else:
-        yield b"d" + struct.pack("<d", value)
+        yield b"d" + struct.pack("<d", value + 0.0)
 
 
 def _canonical_fields(value: Any) -> Iterator[bytes]:

@@ -54,6 +54,8 @@ class Solid:
     corners: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of a mesh's hull [m]
     # Volume of the hull by that of the mesh, where that is known: of one that is not convex
     hull_share: float = 1.0
+    # How far it is grown to all sides, its corners then round; of no file and no message [m]
+    grown: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -91,7 +93,8 @@ class Solid:
                 geometry = coal.Cone(*self.sizes)
             case _:
                 geometry = convex_solid(self.corners, np.ones(3))[1]
-        geometry.computeLocalAABB()
+        geometry.computeLocalAABB()  # whose centre is that of the sphere around it, too
+        geometry.setSweptSphereRadius(self.grown)
         return geometry
 
     @cached_property
@@ -102,7 +105,7 @@ class Solid:
     @cached_property
     def radius(self) -> float:
         """Radius of that sphere [m]."""
-        return radius_around(self.geometry, self.center)
+        return radius_around(self.geometry, self.center) + self.grown
 
     @cached_property
     def reach(self) -> float:
@@ -115,6 +118,9 @@ class Solid:
         Args:
             ways: In its frame, of unit length. Shape (ways, 3).
         """
+        return self._furthest(ways) + self.grown
+
+    def _furthest(self, ways: Array) -> Array:
         if self.kind == MESH:
             return np.asarray((ways @ self.corners.T).max(axis=1), np.float64)
         if self.kind == "box":

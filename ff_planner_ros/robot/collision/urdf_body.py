@@ -1,4 +1,4 @@
-"""A URDF as one rigid body: the solids of its links and what they weigh together.
+"""A URDF or SDF as one rigid body: the solids of its links and what they weigh together.
 
 Its joints do not move: each is at zero.
 """
@@ -16,6 +16,7 @@ from ff_planner_ros.errors import InvalidInput, InvalidInputs, Status
 from ff_planner_ros.robot.collision.bodies import MAX_BODIES, collision_solid
 from ff_planner_ros.robot.collision.solids import Solid, solid_of
 from ff_planner_ros.robot.urdf.meshes import Meshes
+from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, joint_weight, placement
 from ff_planner_ros.robot.urdf.urdf_faults import Faults
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, tree_of
@@ -66,7 +67,7 @@ def _of(told: str, error: InvalidInput) -> InvalidInput:
 
 
 def _read(text: str, directory: Path | None) -> UrdfBody:
-    faults = Faults()
+    faults, text = Faults(), urdf_of(text)
     robot = read_elements(text)
     tree = tree_of(robot, faults)
     if len(tree.roots) > 1:

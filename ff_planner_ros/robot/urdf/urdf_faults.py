@@ -68,7 +68,7 @@ class Faults:
         if element is None or text is None:
             self.add(kind, name, part, "missing", "it must be a number")
             return math.nan
-        numbers = _finite_numbers(text)
+        numbers = finite_numbers(text)
         if len(numbers) != 1:
             self.add(kind, name, part, repr(shortened(text)), "it must be a finite number")
             return math.nan
@@ -84,7 +84,7 @@ class Faults:
         if element is None:
             return True
         for key, text in element.items():
-            numbers = _finite_numbers(text)
+            numbers = finite_numbers(text)
             if key == "quat_xyzw":
                 self.add(kind, name, part, "a quaternion", "write it as rpy")
             elif len(numbers) != 3:
@@ -115,7 +115,7 @@ def shortened(text: str) -> str:
     return printable if len(text) <= _LONGEST_WORD else f"{printable[:_LONGEST_WORD]}..."
 
 
-def _finite_numbers(text: str) -> list[float]:
+def finite_numbers(text: str) -> list[float]:
     """Return the numbers of a text; none where a word of it is no finite number."""
     if len(text) > _LONGEST_NUMBERS:
         return []

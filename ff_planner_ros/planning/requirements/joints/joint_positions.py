@@ -133,9 +133,10 @@ def _runs_out(robot: Robot, joints: JointMotion) -> Iterator[Failure]:
         unit = robot.unit(int(joint))
         yield Failure(
             Status.LIMIT_VIOLATED,
-            f"joint {robot.joint_names[joint]} moves at {joints.velocities[-1, joint]:.4f} {unit}/s "
-            f"at the last point, {joints.positions[-1, joint]:.4f} {unit}, and cannot stop before "
-            f"its limit of {(lower, upper)[side][joint]:.4f} {unit}: no other plan can start there",
+            f"joint {robot.joint_names[joint]} moves at {joints.velocities[-1, joint]:.4f} "
+            f"{unit}/s at the last point, {joints.positions[-1, joint]:.4f} {unit}, and cannot "
+            f"stop before its limit of {(lower, upper)[side][joint]:.4f} {unit}: no other plan "
+            "can start there",
             _OTHERWISE,
         )
 

@@ -1,0 +1,152 @@
+"""The XML of a model in SDFormat: what weighs, fills or moves is kept, all else named.
+
+What only draws, senses or steers a simulator is passed over; a part that would change where bodies
+are or what they weigh, and is not known here, is refused.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+from xml.etree.ElementTree import Element, SubElement
+from xml.parsers import expat
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.urdf.urdf_faults import listed, shortened
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS
+
+# Of the format: in older ones axes and poses mean something else.
+_OLDEST, _NEWEST = (1, 5), (1, 99)
+_MOST_ELEMENTS = 50 * MAX_LINKS
+_POSE: dict[str, Any] = {"pose": {}}
+_ROUND: dict[str, Any] = {"radius": {}, "length": {}}
+_GEOMETRY: dict[str, Any] = {
+    "box": {"size": {}},
+    "capsule": _ROUND,
+    "cylinder": _ROUND,
+    "sphere": {"radius": {}},
+    "mesh": {"uri": {}, "scale": {}},
+    "empty": {},
+}
+_INERTIA: dict[str, Any] = {key: {} for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
+_LIMIT: dict[str, Any] = {key: {} for key in ("lower", "upper", "effort", "velocity")}
+_AXIS: dict[str, Any] = {"xyz": {}, "limit": _LIMIT, "use_parent_model_frame": {}}
+_MODEL: dict[str, Any] = {
+    "link": {
+        "inertial": {"mass": {}, "inertia": _INERTIA, **_POSE},
+        "collision": {"geometry": _GEOMETRY, **_POSE},
+        **_POSE,
+    },
+    "joint": {"parent": {}, "child": {}, "axis": _AXIS, **_POSE},
+    "frame": _POSE,
+    **_POSE,  # where it stands in a world, which counts for nothing here
+}
+# Nobody weighs, fills or moves otherwise by these.
+_PASSED_OVER = frozenset(
+    (
+        *("allow_auto_disable", "audio_sink", "audio_source", "battery", "density", "dissipation"),
+        *("dynamics", "enable_wind", "gravity", "gripper", "kinematic", "laser_retro", "light"),
+        *("max_contacts", "must_be_base_link", "particle_emitter", "physics", "plugin"),
+        *("projector", "self_collide", "sensor", "static", "stiffness", "surface"),
+        *("velocity_decay", "visual"),
+    )
+)
+
+
+def read_model(text: str) -> Element | None:
+    """Return the `<model>` of a text in SDFormat; None: it is something else.
+
+    Raises:
+        InvalidInput: It is of another version, too large, with declarations of its own, holds no
+            model or several, or something that is not known.
+    """
+    # What is no XML, or too large, is for the reader of URDFs to tell.
+    if len(text) > MAX_CHARACTERS or "<sdf" not in text:
+        return None
+    reader = _Reader()
+    parser = expat.ParserCreate("utf-8")
+    parser.buffer_text = True
+    parser.StartElementHandler = reader.start
+    parser.EndElementHandler = reader.end
+    parser.CharacterDataHandler = reader.characters
+    parser.StartDoctypeDeclHandler = reader.document_type
+    try:
+        parser.Parse(text, True)
+    except _OtherDocument:
+        return None
+    except (expat.ExpatError, UnicodeEncodeError) as error:
+        if reader.is_other:
+            return None
+        _refuse("robot.urdf", "not XML", str(error)[:200])
+    return reader.model()
+
+
+class _OtherDocument(Exception):
+    """The text is no SDF."""
+
+
+class _Reader:
+    """Builds elements; what is passed over may be nested as deep as it likes."""
+
+    def __init__(self) -> None:
+        self._sdf = Element("sdf")
+        self._open: list[tuple[Element, dict[str, Any], list[str]]] = []
+        self._passed_over = 0  # elements open, the innermost ones
+        self._count = 0
+        self.is_other = True  # until its outermost tag is known
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        if not self._open:
+            if tag != "sdf":
+                raise _OtherDocument
+            self.is_other = False
+            _require_version(attributes.get("version", ""))
+            self._open.append((self._sdf, {"model": _MODEL}, []))
+            return
+        owner, parts, _ = self._open[-1]
+        # What has a prefix is nobody's but its author's: the format says so.
+        if self._passed_over or tag in _PASSED_OVER or ":" in tag:
+            self._passed_over += 1
+            return
+        if tag not in parts:
+            allowed = f"of a model, <{owner.tag}> may hold {listed(parts) or 'nothing else'}"
+            _refuse(f"<{shortened(tag)}>", f"in <{owner.tag}>", allowed)
+        self._count += 1
+        if self._count > _MOST_ELEMENTS:
+            _refuse("robot.urdf", "too large", f"it must have at most {_MOST_ELEMENTS} elements")
+        self._open.append((SubElement(owner, tag, attributes), parts[tag], []))
+
+    def end(self, _tag: str) -> None:
+        if self._passed_over:
+            self._passed_over -= 1
+        else:
+            element, _, text = self._open.pop()
+            element.text = "".join(text)
+
+    def characters(self, data: str) -> None:
+        if self._open and not self._passed_over:
+            self._open[-1][2].append(data)
+
+    def document_type(self, *declaration: Any) -> None:
+        # An entity, or an attribute's default, of a few bytes may stand for gigabytes.
+        if declaration[-1]:
+            _refuse("robot.urdf", "with declarations in its <!DOCTYPE>", "it must have none")
+
+    def model(self) -> Element:
+        models = self._sdf.findall("model")
+        if len(models) != 1:
+            _refuse("robot.urdf", f"{len(models)} models", "an SDF must hold one <model>")
+        return models[0]
+
+
+def _require_version(text: str) -> None:
+    try:
+        major, minor = (int(part) for part in text.split("."))
+    except ValueError:
+        major, minor = 0, 0
+    if not _OLDEST <= (major, minor) <= _NEWEST:
+        allowed = f"it must be from {_OLDEST[0]}.{_OLDEST[1]} on, and below 2"
+        _refuse("sdf version", repr(shortened(text)), allowed)
+
+
+def _refuse(field: str, value: str, allowed: str) -> NoReturn:
+    raise InvalidInput(Status.BAD_ROBOT, field, value, allowed)
