@@ -492,7 +492,7 @@ def test_an_offline_bag_of_a_capture_is_the_same_task_again(
     assert [one.id for one in scene.obstacles] == [one.id for one in asked_for.obstacles]
     assert (scene.obstacles[0].center == rock.center).all()
     (motion,) = recovered.motions.values()
-    assert verify(recovered.robot, motion, scene).passed
+    assert verify(*recovered.robots.values(), motion, scene).passed
     # And so is what a report draws.
     (reported,) = report_of_bag(tmp_path / "bag", 1).requests
     drawn = reported.plan

@@ -91,9 +91,9 @@ def test_a_recorded_plan_is_replayed_to_the_last_bit_exported_and_verified(
     (robot,) = found.robots.values()
     assert robot.base is Base.ATTITUDE_HELD
     assert robot.wheels is not None
-    assert found.robot.wheels.momentum == (4.0, 4.0, 4.0)
+    assert robot.wheels.momentum == (4.0, 4.0, 4.0)
     (motion,) = found.motions.values()
-    assert verify(found.robot, motion).passed
+    assert verify(robot, motion).passed
 
 
 def test_parameters_say_which_wheels_a_node_plans_with() -> None:
