@@ -13,7 +13,11 @@ from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodi
 from ff_planner_ros.planning.distance.body_distances import sphere_distances
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_distances, seen_from_chaser
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    obstacle_bounds,
+    obstacle_distances,
+    seen_from_chaser,
+)
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
@@ -24,6 +28,9 @@ LEAST_CLEARANCE, CLEARANCE_AT_END = 1e-5, 1.2e-5
 # Of the distance at the start, the part that a motion keeps of it, and that a certificate may be
 # below the truth.
 _KEPT, _GAP = 0.5, 0.25
+# What is further away by the spheres around it is not measured: half of this [m] is the largest
+# margin that a parameter allows.
+_FAR = 2.0
 
 
 def certificate_gap(problem: PlanningProblem, most: float = CERTIFICATE_GAP) -> float:
@@ -75,12 +82,13 @@ def room_of_obstacles(problem: PlanningProblem) -> Array:
     shape = len(robot.bodies), len(problem.obstacle_bodies)
     if not shape[1]:
         return np.empty(shape)
-    bodies, numbers = (number.ravel() for number in np.indices(shape))
-    rows = np.zeros(len(bodies), np.intp), bodies, numbers
-    placed = placed_bodies(robot, q[None, 7:])
-    poses = seen_from_chaser(q[None], np.zeros(1), problem.obstacle_bodies)
-    found = obstacle_distances(robot, placed, poses, problem.obstacle_bodies, rows)
-    return _room(found.distance).reshape(shape)
+    placed, now, obstacles = placed_bodies(robot, q[None, 7:]), np.zeros(1), problem.obstacle_bodies
+    distances = obstacle_bounds(robot, placed, q[None], now, obstacles)[0]
+    near = np.nonzero(distances < _FAR)
+    rows = np.zeros(len(near[0]), np.intp), *near
+    poses = seen_from_chaser(q[None], now, obstacles)
+    distances[near] = obstacle_distances(robot, placed, poses, obstacles, rows).distance
+    return _room(distances)
 
 
 def _room(distances: Array) -> Array:
