@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import coal
@@ -81,11 +82,13 @@ def exact_distance(
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("other", ["box", "cylinder", "capsule", "sphere", "mesh"])
-def test_random_solids_are_as_far_apart_as_coal_says(kind: str, other: str) -> None:
-    """Ten thousand pairs in all, touching and deep ones among them."""
+def test_random_solids_are_as_far_apart_as_coal_says(
+    kind: str, other: str, times: Callable[[int, int], int]
+) -> None:
+    """Ten thousand pairs in CI, touching and deep ones among them."""
     rng = np.random.default_rng([KINDS.index(kind), len(other)])
-    arm, deep = random_robot(1), 0
-    for case in range(20):
+    arm, deep, cases = random_robot(1), 0, times(20, 20)
+    for case in range(cases):
         bodies = []
         for number in range(4):
             solid = random_solid(rng, other)
@@ -123,7 +126,7 @@ def test_random_solids_are_as_far_apart_as_coal_says(kind: str, other: str) -> N
             else:
                 (row,) = np.flatnonzero(names == name)
                 assert distances[row] == pytest.approx(truth, abs=1e-6), where
-    assert deep > 3
+    assert deep > 3 or cases < 20
 
 
 def test_solids_that_touch_or_are_deep_in_each_other_have_their_depths() -> None:
