@@ -27,15 +27,13 @@ from ff_planner_ros.simulation.execution import Execution
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
-_PARTS = 4  # for several processes
 
 
-@pytest.mark.parametrize("part", range(_PARTS))
 def test_nothing_touches_in_mujoco_and_distances_are_as_planned(
-    part: int, times: Callable[[int, int], int]
+    times: Callable[[int, int], int],
 ) -> None:
     """The class `shapes` in turn: five robots, lines too, at rest, moving, turning, captures."""
-    for number in range(part, times(40, 200), _PARTS):
+    for number in range(times(20, 200)):
         problem = shapes.problem(number).problem
         plan = perform(PlanningTask(problem, SETTINGS))
         found = verify(problem.robot, plan.trajectory, scene_of(problem))

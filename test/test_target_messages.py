@@ -539,7 +539,7 @@ def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
     (scene,) = robot_plans(tmp_path / "bag").scenes.values()
     assert scene.capture_time == made.duration
     (reported,) = report_of_bag(tmp_path / "bag", 1).requests
-    assert reported.weights == (1.0, 0.0, 0.02)
+    assert reported.weights == (1.0, 0.0, 0.02, 0.0)
     window = free.problem.durations
     assert window.minimum < made.duration < window.maximum
     assert (reported.duration, reported.durations) == (

@@ -99,7 +99,7 @@ def test_who_names_no_tip_is_told_which_links_could_be_it(
 @pytest.mark.parametrize(
     ("urdf", "tip_link", "joints"),
     [
-        ("pr2_description/urdf/pr2.urdf", "r_gripper_tool_frame", 7),
+        ("pr2_description/urdf/pr2.urdf", "r_gripper_tool_frame", 8),
         ("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector", 6),
         ("talos_data/robots/talos_reduced.urdf", "wrist_left_ft_tool_link", 9),
     ],
