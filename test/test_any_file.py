@@ -348,6 +348,7 @@ def test_a_setting_that_makes_no_sense_is_refused(run: Run, setting: str) -> Non
     assert done.code in (0, 2), done  # a duration that is no number is answered so
 
 
+@pytest.mark.ci
 def test_mutated_scenarios_are_planned_or_refused(
     scenario: Any, tmp_path: Path, run: Run, times: Callable[[int, int], int], nightly: bool
 ) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from dense_motion import truth
 from robots import LEMUR_SCENARIO
+from tiers import a_tenth_every_day
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document, refusal_dictionary
 from ff_planner_ros.bag.reader import open_bag
@@ -94,7 +95,7 @@ def problems() -> dict[str, PlanningProblem]:
 PROBLEMS = problems()
 
 
-@pytest.mark.parametrize("name", list(PROBLEMS))
+@pytest.mark.parametrize("name", a_tenth_every_day({name: name for name in PROBLEMS}))
 def test_wherever_a_search_is_ended_its_effort_gives_the_same_answer_again(name: str) -> None:
     """And a later end never gives a worse plan."""
     problem, costs = PROBLEMS[name], list[float]()

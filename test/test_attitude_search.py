@@ -127,6 +127,7 @@ def test_the_least_attitude_is_looked_for_in_joint_splines_unless_others_are_ask
     assert found.metrics.max_chaser_euler < 0.5 * of_paper.metrics.max_chaser_euler
 
 
+@pytest.mark.ci
 def test_no_round_is_spent_where_the_attitude_is_a_minor_part(lemur_capture):
     major, minor, hardly = Objective(1.0, 20.0), Objective(1.0, 1.0), Objective(1.0, 1e-4)
     made = {

@@ -18,6 +18,7 @@ from campaigns import study
 from measured_commands import MEGABYTES, SECONDS, Done, Run, measured_commands
 from mutants import bytes_mutated
 from robots import LEMUR_SCENARIO
+from tiers import a_tenth_every_day
 
 from ff_planner_ros.campaign.cases import cases
 from ff_planner_ros.campaign.part_file import read_part
@@ -292,7 +293,7 @@ VERSIONS_OF = {
 }
 
 
-@pytest.mark.parametrize("kind", VERSIONS_OF)
+@pytest.mark.parametrize("kind", a_tenth_every_day({kind: kind for kind in VERSIONS_OF}))
 def test_versions_that_cannot_be_read_are_not_known(
     kind: str, rows: list[dict[str, Any]], tmp_path: Path, run: Run
 ) -> None:

@@ -82,6 +82,7 @@ def test_the_shortest_plan_beats_the_reference_and_touches_nothing(shortest):
     assert shortest.solver.starts == 1
 
 
+@pytest.mark.ci
 def test_the_plan_with_least_attitude_beats_the_reference_and_touches_nothing(capture, settings):
     metrics = plan(replace(capture, objective=ATTITUDE), settings).metrics
     assert np.rad2deg(metrics.max_chaser_euler) <= 6.0

@@ -92,6 +92,7 @@ def test_they_are_refused_in_python_too(lemur_capture: PlanningProblem, value: f
         Limits(joint_accelerations=(value,))
 
 
+@pytest.mark.ci
 def test_a_plan_of_the_shortest_duration_is_refused_for_what_it_asks_of_the_arm(
     lemur_capture: PlanningProblem,
 ) -> None:

@@ -428,6 +428,7 @@ def test_what_is_not_known_of_wheels_is_refused_by_name() -> None:
         monte_carlo(*asked, 2)
 
 
+@pytest.mark.ci
 def test_a_weight_on_the_momentum_of_the_wheels_makes_it_less() -> None:
     task, _ = planned()
     free = replace(task.problem, robot=replace(task.problem.robot, wheels=Wheels()))

@@ -123,6 +123,7 @@ def test_momenta_of_a_robot_without_wheels_are_refused() -> None:
         state_from_message(message, "chaser_state", problem.robot, "inertial")
 
 
+@pytest.mark.ci
 def test_a_weight_on_the_wheels_is_recorded_and_replayed(
     solved: tuple[PlanningTask, Plan], tmp_path: Path
 ) -> None:

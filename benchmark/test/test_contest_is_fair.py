@@ -11,6 +11,8 @@ from ff_planner_benchmark import contest, dataset
 from ff_planner_benchmark.entrants import ours
 from ff_planner_benchmark.scorer.score import MOST_POINTS, judged, load
 
+pytestmark = pytest.mark.ci
+
 SECONDS = 5.0
 
 
