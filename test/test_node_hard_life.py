@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
@@ -25,6 +26,7 @@ from geometry_msgs.msg import Vector3
 from managed_node import Holdings, Manager, holdings
 from quick_capture import quick_capture, resting_capture
 from ros_processes import (
+    DEADLINE,
     Client,
     PlannerProcess,
     Scene,
@@ -333,14 +335,26 @@ def test_a_client_that_dies_while_it_is_planned_for_harms_nobody_and_its_plan_go
     probe = PlanRequest(duration=-1.0)
     with connected_client() as client:
         client.wait_for_planner()
+
+        def is_out() -> bool:
+            return any(len(one.points) == POINTS for one in client.received["joint_trajectory"])
+
+        def is_made() -> bool:
+            try:
+                return planner.plan > 0
+            except LookupError:
+                return is_out()
+
         with running("doomed_client.py", door) as doomed:
             client.plan_until(probe, lambda answer: answer.status.code == Status.BUSY)
+            # A goal is busy before its client has heard of it, and withdrawn if nobody hears.
+            give_up = time.monotonic() + DEADLINE
+            while not is_made():
+                assert time.monotonic() < give_up
+                time.sleep(0.01)
             doomed.kill()
             doomed.wait()
-        client.wait_until(
-            lambda: any(len(one.points) == POINTS for one in client.received["joint_trajectory"]),
-            "the dead client's plan",
-        )
+        client.wait_until(is_out, "the dead client's plan")
         answer = client.plan_until(
             _later(client, scene.complete_request()),
             lambda answer: answer.status.code != Status.BUSY,
