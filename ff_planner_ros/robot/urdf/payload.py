@@ -50,7 +50,7 @@ class HeldShape:
 
     SINCE: ClassVar[str] = "0.3"
 
-    id: str = declare(NAME, "name in refusals, unique among the payload's", message="id")
+    id: str = declare(NAME, "name in errors about the payload, unique there", message="id")
     shape: Solid | MeshFile = declare(SHAPE, SHAPE_SENTENCE, unit="m")
     position: Array = declare(
         a_vector(),
