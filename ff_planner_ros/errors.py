@@ -213,11 +213,13 @@ class NoPlanFound(FfPlannerError):
         # begins with, by name; empty: not known
         self.met: Mapping[str, int] = {}
         self.requirement = ""
+        # Of a sequence: the plans of the phases before the one that has none, a `Plan`
+        self.found: object | None = None
 
-    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by constructor arguments, so that the error crosses processes."""
         arguments = self.status, self.constraint, self.attempt, self.failures, self.effort
-        return type(self), arguments
+        return type(self), arguments, {"found": self.found}
 
 
 class EndedBy(StrEnum):

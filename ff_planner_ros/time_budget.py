@@ -71,6 +71,15 @@ class TimeBudget(Watch):
             return sum(steps)
         return _STEPS_OF_A_CHECK * statistics.median_low(steps)
 
+    def share(self, searches: int) -> TimeBudget:
+        """Return the budget of one search of several that follow each other: an equal share."""
+        if searches == 1:
+            return self
+        used = time.monotonic() - self._begun
+        left = max(self._seconds - self._reserved - used, 0.0)
+        budget = Budget(used + left / searches, min(self._budget))
+        return TimeBudget(budget, self._begun)
+
     def offer(self, plan: Plan) -> None:  # noqa: ARG002 (that there is one is enough)
         """Allow no more than what counts once there is a plan."""
         self._seconds = min(self._budget)

@@ -23,7 +23,7 @@ def answer_of(
     body: TargetBody | None = None,
 ) -> PlanAnswer:
     """Answer with a plan, as the node does."""
-    return answer_with_plan(plan, plan_message(plan, start_ns, FRAME, body), plan_id, solve_time)
+    return answer_with_plan(plan, [plan_message(plan, start_ns, FRAME, body)], plan_id, solve_time)
 
 
 def received(request: PlanRequest, **info: Any) -> PlanTrajectory.Event:

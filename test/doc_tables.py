@@ -28,6 +28,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
 )
 from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
+from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
 from ff_planner_ros.planning.scenario.scenario import RobotFile, scenario_schema
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -190,9 +191,10 @@ def _keys(schema: Any, block: str = "") -> Iterator[tuple[str, Any, bool]]:
     for name, inner in schema["properties"].items():
         yield f"{block}{name}", inner, name in schema.get("required", ())
         for option in (inner, *inner.get("anyOf", ())):
-            if "properties" in option and name != "planner":  # its keys are parameters
+            # The keys of `planner` are parameters, those of a phase are told on a page.
+            if "properties" in option and name != "planner":
                 yield from _keys(option, f"{block}{name}.")
-            elif "properties" in option.get("items", {}):
+            elif "properties" in option.get("items", {}) and name != PHASES_KEY:
                 yield from _keys(option["items"], f"{block}{name}[].")
         told = set[str]()  # of entries of one of several kinds
         for option in inner.get("items", {}).get("anyOf", ()):

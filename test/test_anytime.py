@@ -15,7 +15,8 @@ from dense_motion import truth
 from robots import LEMUR_SCENARIO
 from tiers import a_tenth_every_day
 
-from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document, refusal_dictionary
+from ff_planner_ros.analysis.plan_document import plan_document
+from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status

@@ -17,7 +17,8 @@ from test_approach import FORWARD, RESTING, TUMBLING, degrees_off, seen_from_gra
 from test_tumbling import seen_from
 from visualization_msgs.msg import Marker
 
-from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document, planned_scene
+from ff_planner_ros.analysis.plan_document import plan_document, planned_scene
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans

@@ -11,7 +11,8 @@ import pytest
 from shaped_problems import SOLIDS, capture_among_bodies
 from test_tumbling import body_of
 
-from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.analysis.plan_document import plan_document
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.export import export_npz
 from ff_planner_ros.bag.info import info
 from ff_planner_ros.bag.reader import open_bag

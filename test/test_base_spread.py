@@ -19,7 +19,7 @@ from ff_planner_ros.planning.distance.base_spread import (
     torques_by_errors,
     tracked_motion,
 )
-from ff_planner_ros.planning.motion.motion import to_trajectory
+from ff_planner_ros.planning.motion.motion import state_at, to_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.uncertainty import Draws, Uncertainty, directions, draws
@@ -30,7 +30,7 @@ from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.momentum_regressor import inertial_parameters, momentum_regressors
 from ff_planner_ros.simulation.engine import Engine
-from ff_planner_ros.simulation.execution import execute, start_state
+from ff_planner_ros.simulation.execution import execute
 from ff_planner_ros.simulation.feed_forward import feed_forward
 from ff_planner_ros.simulation.tracked_runs import run_torques, tracked_runs
 
@@ -168,7 +168,7 @@ def test_a_run_comes_true_in_another_engine_with_its_masses(
         factors = drawn.masses[0, body], drawn.inertias[0, body]
         engine.scale_inertias(numbers, *(np.full(len(numbers), one) for one in factors))
     assert engine.mass != pytest.approx(Engine(robot).mass, rel=1e-3)
-    done = execute(engine, start_state(executed), feed_forward(system, executed, 8))
+    done = execute(engine, state_at(executed, 0), feed_forward(system, executed, 8))
     assert done.ee_positions == pytest.approx(executed.ee_positions, abs=1e-5)
     assert done.chaser_positions == pytest.approx(executed.chaser_positions, abs=1e-5)
 

@@ -22,7 +22,8 @@ from test_approach_over_ros import problem_of
 from test_tumbling import moved
 
 from ff_planner_ros.analysis.drawing.surroundings import constraint_lines
-from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.analysis.plan_document import plan_document
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array

@@ -106,7 +106,7 @@ def plan() -> Plan:
 
 
 def answered(plan: Plan) -> PlanAnswer:
-    return answer_with_plan(plan, plan_message(plan, STAMP_NS, FRAME), "run.1", 0.5)
+    return answer_with_plan(plan, [plan_message(plan, STAMP_NS, FRAME)], "run.1", 0.5)
 
 
 @pytest.fixture

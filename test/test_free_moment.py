@@ -14,7 +14,8 @@ from robots import LEMUR_SCENARIO
 from test_any_frame import FRAMES
 from test_tumbling import seen_from
 
-from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_scene
+from ff_planner_ros.analysis.plan_document import planned_scene
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters

@@ -20,6 +20,7 @@ from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
 from ff_planner_ros.parameters.values import FORMER_NAMES
+from ff_planner_ros.planning.problem import limits
 from ff_planner_ros.ros.parameters import (
     _AT_START,
     _WHILE_CONFIGURED,
@@ -236,7 +237,7 @@ def test_paths_are_those_of_the_start_unless_a_parameter_at_the_start_says_other
     assert not result.successful, "whoever can set parameters cannot allow it"
 
 
-ANGLES = ("limits.chaser_attitude", "limits.chaser_rotation")
+OF_ONE_NUMBER = tuple(f"limits.{name}" for name in limits.OF_ONE_NUMBER)
 STRICT = {name: one.strictness for name, one in DECLARATIONS.items() if one.strictness}
 
 
@@ -260,9 +261,9 @@ def _other_values(name: str) -> tuple[Any, Any]:
         return None, [0.4]
     if default is True:  # allow_nonzero_velocity_at_trajectory_end
         return None, False
-    if name in ANGLES:
+    if name in OF_ONE_NUMBER:
         return None, 0.4
-    if default == 0.0:  # of planner.robust
+    if default == 0.0:  # of planner.robust, and of what navigation leaves at a capture
         return None, 0.5
     more, less = default * 1.5, default * 0.5
     raised = name.startswith(
@@ -352,7 +353,7 @@ def test_a_number_that_is_none_loosens_nothing(value: float) -> None:
             "planner.singular_value_threshold",
         ):
             (result,) = node.set_parameters([Parameter(name, value=value)])
-            unlimited = name in ANGLES and value == math.inf
+            unlimited = name in OF_ONE_NUMBER and value == math.inf
             assert result.successful == unlimited, (name, result)
 
 

@@ -17,7 +17,7 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import DECLARATIONS, default_values, load_parameters
 from ff_planner_ros.parameters.robot import LimitParameters
 from ff_planner_ros.parameters.values import FORMER_NAMES, checked, replaced, value_of
-from ff_planner_ros.planning.problem.problem import Limits
+from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
 
 FILE = CONFIG / "planner.yaml"
 
@@ -147,14 +147,17 @@ def test_a_value_is_returned_as_declared() -> None:
     assert checked("odometry.sensor_position_in_chaser", [1, 2, 3]) == (1.0, 2.0, 3.0)
 
 
+def limiting(*words: Any, **numbers: float) -> LimitParameters:
+    """Return limits with some of those of one number."""
+    return LimitParameters(*words, **dict.fromkeys(OF_ONE_NUMBER, 0.0) | numbers)
+
+
 def test_no_limit_of_the_attitude_is_an_infinite_one() -> None:
-    assert LimitParameters("none", (0.0,), "none", 0.0, 0.0).limits() == Limits(
-        False, math.inf, None, False
-    )
-    assert LimitParameters("from_urdf", (), "from_urdf", 0.2, 0.0).limits() == Limits(True, 0.2)
-    rotating = LimitParameters("from_urdf", (), "from_urdf", 0.0, 0.3).limits()
+    assert limiting("none", (0.0,), "none").limits() == Limits(False, math.inf, None, False)
+    assert limiting("from_urdf", (), "from_urdf", chaser_attitude=0.2).limits() == Limits(True, 0.2)
+    rotating = limiting("from_urdf", (), "from_urdf", chaser_rotation=0.3).limits()
     assert rotating == Limits(True, chaser_rotation=0.3)
-    each = LimitParameters("from_urdf", (0.5, 0.25), "from_urdf", 0.2, 0.0).limits()
+    each = limiting("from_urdf", (0.5, 0.25), "from_urdf", chaser_attitude=0.2).limits()
     assert each.joint_accelerations == (0.5, 0.25)
 
 

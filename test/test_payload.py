@@ -261,20 +261,6 @@ FAULTS: dict[str, tuple[dict[str, Any], Status, str, str]] = {
         "robot.payload.shapes[1].id",
         "",
     ),
-    "a cone": (
-        {
-            "shapes": [
-                {
-                    "id": "a",
-                    "shape": {"cone": {"radius": 1.0, "length": 1.0}},
-                    "position": [0.0, 0.0, 0.0],
-                }
-            ]
-        },
-        Status.UNSUPPORTED,
-        "robot.payload.shapes[a].shape",
-        "mesh",
-    ),
 }
 
 

@@ -9,12 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ff_planner_ros.analysis.plan_json import (
-    plan_dictionary,
-    plan_document,
-    planned_motion,
-    refusal_dictionary,
-)
+from ff_planner_ros.analysis.plan_document import plan_document, planned_motion
+from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
 from ff_planner_ros.common.arrays import frozen
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters

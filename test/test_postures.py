@@ -14,7 +14,8 @@ import yaml
 from robots import CONFIG, LEMUR_SCENARIO
 
 from ff_planner_ros.analysis.drawing.figures import plot_plan
-from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.analysis.plan_document import plan_document
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures

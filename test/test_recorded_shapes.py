@@ -12,7 +12,7 @@ import yaml
 from test_meshes import BOX, stl, urdf_with
 from test_pairs import disabling
 
-from ff_planner_ros.analysis.plan_json import planned_motion
+from ff_planner_ros.analysis.plan_document import planned_motion
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters

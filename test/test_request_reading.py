@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import fields, replace
 from typing import Any
 from unittest.mock import Mock
@@ -10,21 +9,18 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import PlanInputs, PlanRequest
-from pages import SOURCE_TREE
 from ros_processes import FRAME, Scene
 
-from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.robot import LimitParameters
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.from_messages import _NOT_YET
-from ff_planner_ros.ros.messages.interfaces import entry_of
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import (
@@ -54,7 +50,7 @@ PARAMETERS = {
 
 def limiting(**angles: float) -> LimitParameters:
     """Return limits as the parameters have them, with some of the chaser's angles."""
-    told = dict.fromkeys(ANGLES, 0.0) | angles
+    told = dict.fromkeys(OF_ONE_NUMBER, 0.0) | angles
     return LimitParameters("from_urdf", (0.0,), "from_urdf", **told)
 
 
@@ -321,49 +317,6 @@ def test_an_acceleration_of_zero_is_none_and_does_not_stand_for_the_parameter(
     request.limits.accelerations = given
     with pytest.raises(InvalidInput, match=rf"^limits\.accelerations\[{len(given) - 1}\] is "):
         asked(lemur_capture, request)
-
-
-# What a file of message definitions says of its fields.
-PLACES = {"PlanRequest": "", "Limits": "limits.", "SearchOptions": "search.", "Scene": "scene[0]."}
-UNSUPPORTED = re.compile(r"^\S+ (\w+) +# .*not supported yet", re.MULTILINE)
-DEFINITIONS = SOURCE_TREE / "msg_defs" / "msg"
-
-
-def said_to_be_unsupported(message: str) -> list[str]:
-    return UNSUPPORTED.findall((DEFINITIONS / f"{message}.msg").read_text(encoding="utf-8"))
-
-
-def test_what_the_definitions_call_unsupported_is_what_the_planner_refuses() -> None:
-    told = {
-        f"{at}{name}" for message, at in PLACES.items() for name in said_to_be_unsupported(message)
-    }
-    assert told == set(_NOT_YET)
-    assert said_to_be_unsupported("TargetBody") == []
-
-
-@pytest.mark.parametrize("place", _NOT_YET)
-def test_what_is_not_supported_yet_is_refused_by_its_name(
-    lemur_capture: PlanningProblem, place: str
-) -> None:
-    """A limit of zero is given, too."""
-    request = Scene(lemur_capture).complete_request()
-    block, _, name = place.rpartition(".")
-    holder = value_at(request, block)
-    left_out = getattr(holder, name)
-    if isinstance(left_out, str | int):
-        setattr(holder, name, type(left_out)("1"))
-    else:
-        is_list = isinstance(left_out, list)
-        setattr(holder, name, [entry_of(holder, name) if is_list else 0.0])
-    refuse_unsupported(lemur_capture, request, place.replace("[0]", ""))
-    setattr(holder, name, left_out)
-    asked(lemur_capture, request)
-
-
-def refuse_unsupported(problem: PlanningProblem, request: PlanRequest, field: str) -> None:
-    with pytest.raises(RequestRefused) as refused:
-        asked(problem, request)
-    assert (refused.value.status, refused.value.field) == (Status.UNSUPPORTED, field)
 
 
 @pytest.mark.parametrize(

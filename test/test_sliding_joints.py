@@ -16,7 +16,8 @@ from test_core import WEIGHT, chain_robot
 
 from ff_planner_ros.analysis.drawing.panels import joint_angles, joint_rates, joint_torques
 from ff_planner_ros.analysis.extremes import joint_extremes
-from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.analysis.plan_document import plan_document
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.bag import read_plans
 from ff_planner_ros.bag.reader import open_bag

@@ -15,7 +15,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES, Frame
 
-from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.analysis.plan_document import plan_document
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.motion.motion import state_at
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
@@ -32,7 +33,7 @@ from ff_planner_ros.problems import witnessed
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import Engine
-from ff_planner_ros.simulation.execution import execute, start_state
+from ff_planner_ros.simulation.execution import execute
 from ff_planner_ros.simulation.feed_forward import feed_forward, torque_spline
 from ff_planner_ros.simulation.verification import (
     MIN_STEPS_PER_POINT,
@@ -127,7 +128,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step(
 ) -> None:
     """The integrator's own error, apart from that of the torques between the points."""
     problem, answer = planned(scenario, objective)
-    start = start_state(answer.trajectory)
+    start = state_at(answer.trajectory, 0)
 
     def final_positions(steps: int) -> tuple[Array, Array]:
         command = feed_forward(problem.robot, answer.trajectory, steps)
@@ -143,7 +144,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step(
 def test_mujocos_own_integrator_comes_to_the_same_end() -> None:
     """Its steps hold the torques: the error falls with the square of the step, to nothing else."""
     problem, answer = planned(LEMUR_SCENARIO, LENGTH)
-    start = start_state(answer.trajectory)
+    start = state_at(answer.trajectory, 0)
     ours = execute(Engine(problem.robot), start, feed_forward(problem.robot, answer.trajectory, 16))
 
     def difference(steps: int) -> float:
@@ -173,7 +174,7 @@ def test_what_is_left_is_little_however_few_the_points_are() -> None:
     for points in (5, 8, 25, 49):
         motion = plan(replace(problem, points=points), settings).trajectory
         command = feed_forward(problem.robot, motion, 32)
-        execution = execute(Engine(problem.robot), start_state(motion), command)
+        execution = execute(Engine(problem.robot), state_at(motion, 0), command)
         assert deviation(execution, motion).final_position_error < 2e-7, points
 
 
@@ -185,7 +186,7 @@ def test_torques_alone_are_not_enough_between_few_points() -> None:
         (feed_forward(problem.robot, motion, steps), (0.0, 0.01)),
         (torque_spline(motion, steps), (1.0, 180.0)),
     ):
-        execution = execute(Engine(problem.robot), start_state(motion), command)
+        execution = execute(Engine(problem.robot), state_at(motion, 0), command)
         turn_deg = np.rad2deg(deviation(execution, motion).final_orientation_error)
         assert limit_deg[0] < turn_deg < limit_deg[1]
 

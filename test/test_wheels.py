@@ -15,7 +15,8 @@ import pytest
 import yaml
 from robots import CONFIG, LEMUR_SCENARIO, ROBOTS, random_state
 
-from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
+from ff_planner_ros.analysis.plan_document import plan_document
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters

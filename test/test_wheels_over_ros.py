@@ -59,14 +59,14 @@ def test_a_state_tells_what_its_wheels_hold(solved: tuple[PlanningTask, Plan]) -
 def test_an_answer_tells_what_the_wheels_hold_and_give(solved: tuple[PlanningTask, Plan]) -> None:
     _, plan = solved
     assert plan.wheels is not None
-    answer = answer_with_plan(plan, plan_message(plan, 1, "inertial"), "plan_1", 0.1)
+    answer = answer_with_plan(plan, [plan_message(plan, 1, "inertial")], "plan_1", 0.1)
     read = plan_from_answer(answer).wheels
     assert read is not None
     np.testing.assert_array_equal(read.momenta, plan.wheels.momenta)
     np.testing.assert_array_equal(read.torques, plan.wheels.torques)
     assert not differences(answer, answer)
     other = replace(plan, wheels=replace(plan.wheels, momenta=plan.wheels.momenta + 1e-3))
-    changed = answer_with_plan(other, plan_message(other, 1, "inertial"), "plan_1", 0.1)
+    changed = answer_with_plan(other, [plan_message(other, 1, "inertial")], "plan_1", 0.1)
     (found,) = differences(answer, changed)
     assert found.quantity == "wheel_momenta"
     assert "wheel" in found.where

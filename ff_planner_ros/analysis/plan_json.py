@@ -1,80 +1,80 @@
-"""A plan, or a refusal, as a dictionary that JSON can hold, and back."""
+"""A plan, or a refusal, as a dictionary that JSON can hold."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, asdict, astuple, dataclass, fields, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
 
 from ff_planner_ros.analysis.robot_json import (
     chaser_told,
-    peaks_read,
     robot_told,
-    slide_weight_read,
-    wheels_of_robot_read,
-    wheels_read,
 )
-from ff_planner_ros.common.arrays import Array, finite_number, frozen
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared import (
     DeclaredFields,
     declared,
-    fields_of,
-    read_keys,
     written,
     written_object,
 )
-from ff_planner_ros.common.forms import a_word
-from ff_planner_ros.errors import Faults, FfPlannerError, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.plan import Plan, RobustReport, SolverReport, Trajectory
-from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
-from ff_planner_ros.planning.problem.obstacles import Obstacle, with_mesh_read
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.planning.motion.plan import Plan, RobustReport
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
-    Target,
-    attached,
     lasting,
 )
-from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
-from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
+from ff_planner_ros.planning.problem.scene import OF_PROBLEM
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
-from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
+from ff_planner_ros.planning.task.following import phase_tasks
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.whole import whole
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 
-_ROBOT = ("urdf", "base_link", "tip_link")
 # Of the problem, as a scenario has it.
 _ASKED = ("target", "target_body", "duration", "objective", "obstacles", *OF_PROBLEM)
-_KEYS: DeclaredFields = {
+ASKED: DeclaredFields = {
     key: replace(one, optional=True)  # older dictionaries tell less
     for key, one in declared(PlanningProblem).items()
     if one.name in _ASKED
 }
 # Also by their names until version 0.3.
-_HEADS = {name for key, one in _KEYS.items() for name in (key.partition(".")[0], one.formerly)}
+ASKED_HEADS = {name for key, one in ASKED.items() for name in (key.partition(".")[0], one.formerly)}
 # Of a target body at each point.
-_ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
-
-
-@dataclass(frozen=True, eq=False)
-class PlanDocument:
-    """A plan as its dictionary tells of it."""
-
-    robot: Robot
-    plan: Plan
-    solve_time: float  # wall clock [s]
-    # Of joint path length, chaser attitude and duration; None: the dictionary does not tell
-    weights: tuple[float, ...] | None
-    # What was planned around; None: the dictionary does not tell
-    obstacles: tuple[Obstacle, ...] | None
-    scene: Scene  # as far as the dictionary tells
+BODY_ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
-    """Return a plan, its robot and its problem: SI units, radians, a row per point."""
+    """Return a plan, its robot and its problem: SI units, radians, a row per point.
+
+    Of a sequence it is the whole motion, and under `phases` each phase as a plan of its own, whose
+    search took as much of the time as of the rollouts.
+    """
+    if not plan.then:
+        return _phase(plan, task, solve_time)
+    told = whole(plan)
+    dictionary = {
+        "status": Status.SOLVED.name.lower(),
+        "message": told.message,
+        "digest": task.digest,
+        "duration": told.duration,
+        **_of_plan(told, solve_time),
+    }
+    return dictionary | {"phases": _phases(plan, task, solve_time)}
+
+
+def _phases(plan: Plan, task: PlanningTask, solve_time: float) -> list[dict[str, Any]]:
+    """Return each phase of a sequence as a plan of its own."""
+    rollouts = max(whole(plan).solver.rollouts, 1)
+    return [
+        _phase(found, one, solve_time * found.solver.rollouts / rollouts)
+        for one, found in phase_tasks(task, plan)
+    ]
+
+
+def _phase(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
+    """Return a plan by itself."""
     motion, problem = plan.trajectory, lasting(task.problem, plan.duration)
     return {
         "status": Status.SOLVED.name.lower(),
@@ -141,196 +141,45 @@ def _robust(told: RobustReport) -> dict[str, Any]:
     return numbers
 
 
-def uncertainty_in(answer: object) -> Uncertainty:
-    """Read the errors that a plan's dictionary says it withstands, or else the usual ones.
-
-    Raises:
-        InvalidInput: That is something else.
-    """
-    robust = answer.get("robust", {}) if isinstance(answer, dict) else {}
-    told = robust.get("deviations", {}) if isinstance(robust, dict) else robust
-    return uncertainty_from("robust.deviations", told)
-
-
 def refusal_dictionary(
-    error: FfPlannerError, solve_time: float, digest: str | None = None
+    error: FfPlannerError,
+    solve_time: float,
+    digest: str | None = None,
+    task: PlanningTask | None = None,
 ) -> dict[str, Any]:
-    """Return a refusal: its cause, its task's digest, and how near the best attempt came."""
+    """Return a refusal: its cause, its task's digest, and how near the best attempt came.
+
+    Args:
+        task: Where it is known, and is a sequence, `phases` are those before the one without plan.
+    """
     refusal: dict[str, Any] = {"status": error.status.name.lower(), "message": str(error)}
     if digest is not None:
         refusal["digest"] = digest
-    if isinstance(error, NoPlanFound) and error.effort:
+    if not isinstance(error, NoPlanFound):
+        return refusal
+    if error.effort:
         refusal["effort"] = error.effort
-    if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
+    if isinstance(error.attempt, Plan):
         refusal |= _how_good(error.attempt, solve_time)
+    if task is not None and isinstance(error.found, Plan):
+        refusal["phases"] = _phases(error.found, task, solve_time)
     return refusal
-
-
-def planned_scene(answer: object) -> Scene | None:
-    """Read what a plan's dictionary says that it was made among; None: it does not tell.
-
-    Raises:
-        InvalidInput: That is something else.
-    """
-    asked = _asked_in(answer)
-    if not {"target", "obstacles"} <= asked.keys():
-        return None
-    return _scene(asked)
-
-
-def _scene(asked: dict[str, Any]) -> Scene:
-    """Return the scene of what a plan's dictionary says of its problem, by key."""
-    body, told = asked.get("target_body"), fields_of(PlanningProblem, asked)
-    target = asked.get("target")
-    return Scene(
-        **{name: told[name] for name in ("obstacles", *OF_PROBLEM) if name in told},
-        target=target if body is None and isinstance(target, Target) else None,
-        target_body=body,
-        capture_time=asked.get("duration"),
-    )
-
-
-def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
-    """Read robot and motion of a plan's dictionary; nothing checks the shapes of the motion.
-
-    Raises:
-        InvalidInput: It is no plan, or lacks something.
-    """
-    status = _entry(answer, "status")
-    if status != Status.SOLVED.name.lower():
-        found = f"{status} ({_entry(answer, 'message')})"
-        raise InvalidInput(Status.UNSUPPORTED, "status", found, "only a plan has a motion")
-    described = _entry(answer, "robot")
-    urdf, base_link, tip_link = (str(_entry(described, name, "robot.")) for name in _ROBOT)
-    base = a_word(Base).read("robot.base", described.get("base", Base.FREE_FLYER))
-    kept_clear = None  # what the URDF has: none of earlier versions' answers has a <collision>
-    if isinstance(answer, dict) and "geometry" in answer:
-        kept_clear = a_word(Geometry).read("geometry", answer["geometry"])
-    wheels, weight = wheels_of_robot_read(described), slide_weight_read(described)
-    told = urdf, base_link, tip_link, base
-    robot = robot_from_urdf_text(*told, geometry=kept_clear, wheels=wheels, slide_weight=weight)
-    names = _entry(answer, "joint_names")
-    if names != list(robot.joint_names):
-        allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"
-        raise InvalidInput(Status.UNKNOWN_JOINT, "joint_names", names, allowed)
-    samples = {item.name: _entry(answer, item.name) for item in fields(Trajectory)}
-    return robot, Trajectory(**{name: _numbers(name, rows) for name, rows in samples.items()})
-
-
-def plan_document(answer: Any) -> PlanDocument:
-    """Read a plan's dictionary; objective, obstacles and target may be missing.
-
-    Raises:
-        InvalidInput: It is no plan, lacks something, or its motion is none of its robot.
-    """
-    robot, trajectory = planned_motion(answer)
-    require_sound_samples(robot, trajectory)
-    metrics, solver = _entry(answer, "metrics"), _entry(answer, "solver")
-    found = {
-        item.name: _entry(metrics, item.name, "metrics.")
-        for item in fields(Metrics)
-        # Dictionaries of older versions lack what has a default.
-        if item.default is MISSING or item.name in metrics
-    }
-    peaks = peaks_read(robot, found)
-    values: dict[str, Any] = peaks | {
-        name: str(value) if name.endswith("_pair") else _number(f"metrics.{name}", value)
-        for name, value in found.items()
-        if name not in peaks
-    }
-    told = {
-        item.name: _entry(solver, item.name, "solver.")
-        for item in fields(SolverReport)
-        if item.default is MISSING or item.name in solver
-    }
-    for name in ("starts", "iterations", "rollouts"):
-        told[name] = int(finite_number(f"solver.{name}", told[name]))
-    told["optimality"] = _number("solver.optimality", told["optimality"])
-    told["stop_reason"] = str(told["stop_reason"])
-    asked = _asked_in(answer)
-    plan = Plan(
-        joint_names=robot.joint_names,
-        trajectory=trajectory,
-        xi=_numbers("xi", _entry(answer, "xi")),
-        orientation_reading=str(_entry(answer, "orientation_reading")),
-        metrics=Metrics(**values),
-        solver=SolverReport(**told),
-        duration=asked.get("duration"),
-        effort=int(finite_number("effort", answer.get("effort", 0))),
-        wheels=wheels_read(answer),
-    )
-    solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
-    return PlanDocument(
-        robot,
-        plan,
-        solve_time,
-        weights=astuple(asked["objective"]) if "objective" in asked else None,
-        obstacles=asked.get("obstacles"),
-        scene=_scene(asked),
-    )
 
 
 def _asked(problem: PlanningProblem, times: Array) -> dict[str, Any]:
     """Return what a scenario says of a problem, and where its target body is at some times."""
-    values = {key: getattr(problem, one.name) for key, one in _KEYS.items()}
+    values = {key: getattr(problem, one.name) for key, one in ASKED.items()}
     values["target"] = problem.posture or problem.target
     values["obstacles"] = [one for one in problem.obstacles if one.body is None]
-    asked = written(_KEYS, values)
+    asked = written(ASKED, values)
     if problem.target_body is not None:
         motion = problem.target_body.motion(np.zeros(3), times)
         quaternions = quaternion_from_rotation(motion.rotations)
         rows = (motion.positions, quaternions, motion.twists[:, :3], motion.twists[:, 3:])
         asked["target_body"] |= {
-            name: values.tolist() for name, values in zip(_ROWS, rows, strict=True)
+            name: values.tolist() for name, values in zip(BODY_ROWS, rows, strict=True)
         }
     return asked
-
-
-def _asked_in(answer: Any) -> dict[str, Any]:
-    """Return what a plan's dictionary says of its problem, by key.
-
-    Raises:
-        InvalidInput: That is something else.
-    """
-    given = answer if isinstance(answer, dict) else {}
-    told = {key: given[key] for key in given if key in _HEADS and given[key] is not None}
-    if isinstance(body := told.get("target_body"), dict):
-        told["target_body"] = {name: body[name] for name in body if name not in _ROWS}
-    faults = Faults()
-    asked = read_keys(_KEYS, "", told, faults)
-    faults.refuse()
-    if "obstacles" in asked:
-        # It carries the hulls of its meshes, and names no files.
-        asked["obstacles"] = tuple(
-            with_mesh_read(one, f"obstacles[{index}]", None)
-            for index, one in enumerate(asked["obstacles"])
-        )
-    if {"obstacles", "target_body"} <= asked.keys():
-        asked["obstacles"] += tuple(attached(asked["target_body"]))
-    return asked
-
-
-def _number(name: str, value: Any) -> float:
-    """Return a number; null stands for infinity, which JSON does not know."""
-    number = _numbers(name, math.inf if value is None else value)
-    if number.ndim or math.isnan(number):
-        raise InvalidInput(Status.WRONG_SIZE, name, value, "it must be one number, or null")
-    return float(number)
-
-
-def _entry(dictionary: object, name: str, prefix: str = "") -> Any:
-    if not isinstance(dictionary, dict) or name not in dictionary:
-        allowed = "`ff-planner plan --json` writes it"
-        raise InvalidInput(Status.WRONG_SIZE, f"{prefix}{name}", "missing", allowed)
-    return dictionary[name]
-
-
-def _numbers(name: str, rows: Any) -> Array:
-    try:
-        return frozen(rows)
-    except (TypeError, ValueError, OverflowError):
-        allowed = "it must be numbers, as many in each row"
-        raise InvalidInput(Status.WRONG_SIZE, name, "no array", allowed) from None
 
 
 def _how_good(plan: Plan, solve_time: float) -> dict[str, Any]:

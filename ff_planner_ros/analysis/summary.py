@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
 from ff_planner_ros.planning.motion.plan import Plan
@@ -20,6 +21,11 @@ _TOLD = (
     *("min_clearance", "min_self_clearance"),
     *("min_joint_margin", "min_velocity_margin", "min_acceleration_margin", "min_torque_margin"),
     *("peak_joint_torques", "final_position_error", "final_orientation_error", "momentum_error"),
+)
+
+_OF_GRASP = (
+    *("peak_grasp_force", "peak_grasp_torque"),
+    *("capture_impulse", "capture_angular_impulse"),
 )
 
 
@@ -48,6 +54,7 @@ def plan_rows(
         *([] if limits is None else [("limits kept", _limits(limits))]),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
         *_wheel_rows(metrics),
+        *_grasp_rows(metrics),
         *([] if plan.robust is None else [("robust", plan.robust.told(metrics.joint_path_length))]),
         *([("parametrisation", plan.family)] if plan.family else []),
         *_at_rest(plan),
@@ -86,6 +93,40 @@ def _wheel_rows(metrics: Metrics) -> list[tuple[str, str]]:
     ]
 
 
+PHASES = ("phase", "lasts [s]", "joint path [rad]", "chaser turns [deg]", "nearest", "grasp takes")
+
+
+def phase_rows(plan: Plan) -> list[tuple[str, ...]]:
+    """Return a row for each phase of a plan: `PHASES`."""
+    rows = list[tuple[str, ...]]()
+    for number, one in enumerate(plan.phases, start=1):
+        metrics = one.metrics
+        near = min(metrics.min_clearance, metrics.min_self_clearance)
+        force = [METRIC_BY_NAME[name].text(getattr(metrics, name)) for name in _OF_GRASP[:2]]
+        impulse = METRIC_BY_NAME["capture_impulse"].text(metrics.capture_impulse)
+        takes = impulse if np.isnan(metrics.peak_grasp_force) else ", ".join(force)
+        rows.append(
+            (
+                str(number),
+                f"{one.duration:.2f}" if one.duration else "-",
+                f"{metrics.joint_path_length:.4f}",
+                f"{np.rad2deg(metrics.max_chaser_rotation):.2f}",
+                METRIC_BY_NAME["min_clearance"].text(near),
+                takes,
+            )
+        )
+    return rows
+
+
+def _grasp_rows(metrics: Metrics) -> list[tuple[str, str]]:
+    """Return name and value of what the grasp takes; of no grasp nothing."""
+    return [
+        (METRIC_BY_NAME[name].label, metrics.told(name))
+        for name in _OF_GRASP
+        if not np.isnan(getattr(metrics, name))
+    ]
+
+
 def _limits(limits: Limits) -> str:
     kept = ["joint positions"]
     if limits.joint_velocities:
@@ -98,6 +139,10 @@ def _limits(limits: Limits) -> str:
         kept.append(f"chaser Euler angle {np.rad2deg(limits.chaser_attitude):.2f} deg")
     if np.isfinite(limits.chaser_rotation):
         kept.append(f"chaser rotation {np.rad2deg(limits.chaser_rotation):.2f} deg")
+    for name in ("grasp_force", "grasp_torque", "capture_impulse"):
+        if np.isfinite(most := getattr(limits, name)):
+            unit = declared_by_name(Limits)[name].unit
+            kept.append(f"{name.replace('_', ' ')} {most:g} {unit}")
     return ", ".join(kept)
 
 

@@ -17,8 +17,8 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import BagError, InvalidInput, Status
-from ff_planner_ros.messages.trajectories import poses_in, trajectory_in, twists_in
-from ff_planner_ros.messages.wheels import wheels_in
+from ff_planner_ros.messages.trajectories import begin_of, poses_in, trajectory_of, twists_in
+from ff_planner_ros.messages.wheels import wheels_of
 from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
@@ -220,13 +220,20 @@ def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
         message=str(answer.status.message),
         start_ns=0 if plan is None else nanoseconds(plan.joint_trajectory.header.stamp),
         joint_names=() if plan is None else tuple(map(str, plan.joint_trajectory.joint_names)),
-        trajectory=None if plan is None else trajectory_in(plan),
+        trajectory=None if plan is None else trajectory_of(answer),
         metrics={} if metrics is None else _metrics(metrics),
         solver=solver_in(answer),
-        duration=None if plan is None else value_at(plan, "duration", 0.0) or None,
+        duration=None if plan is None else _duration(answer),
         target_body={} if plan is None else _target_body(plan),
-        wheels=None if plan is None else wheels_in(plan),
+        wheels=None if plan is None else wheels_of(answer),
     )
+
+
+def _duration(answer: Any) -> float | None:
+    """Return when the last goal is reached, from the first point on [s]; None: not told."""
+    last = len(answer.plans) - 1
+    told = value_at(answer.plans[last], "duration", 0.0)
+    return begin_of(answer, last) + told if told else None
 
 
 def _target_body(plan: Any) -> dict[str, Array]:

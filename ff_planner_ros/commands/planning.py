@@ -41,10 +41,12 @@ def add_plan(add: Add) -> None:
 def plan_scenario(options: Namespace) -> int:
     """Plan a scenario file, print what came of it, and write it down."""
     from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
-    from ff_planner_ros.analysis.summary import plan_rows
+    from ff_planner_ros.analysis.summary import PHASES, phase_rows, plan_rows
     from ff_planner_ros.commands.tasks import method_named, task_of
+    from ff_planner_ros.common.text_table import print_table as print_columns
     from ff_planner_ros.planning.motion.plan import Plan
     from ff_planner_ros.planning.task.task import perform
+    from ff_planner_ros.planning.task.whole import whole
 
     if options.pareto:
         return _plan_pareto_front(options)
@@ -68,15 +70,17 @@ def plan_scenario(options: Namespace) -> int:
     if isinstance(answer, Plan):
         write_json(options.json, plan_dictionary(answer, task, solve_time))
     else:
-        write_json(options.json, refusal_dictionary(answer, solve_time, task.digest))
+        write_json(options.json, refusal_dictionary(answer, solve_time, task.digest, task))
     if options.bag is not None:
         record_answer(options.bag, task, answer, solve_time, options.scenario, options.method)
     if isinstance(answer, FfPlannerError):
         raise answer
     chosen = task.problem.duration_range is not None
-    print_table(
-        plan_rows(task.problem.robot, answer, solve_time, task.digest, chosen, task.problem.limits)
-    )
+    total, robot, limits = whole(answer), task.problem.robot, task.problem.limits
+    print_table(plan_rows(robot, total, solve_time, task.digest, chosen, limits))
+    if answer.then:
+        print()
+        print_columns("Phases, each from where the one before ends", PHASES, phase_rows(answer))
     return SOLVED
 
 

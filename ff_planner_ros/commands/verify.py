@@ -10,7 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ff_planner_ros.analysis.json_file import read_json
-from ff_planner_ros.analysis.plan_json import planned_motion, planned_scene, uncertainty_in
+from ff_planner_ros.analysis.plan_document import (
+    phases_of,
+    planned_motion,
+    planned_scene,
+    uncertainty_in,
+)
 from ff_planner_ros.commands import NO_PLAN, SOLVED
 from ff_planner_ros.commands.monte_carlo import Draw, print_monte_carlo, uncertainty_of
 from ff_planner_ros.commands.printed import print_notes, write_json
@@ -23,6 +28,7 @@ from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty
 from ff_planner_ros.planning.robust.robust import withstood
 from ff_planner_ros.planning.scenario.scenario import limits_from
+from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
@@ -88,13 +94,14 @@ def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
     if source.suffix in (".yaml", ".yml"):
         task, watch = task_of(source, options)
         planned = perform(task, watch, method_named(options.method))
-        problem = lasting(task.problem, planned.duration)
         usual = withstood(task.settings.robust)
-        motion = planned.trajectory
-        scene = scene_of(problem)
-        yield _Motion(source.name, problem.robot, motion, scene, problem.limits, usual)
+        for number, (one, found) in enumerate(phase_tasks(task, planned), start=1):
+            name = f"{source.name}, phase {number}" if planned.then else source.name
+            problem = lasting(one.problem, found.duration)
+            scene, motion = scene_of(problem), found.trajectory
+            yield _Motion(name, problem.robot, motion, scene, problem.limits, usual)
     elif source.suffix == ".json":
-        yield _motion_in_json(source)
+        yield from _motions_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
         from ff_planner_ros.bag.robot_plans import robot_plans
 
@@ -109,17 +116,17 @@ def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
 
 
-def _motion_in_json(source: Path) -> _Motion:
-    answer = read_json(source)
-    try:
-        robot, motion = planned_motion(answer)
-        scene = planned_scene(answer)
-        limits = limits_from(answer.get("limits", {}), Limits())
-        told = uncertainty_in(answer)
-        return _Motion(source.name, robot, motion, scene, limits, told)
-    except InvalidInput as error:
-        field = f"{source}: {error.field}"
-        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+def _motions_in_json(source: Path) -> Iterator[_Motion]:
+    for name, answer in phases_of(read_json(source), source.name):
+        try:
+            robot, motion = planned_motion(answer)
+            scene = planned_scene(answer)
+            limits = limits_from(answer.get("limits", {}), Limits())
+            told = uncertainty_in(answer)
+        except InvalidInput as error:
+            field = f"{source}: {error.field}"
+            raise InvalidInput(error.status, field, error.value, error.allowed) from None
+        yield _Motion(name, robot, motion, scene, limits, told)
 
 
 def print_verdict(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Iterator, Sized
+from collections.abc import Callable, Container, Iterator, Sized
 from dataclasses import MISSING, is_dataclass
 from functools import cache
 from operator import attrgetter
@@ -12,7 +12,6 @@ import numpy as np
 
 from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.plain_values import dotted
-from ff_planner_ros.errors import InvalidInput, Status
 
 _attribute = cache(attrgetter)
 # Behind the name of an array of at most one entry: what is in it.
@@ -47,19 +46,6 @@ def _getter(path: str) -> Callable[[Any], Any]:
         return value_at(entries[0], rest.removeprefix("."))
 
     return value
-
-
-def require_left_out(message: Any, places: Iterable[str]) -> None:
-    """Refuse a message that says something in places that no plan can be made with yet.
-
-    Raises:
-        InvalidInput: It names the place.
-    """
-    for place in places:
-        given = value_at(message, place, None)
-        if len(given) if isinstance(given, Sized) else given:
-            allowed = "it must be left out: this version does not plan with it"
-            raise InvalidInput(Status.UNSUPPORTED, place, "given", allowed)
 
 
 def values_in(

@@ -34,13 +34,14 @@ def miss_by_torques_alone(robot: Robot, motion: Trajectory) -> float | None:
     The testbed is that of the demonstration, in MuJoCo; None where that is not installed.
     """
     try:
+        from ff_planner_ros.planning.motion.motion import state_at
         from ff_planner_ros.simulation.engine import Engine
-        from ff_planner_ros.simulation.execution import execute, start_state
+        from ff_planner_ros.simulation.execution import execute
         from ff_planner_ros.simulation.feed_forward import feed_forward
         from ff_planner_ros.simulation.verification import deviation
     except FfPlannerError:
         return None
-    engine, start = Engine(robot), start_state(motion)
+    engine, start = Engine(robot), state_at(motion, 0)
     engine.scale_inertias(
         engine.arm_bodies, *np.full((2, len(engine.arm_bodies)), 1.0 + ARM_HEAVIER)
     )

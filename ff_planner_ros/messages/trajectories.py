@@ -40,6 +40,24 @@ def trajectory_in(plan: Any) -> Trajectory:
     )
 
 
+def trajectory_of(answer: Any) -> Trajectory:
+    """Return the motion of an answer's plans, one after the other, as it is or decoded.
+
+    Raises:
+        ValueError: Its arrays do not fit each other.
+    """
+    first, *others = (trajectory_in(plan) for plan in answer.plans)
+    for phase, motion in enumerate(others, start=1):
+        first = first.followed_by(motion, begin_of(answer, phase))
+    return first
+
+
+def begin_of(answer: Any, phase: int) -> float:
+    """Return when a phase begins, the first one being zero, from the first point on [s]."""
+    begins = [nanoseconds(answer.plans[k].joint_trajectory.header.stamp) for k in (0, phase)]
+    return (begins[1] - begins[0]) / NANOSECONDS
+
+
 def poses_in(path: Any, points: int) -> Array:
     """Return the poses of a path: positions and quaternions. Shape (points, 7) [m]; NaN: none."""
     poses = [stamped.pose for stamped in path.poses]

@@ -42,3 +42,11 @@ def wheels_in(plan: Any) -> WheelMotion | None:
     momenta = table([one.momenta for one in told], points, count)
     torques = table([one.torques for one in told], points, count)
     return WheelMotion(momenta, torques)
+
+
+def wheels_of(answer: Any) -> WheelMotion | None:
+    """Return what the wheels hold and give in all plans of an answer; None: nothing is told."""
+    first, *others = (wheels_in(plan) for plan in answer.plans)
+    for after in others:
+        first = None if first is None or after is None else first.followed_by(after)
+    return first

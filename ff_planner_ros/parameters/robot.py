@@ -12,7 +12,7 @@ from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.common.forms import FROM_URDF, a_word
 from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.problem import Limits
+from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
 from ff_planner_ros.planning.problem.settings import (
     STRICT_IF_LOW_EACH,
     STRICT_IF_LOW_NOT_ZERO,
@@ -183,6 +183,26 @@ class LimitParameters:
         unit="rad",
         strictness=STRICT_IF_LOW_NOT_ZERO,
     )
+    grasp_force: float = tunable(
+        "Largest force through the grasp of a payload; a request may ask for less; 0.0: any",
+        minimum=0.0,
+        unit="N",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
+    )
+    grasp_torque: float = tunable(
+        "Largest torque through the grasp of a payload, about its link's frame; a request may ask "
+        "for less; 0.0: any",
+        minimum=0.0,
+        unit="N m",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
+    )
+    capture_impulse: float = tunable(
+        "Largest impulse on a body that is captured, within the tolerances of the grasp; a request "
+        "may ask for less; 0.0: any",
+        minimum=0.0,
+        unit="N s",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
+    )
 
     def __post_init__(self) -> None:
         """Check what no range of a parameter describes."""
@@ -197,10 +217,9 @@ class LimitParameters:
         """Return the limits of a problem."""
         return Limits(
             joint_velocities=FROM_URDF.read("limits.velocity", self.velocity),
-            chaser_attitude=self.chaser_attitude or math.inf,
-            chaser_rotation=self.chaser_rotation or math.inf,
             joint_accelerations=self.accelerations,
             joint_torques=FROM_URDF.read("limits.effort", self.effort),
+            **{name: getattr(self, name) or math.inf for name in OF_ONE_NUMBER},
         )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from ff_planner_ros.analysis.drawing.tracking import Deviations
 from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED, Method
-from ff_planner_ros.analysis.plan_json import plan_document
+from ff_planner_ros.analysis.plan_document import PlanDocument, phases_of, plan_document
 from ff_planner_ros.bag.publications import Publication
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
@@ -114,16 +114,24 @@ def report_of_answer(file: Path) -> Report:
         if isinstance(answer, dict) and _refused(answer):
             request = _refusal(answer)
             return Report(file.name, (("file", str(file)),), (), (request,))
-        found = plan_document(answer)
+        found = [(name, plan_document(one), one) for name, one in phases_of(answer, file.stem)]
     except InvalidInput as error:
         field = f"{file}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
+    facts = (("file", str(file)), *robot_facts(found[0][1].robot))
+    requests = tuple(
+        _reported(name, one, str(told.get("message", ""))) for name, one, told in found
+    )
+    return Report(file.name, facts, (), requests)
+
+
+def _reported(name: str, found: PlanDocument, message: str) -> ReportedRequest:
     motion = found.plan.trajectory
-    request = ReportedRequest(
-        plan_id=file.stem,
+    return ReportedRequest(
+        plan_id=name,
         door="command line",
         code=Status.SOLVED,
-        message=str(answer.get("message", "")),
+        message=message,
         weights=found.weights,
         duration=found.plan.duration or float(motion.time[-1]),
         points=len(motion.time),
@@ -134,8 +142,6 @@ def report_of_answer(file: Path) -> Report:
             found.robot, {PLANNED: motion}, found.obstacles, found.scene, found.plan.wheels
         ),
     )
-    facts = (("file", str(file)), *robot_facts(found.robot))
-    return Report(file.name, facts, (), (request,))
 
 
 def reported_plan(

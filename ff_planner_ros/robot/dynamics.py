@@ -6,6 +6,8 @@ a tangent velocity and `acceleration` dv/dt, each of shape (6 + joints,).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pinocchio as pin
 
@@ -97,6 +99,113 @@ def torques_on_base_by_x(
     return base
 
 
+def frame_wrenches(
+    robot: Robot, frame: int, q: Array, v: Array, joint_accelerations: Array
+) -> Array:
+    """Return the wrench that moves what is fixed to a frame while nothing pushes the base.
+
+    By Newton and Euler of that body alone: F = I a + v x* I v. Forces first, then torques about the
+    frame's origin, in its axes. Shape (points, 6) [N, N m].
+
+    Args:
+        frame: Of a fixed joint; it has the inertia of the link that it holds.
+    """
+    model, data = robot.model, robot.model.createData()
+    inertia, wrenches = model.frames[frame].inertia, np.empty((len(q), 6))
+    moved = accelerations(robot, q, v, joint_accelerations)
+    for i, sample in enumerate(zip(q, v, moved, strict=True)):
+        pin.forwardKinematics(model, data, *sample)
+        twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
+        acceleration = pin.getFrameAcceleration(model, data, frame, pin.LOCAL)
+        wrenches[i] = (inertia * acceleration + twist.cross(inertia * twist)).vector
+    return wrenches
+
+
+def frame_wrenches_by_x(
+    robot: Robot,
+    frame: int,
+    q: Array,
+    v: Array,
+    joint_accelerations: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    joint_accelerations_by_x: Array,
+) -> Array:
+    """Return the exact derivatives of `frame_wrenches`; the arguments as of `joint_torques_by_x`.
+
+    Shape (points, 6, variables).
+    """
+    model, data = robot.model, robot.model.createData()
+    inertia = model.frames[frame].inertia
+    matrix, joint = inertia.matrix(), model.frames[frame].parentJoint
+    to_frame = model.frames[frame].placement.inverse().action
+    moved = accelerations(robot, q, v, joint_accelerations)
+    of_x = q_by_x, v_by_x, joint_accelerations_by_x
+    moved_by_x = _accelerations_by_x(robot, q, v, moved, *of_x)
+    by_x = np.empty((len(q), 6, q_by_x.shape[2]))
+    for i, sample in enumerate(zip(q, v, moved, strict=True)):
+        pin.computeForwardKinematicsDerivatives(model, data, *sample)
+        v_by_q, a_by_q, a_by_v, a_by_a = pin.getJointAccelerationDerivatives(
+            model, data, joint, pin.LOCAL
+        )
+        a_by_x = to_frame @ (a_by_q @ q_by_x[i] + a_by_v @ v_by_x[i] + a_by_a @ moved_by_x[i])
+        twist_by_x = to_frame @ (v_by_q @ q_by_x[i] + a_by_a @ v_by_x[i])
+        twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
+        momentum = inertia * twist
+        by_x[i] = matrix @ a_by_x + _dual_cross(twist) @ matrix @ twist_by_x
+        by_x[i] -= _crossed_by(momentum) @ twist_by_x
+    return by_x
+
+
+def _dual_cross(twist: pin.Motion) -> Array:
+    """Return v x* as a matrix: of forces. Shape (6, 6)."""
+    return -np.asarray(twist.action.T, np.float64)
+
+
+def _crossed_by(momentum: pin.Force) -> Array:
+    """Return the matrix H with v x* h = -H v. Shape (6, 6)."""
+    linear, angular = pin.skew(momentum.linear), pin.skew(momentum.angular)
+    return np.block([[np.zeros((3, 3)), linear], [linear, angular]])
+
+
+def _accelerations_by_x(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    moved: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    joint_accelerations_by_x: Array,
+) -> Array:
+    """Return the derivatives of `accelerations`, which are `moved`. (points, 6 + joints, vars)."""
+    by_x = np.zeros_like(q_by_x)
+    by_x[:, 6:] = joint_accelerations_by_x
+    of_x = q_by_x, v_by_x, joint_accelerations_by_x
+    for i, (_, _, of_base) in enumerate(_base_by_x(robot, q, v, moved, *of_x)):
+        by_x[i, robot.base.rows] = of_base
+    return by_x
+
+
+def _base_by_x(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    moved: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    joint_accelerations_by_x: Array,
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield, for each sample, the derivatives of the forces that a base at rest would take.
+
+    With them the mass matrix, and the derivatives of the base's acceleration that takes none.
+    """
+    model, data, rows = robot.model, robot.model.createData(), robot.base.rows
+    for i, sample in enumerate(zip(q, v, moved, strict=True)):
+        of_q, of_v, mass = pin.computeRNEADerivatives(model, data, *sample)
+        forces = of_q @ q_by_x[i] + of_v @ v_by_x[i] + mass[:, 6:] @ joint_accelerations_by_x[i]
+        yield forces, mass, np.linalg.solve(mass[np.ix_(rows, rows)], -forces[rows])
+
+
 def _forces_by_x(
     robot: Robot,
     q: Array,
@@ -107,14 +216,10 @@ def _forces_by_x(
     joint_accelerations_by_x: Array,
 ) -> Array:
     """Return the derivatives of all generalised forces. Shape (points, 6 + joints, variables)."""
-    model, data, rows = robot.model, robot.model.createData(), robot.base.rows
-    acceleration = accelerations(robot, q, v, joint_accelerations)
-    by_x = np.empty_like(q_by_x)
-    for i, sample in enumerate(zip(q, v, acceleration, strict=True)):
-        of_q, of_v, mass = pin.computeRNEADerivatives(model, data, *sample)
-        forces = of_q @ q_by_x[i] + of_v @ v_by_x[i] + mass[:, 6:] @ joint_accelerations_by_x[i]
-        of_base = np.linalg.solve(mass[np.ix_(rows, rows)], -forces[rows])
-        by_x[i] = forces + mass[:, rows] @ of_base
+    moved = accelerations(robot, q, v, joint_accelerations)
+    of_x, by_x = (q_by_x, v_by_x, joint_accelerations_by_x), np.empty_like(q_by_x)
+    for i, (forces, mass, of_base) in enumerate(_base_by_x(robot, q, v, moved, *of_x)):
+        by_x[i] = forces + mass[:, robot.base.rows] @ of_base
     return by_x
 
 

@@ -24,10 +24,12 @@ from rclpy.signals import SignalHandlerOptions
 
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.messages.service_events import RESULT_EVENTS
-from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT
+from ff_planner_ros.ros.messages.phases import phase_message
 from ff_planner_ros.ros.messages.request_values import (
     REQUEST_KEYS,
     request_value,
@@ -101,13 +103,14 @@ def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> P
     Raises:
         InvalidInput: The scenario is refused.
     """
-    problem = load_scenario(scenario)
+    task = load_task(scenario, Defaults(load_parameters().planner))
+    problem, names = task.problem, task.problem.robot.joint_names
     request = request_message(problem, frame)
+    request.then = [phase_message(one, names, frame) for one in task.then]
     if problem.robot.payload is not None:
         request.payload = [payload_message(problem.robot.payload)]
     # Stamps of zero: as if measured when the node reads it.
     if "state" in bring:
-        names = problem.robot.joint_names
         request.start_state = [state_message(problem.start, names, 0, frame)]
     if "obstacles" in bring:
         request.scene = [scene_message(problem.obstacles, 0, frame)]

@@ -16,12 +16,15 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.task.task import perform
+from ff_planner_ros.planning.task.whole import whole
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
-from ff_planner_ros.ros.messages.to_messages import (
-    answer_of_error,
-    answer_with_plan,
-    plan_message,
+from ff_planner_ros.ros.messages.phases import (
+    bodies_of,
+    efforts_of,
+    plan_messages,
+    tell_found,
 )
+from ff_planner_ros.ros.messages.to_messages import answer_of_error, answer_with_plan
 from ff_planner_ros.ros.requests.reading import Provenance
 from ff_planner_ros.runs.differences import Difference, differences
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
@@ -109,8 +112,8 @@ def replay(recorded: RecordedRequest) -> Replayed:
         why = _NO_FUNCTIONS_OF_THE_PROBLEM[then]
         return Replayed(recorded, Verdict.NOT_REPLAYABLE, None, why, (), 0.0)
     try:
-        effort = 0 if recorded.response is None else recorded.response.effort
-        answer, planning_time = answer_again(recorded, effort)
+        efforts = [] if recorded.response is None else efforts_of(recorded.response)
+        answer, planning_time = answer_again(recorded, efforts)
     except BagError as error:
         return Replayed(recorded, Verdict.NOT_REBUILT, None, str(error), (), 0.0)
     before, found = recorded.response, list[Difference]()
@@ -138,11 +141,14 @@ def _is_of_arrivals(recorded: RecordedRequest) -> bool:
     return recorded.status in _OF_ARRIVALS
 
 
-def answer_again(recorded: RecordedRequest, effort: int = 0) -> tuple[PlanAnswer, float]:
+def answer_again(
+    recorded: RecordedRequest, efforts: Sequence[int] = ()
+) -> tuple[PlanAnswer, float]:
     """Answer a request as the node does, and tell the wall clock of the planning alone [s].
 
     Args:
-        effort: Step at which the search ended, because its time was over; zero: at its end.
+        efforts: Step at which the search of each phase ended, because its time was over; zero: at
+            its end.
 
     Raises:
         BagError: The request cannot be rebuilt.
@@ -150,23 +156,24 @@ def answer_again(recorded: RecordedRequest, effort: int = 0) -> tuple[PlanAnswer
     if recorded.inputs is None:
         raise BagError(recorded.missing)
     frame, digest = recorded.inputs.parameters.inertial_frame, ""
-    origin = Provenance()
+    origin, asked = Provenance(), None
     begun, took = time.perf_counter(), 0.0
     try:
         asked = recorded.read_request()
-        task, origin = asked.task.ended_at(effort), asked.provenance
+        task, origin = asked.task.ended_at(*efforts), asked.provenance
         digest, begun = task.digest, time.perf_counter()
         try:
             plan = perform(task)
         finally:
             took = time.perf_counter() - begun
-        body = asked.task.problem.target_body
-        written = plan_message(plan, asked.start_ns, frame, body)
-        answer = answer_with_plan(plan, written, recorded.name, took)
+        written = plan_messages(plan, asked.start_ns, frame, bodies_of(task, plan))
+        answer = answer_with_plan(whole(plan), written, recorded.name, took)
     except BagError:
         raise
     except FfPlannerError as error:
         answer = answer_of_error(error, recorded.name, took)
+        if asked is not None:
+            tell_found(answer, error, asked.task, asked.start_ns, frame)
     except Exception as error:  # as the node answers what nobody foresaw
         unforeseen = FfPlannerError(Status.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
         answer = answer_of_error(unforeseen, recorded.name, took)

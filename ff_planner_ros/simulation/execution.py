@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
-from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.feed_forward import FeedForward
@@ -79,15 +78,3 @@ def _step(engine: Engine, state: Array, time: Array, torques: Array) -> Array:
     k4 = engine.derivative(state + step * k3, torques[2])
     after: Array = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     return after
-
-
-def start_state(trajectory: Trajectory) -> SystemState:
-    """Return the state at the first point of a plan."""
-    return SystemState(
-        position_chaser_in_inertial=trajectory.chaser_positions[0],
-        quaternion_chaser_to_inertial_xyzw=trajectory.chaser_quaternions_xyzw[0],
-        linear_velocity_chaser_in_inertial=trajectory.chaser_linear_velocities[0],
-        angular_velocity_chaser_in_inertial=trajectory.chaser_angular_velocities[0],
-        joint_positions=trajectory.joint_positions[0],
-        joint_velocities=trajectory.joint_velocities[0],
-    )

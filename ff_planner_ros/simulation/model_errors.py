@@ -8,12 +8,13 @@ from itertools import chain
 
 import numpy as np
 
+from ff_planner_ros.planning.motion.motion import state_at
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
-from ff_planner_ros.simulation.execution import execute, start_state
+from ff_planner_ros.simulation.execution import execute
 from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward, torque_spline
 from ff_planner_ros.simulation.verification import (
     Deviation,
@@ -60,7 +61,7 @@ def model_errors(robot: Robot, trajectory: Trajectory) -> tuple[ModelError, ...]
     longest = np.diff(trajectory.time).max()
     steps = max(steps_per_point(trajectory), int(np.ceil(longest / LONGEST_STEP)))
     command, spline = feed_forward(robot, trajectory, steps), torque_spline(trajectory, steps)
-    start = start_state(trajectory)
+    start = state_at(trajectory, 0)
     right = [(Engine(robot), start)]
     cases: list[tuple[str, FeedForward, Iterable[_Variant]]] = [
         ("nothing", command, right),

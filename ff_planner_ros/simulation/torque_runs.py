@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.distance.nearness import nearness
-from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.motion import from_trajectory, state_at
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.scene import Scene
@@ -23,7 +23,7 @@ from ff_planner_ros.planning.robust.margins import CLEARANCE
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
-from ff_planner_ros.simulation.execution import Execution, execute, start_state
+from ff_planner_ros.simulation.execution import Execution, execute
 from ff_planner_ros.simulation.feed_forward import feed_forward
 from ff_planner_ros.simulation.monte_carlo import (
     JOINTS,
@@ -70,10 +70,10 @@ def torque_monte_carlo(
         raise InvalidInput(Status.UNSUPPORTED, "uncertainty.center_of_mass", value, allowed)
     engine = Engine(robot)
     planned = beside_center_of_mass(engine, trajectory)
-    origin, velocity = engine.center_of_mass(start_state(trajectory))
+    origin, velocity = engine.center_of_mass(state_at(trajectory, 0))
     seen = scene.captured_at(float(trajectory.time[-1])).seen_from(origin, velocity)
     command = feed_forward(robot, planned, steps_per_point(planned))
-    drawn, start = draws(robot, uncertainty, range(total), seed), start_state(planned)
+    drawn, start = draws(robot, uncertainty, range(total), seed), state_at(planned, 0)
     peaks = np.abs(trajectory.joint_torques).max(axis=0)
     fastest = max(np.abs(trajectory.joint_velocities).max(), np.finfo(float).tiny)
     found = np.empty((4, total))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.motion import from_trajectory, state_at
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.scene import Scene
@@ -22,7 +22,6 @@ from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import (
     Execution,
     execution_of,
-    start_state,
     states_after_steps,
 )
 from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward
@@ -119,12 +118,12 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
         if finer > 1 and finer * steps * (len(planned.time) - 1) > MOST_STEPS:
             break
         command = feed_forward(robot, planned, finer * steps)
-        states = states_after_steps(engine, start_state(planned), command)
+        states = states_after_steps(engine, state_at(planned, 0), command)
         execution = execution_of(engine, states, command)
         drift = _momentum_drift(robot, engine, planned, execution)
         if drift <= MOMENTUM_TOLERANCE:
             break
-    origin, velocity = engine.center_of_mass(start_state(trajectory))
+    origin, velocity = engine.center_of_mass(state_at(trajectory, 0))
     seen = scene.captured_at(float(trajectory.time[-1])).seen_from(origin, velocity)
     touch = Touch(robot, seen)
     return Verification(
@@ -189,7 +188,7 @@ def beside_center_of_mass(engine: Engine, trajectory: Trajectory) -> Trajectory:
 
     The axes stay. Far away, or where everything moves fast, MuJoCo would lose digits.
     """
-    origin, velocity = engine.center_of_mass(start_state(trajectory))
+    origin, velocity = engine.center_of_mass(state_at(trajectory, 0))
     way = np.outer(trajectory.time, velocity)
     return replace(
         trajectory,

@@ -161,10 +161,10 @@ def sphere_distances(
     kinds, sizes = kinds_and_sizes(robot)
     for kind in Kind:
         of_kind = np.flatnonzero(kinds[body] == kind)
-        if of_kind.size and kind is not Kind.HULL:
+        if of_kind.size and kind in _FORMULAS:
             found = _FORMULAS[kind](seen[of_kind], sizes[body[of_kind]])
             distance[of_kind], out[of_kind] = found
-        for row in of_kind if kind is Kind.HULL else ():
+        for row in of_kind if kind not in _FORMULAS else ():
             distance[row], out[row] = _from_hull(robot.bodies[body[row]].solid, seen[row])
     normal = np.einsum("rij,rj->ri", to_base, out)
     return Distances(distance - radius[sphere], center, normal)
@@ -173,7 +173,7 @@ def sphere_distances(
 def distance_from(body: Body, point: Array) -> float:
     """Return the signed distance of a point from a body, in the frame of its solid [m]."""
     kind, sizes = kind_and_sizes(body.solid)
-    if kind is Kind.HULL:
+    if kind not in _FORMULAS:
         return _from_hull(body.solid, point)[0]
     (distance,), _ = _FORMULAS[kind](point[None], np.array([sizes]))
     return float(distance)

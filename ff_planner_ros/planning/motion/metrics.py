@@ -123,6 +123,14 @@ class Metrics:
     peak_wheel_torques: tuple[float, ...] = _metric(
         "N m", "peak wheel torque", _TORQUE, "N m", ".4g", ()
     )
+    # Through the grasp of a payload at any time, exact to 5e-4; NaN: it holds none.
+    peak_grasp_force: float = _metric("N", "peak grasp force", _TORQUE, "N", ".4g", np.nan)
+    peak_grasp_torque: float = _metric("N m", "peak grasp torque", _TORQUE, "N m", ".4g", np.nan)
+    # Largest on a body that is captured, within the tolerances of the grasp; NaN: not known.
+    capture_impulse: float = _metric("N s", "capture impulse", _TORQUE, "N s", ".4g", np.nan)
+    capture_angular_impulse: float = _metric(
+        "N m s", "capture angular impulse", _TORQUE, "N m s", ".4g", np.nan
+    )
     # Whose the clearances are, `body/obstacle` and `body/body`, and when [s]; empty, infinite:
     # nobody's.
     min_clearance_pair: str = ""

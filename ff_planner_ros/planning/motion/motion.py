@@ -50,6 +50,19 @@ def to_trajectory(
     )
 
 
+def state_at(motion: Trajectory, point: int) -> SystemState:
+    """Return the state of chaser and arm at a point of a motion; it does not tell of wheels."""
+    return SystemState(
+        position_chaser_in_inertial=motion.chaser_positions[point],
+        quaternion_chaser_to_inertial_xyzw=motion.chaser_quaternions_xyzw[point],
+        linear_velocity_chaser_in_inertial=motion.chaser_linear_velocities[point],
+        angular_velocity_chaser_in_inertial=motion.chaser_angular_velocities[point],
+        joint_positions=motion.joint_positions[point],
+        joint_velocities=motion.joint_velocities[point],
+        joint_accelerations=motion.joint_accelerations[point],
+    )
+
+
 def chaser_motion(states: Sequence[SystemState]) -> dict[str, Array]:
     """Return the chaser's part of a trajectory, from the state at each point."""
     return {

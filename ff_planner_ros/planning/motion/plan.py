@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -41,6 +41,20 @@ class Trajectory:
         for item in fields(self):
             object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
 
+    def followed_by(self, after: Trajectory, begin: float = 0.0) -> Trajectory:
+        """Return one motion of two; the point that they share is this one's.
+
+        Args:
+            begin: When the other's time begins [s].
+        """
+        later = replace(after, time=begin + after.time)
+        return Trajectory(
+            **{
+                item.name: np.concatenate([getattr(self, item.name), getattr(later, item.name)[1:]])
+                for item in fields(self)
+            }
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class WheelMotion:
@@ -53,6 +67,11 @@ class WheelMotion:
         """Replace every array by a read-only copy."""
         for item in fields(self):
             object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
+
+    def followed_by(self, after: WheelMotion) -> WheelMotion:
+        """Return one motion of two; the point that they share is this one's."""
+        momenta = np.concatenate([self.momenta, after.momenta[1:]])
+        return WheelMotion(momenta, np.concatenate([self.torques, after.torques[1:]]))
 
 
 @dataclass(frozen=True)
@@ -120,6 +139,13 @@ class Plan:
     # At which chaser and arm turn together where the joints rest at the goal [rad/s]; None: they do
     # not, or it was not asked for
     turn_rate_at_rest: float | None = None
+    # Of the phases that follow, each by itself; empty: there are none
+    then: tuple[Plan, ...] = ()
+
+    @property
+    def phases(self) -> tuple[Plan, ...]:
+        """The plan of each phase; one that nothing follows is the only one."""
+        return (replace(self, then=()), *self.then) if self.then else (self,)
 
     @property
     def may_be_singular(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -47,6 +48,10 @@ class Watch:
     def offer(self, plan: Plan) -> None:
         """Called with every plan that passed the check."""
 
+    def share(self, searches: int) -> Watch:  # noqa: ARG002 (without a clock there is no end)
+        """Return the watch of a search, after which so many less one follow it."""
+        return self
+
 
 class PassingOn(Watch):
     """Passes on to another watch whatever it does not do itself."""
@@ -66,6 +71,12 @@ class PassingOn(Watch):
     def offer(self, plan: Plan) -> None:
         """Pass it on."""
         self._watch.offer(plan)
+
+    def share(self, searches: int) -> Watch:
+        """Return a watch that passes on to another's share."""
+        one = copy(self)
+        one._watch = self._watch.share(searches)  # noqa: SLF001 (of its own class)
+        return one
 
 
 class Steps(PassingOn):

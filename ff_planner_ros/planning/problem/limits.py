@@ -19,6 +19,11 @@ from ff_planner_ros.common.forms import (
 
 # A limit is not less [rad]: a plan's check does not see that it is kept.
 _LEAST = 1e-6
+# Limits of one number each, infinite where there is none.
+OF_ONE_NUMBER = (
+    *("chaser_attitude", "chaser_rotation"),
+    *("grasp_force", "grasp_torque", "capture_impulse"),
+)
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,36 @@ class Limits:
         since="0.3",
         default=math.inf,
         message="chaser_rotation[0]",
+        brief=True,
+        late=True,
+    )
+    grasp_force: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest force through the grasp of a payload",
+        unit="N",
+        since="0.3",
+        default=math.inf,
+        message="grasp_force[0]",
+        brief=True,
+        late=True,
+    )
+    grasp_torque: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest torque through the grasp of a payload, about the end effector or the link's frame",
+        unit="N m",
+        since="0.3",
+        default=math.inf,
+        message="grasp_torque[0]",
+        brief=True,
+        late=True,
+    )
+    capture_impulse: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest impulse on a body that is captured, as far as it does not move like the grasp",
+        unit="N s",
+        since="0.3",
+        default=math.inf,
+        message="capture_impulse[0]",
         brief=True,
         late=True,
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes
-from ff_planner_ros.common.forms import Form, a_word
+from ff_planner_ros.common.forms import Form, a_number, a_word
 
 
 class Strictness(NamedTuple):
@@ -243,6 +243,28 @@ class PlannerSettings:
         maximum=10.0,
         unit="rad/s",
         strictness=STRICT_IF_LOW,
+    )
+
+    capture_velocity_tolerance: float = declare(
+        a_number(at_least=0.0, at_most=1.0),
+        "largest velocity of the end effector relative to the grasp at contact, in any direction, "
+        "that navigation leaves: for the capture's impulse",
+        unit="m/s",
+        since="0.3",
+        brief=True,
+        default=0.0,
+        late=True,
+        strictness=STRICT_IF_HIGH,
+    )
+    capture_turn_rate_tolerance: float = declare(
+        a_number(at_least=0.0, at_most=1.0),
+        "largest turn rate relative to the grasp then, likewise",
+        unit="rad/s",
+        since="0.3",
+        brief=True,
+        default=0.0,
+        late=True,
+        strictness=STRICT_IF_HIGH,
     )
 
     def __post_init__(self) -> None:

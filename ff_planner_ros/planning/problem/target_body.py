@@ -24,6 +24,7 @@ from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_v
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.torque_free import (
+    PointMotion,
     TorqueFreeMotion,
     Turning,
     fastest_turn,
@@ -96,18 +97,6 @@ class AttachedBody:
 
 
 @dataclass(frozen=True, eq=False)
-class PointMotion:
-    """Motion of a frame that is fixed to a body, at some times, all in inertial axes."""
-
-    positions: Array  # shape (times, 3) [m]
-    rotations: Array  # axes of the frame to inertial axes; shape (times, 3, 3)
-    # Linear and angular velocity, and their first and second derivatives; each (times, 6)
-    twists: Array  # [m/s, rad/s]
-    accelerations: Array  # [m/s2, rad/s2]
-    jerks: Array  # [m/s3, rad/s3]
-
-
-@dataclass(frozen=True, eq=False)
 class TargetBody:
     """A body that moves freely, at the plan's first point, in the inertial frame.
 
@@ -167,6 +156,16 @@ class TargetBody:
         unit="rad/s",
         default_factory=zero_vector,
         message="twist.angular",
+    )
+    mass: float = declare(  # zero: not known
+        a_number(at_least=0.0),
+        "of the body: needed by what follows a capture, and for its impulse; then the inertia must "
+        "be in kg m2",
+        unit="kg",
+        brief=True,
+        default=0.0,
+        message="inertia.m",
+        late=True,
     )
     obstacles: tuple[AttachedSphere | AttachedBody, ...] = declare(
         each(one_of_parts("shape", part(AttachedBody), part(AttachedSphere))),
@@ -294,13 +293,7 @@ class TargetBody:
         """
         motion = self.motion(self.grasp_position, times)
         grasp = pin.Quaternion(self.grasp_quaternion_xyzw).toRotationMatrix()
-        return PointMotion(
-            motion.positions,
-            motion.rotations @ grasp,
-            motion.twists,
-            motion.accelerations,
-            motion.jerks,
-        )
+        return replace(motion, rotations=motion.rotations @ grasp)
 
     def target(self, time: float) -> Target:
         """Return what the end effector shall do at a time [s]: rest in the body at its grasp."""
@@ -313,6 +306,13 @@ class TargetBody:
             linear_acceleration=grasp.accelerations[0, :3],
             angular_acceleration=grasp.accelerations[0, 3:],
         )
+
+    @cached_property
+    def inertia_at_grasp(self) -> pin.Inertia:
+        """Mass and inertia in the frame of an end effector that holds it; a mass of zero: none."""
+        to_body = pin.Quaternion(self.grasp_quaternion_xyzw).toRotationMatrix()
+        grasp = pin.SE3(to_body, self.grasp_position)
+        return grasp.actInv(pin.Inertia(self.mass, np.zeros(3), self.inertia))
 
     def after(self, time: float) -> TargetBody:
         """Return the body as it will be in a time [s], or as it was: a body that turns back."""
@@ -335,11 +335,8 @@ class TargetBody:
             origin: Of that frame, at the plan's first point. Shape (3,) [m].
             velocity: Of that frame. Shape (3,) [m/s].
         """
-        return replace(
-            self,
-            position=self.position - origin,
-            linear_velocity=self.linear_velocity - velocity,
-        )
+        place, moves = self.position - origin, self.linear_velocity - velocity
+        return replace(self, position=place, linear_velocity=moves)
 
     @cached_property
     def fastest_turn(self) -> float:

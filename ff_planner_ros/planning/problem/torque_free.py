@@ -12,6 +12,7 @@ between its ends too, and no grid of times is needed.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,18 @@ _LONGEST = 1e9
 _LEAST_MOMENT, _PLATE = 1e-6, 1e-6
 # An inertia is written with so many digits at least: its halves are alike to this, relative.
 _SYMMETRIC = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PointMotion:
+    """Motion of a frame that is fixed to a body, at some times, all in inertial axes."""
+
+    positions: Array  # shape (times, 3) [m]
+    rotations: Array  # axes of the frame to inertial axes; shape (times, 3, 3)
+    # Linear and angular velocity, and their first and second derivatives; each (times, 6)
+    twists: Array  # [m/s, rad/s]
+    accelerations: Array  # [m/s2, rad/s2]
+    jerks: Array  # [m/s3, rad/s3]
 
 
 class Turning(NamedTuple):

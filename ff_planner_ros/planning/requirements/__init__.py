@@ -10,6 +10,8 @@ from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import Goal
+from ff_planner_ros.planning.requirements.grasp.capture_impulse import CaptureImpulse
+from ff_planner_ros.planning.requirements.grasp.grasp_wrench import GraspWrench
 from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
@@ -37,6 +39,8 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     ChaserRotation(),
     SingularValues(),
     WheelLimits(),
+    GraspWrench(),
+    CaptureImpulse(),
     Torques(),  # after the singularity, near which torques are a symptom
     Goal(),
     Plane(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, PlannerSettings
 from ff_planner_ros.planning.problem.target import require_enough_joints
 from ff_planner_ros.planning.scenario.body_file import TARGET_BODY, BodyFile
+from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
+from ff_planner_ros.planning.scenario.phases_file import PHASES, built, first_named, split
 from ff_planner_ros.planning.scenario.wheels_file import WheelsFile
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -53,6 +55,9 @@ SCENARIO_FRAME = "inertial"
 _NO_LIMITS = Limits()
 
 Built = TypeVar("Built")
+_Read: TypeAlias = Mapping[str, Any]  # values by key
+# Of the first phase, the robot and the other phases.
+_Build: TypeAlias = Callable[[_Read, Robot, Sequence[_Read]], Built]
 
 
 @dataclass(frozen=True)
@@ -140,6 +145,7 @@ KEYS: DeclaredFields = {
     **declared(PlanningProblem),
     "target_body": replace(declared(PlanningProblem)["target_body"], form=TARGET_BODY),
     **declared(PlanningTask),
+    PHASES_KEY: PHASES,
 }
 
 
@@ -165,7 +171,7 @@ def load_scenario(path: Path) -> PlanningProblem:
             the wrong type or not to be planned with; named as in the file, `chaser.position`. Its
             `faults` are all that is wrong.
     """
-    return _built(path, USUAL_POINTS, lambda read, robot: _problem(read, robot, _NO_LIMITS))
+    return _built(path, USUAL_POINTS, lambda read, robot, _: _problem(read, robot, _NO_LIMITS))
 
 
 def load_task(path: Path, defaults: Defaults) -> PlanningTask:
@@ -174,13 +180,25 @@ def load_task(path: Path, defaults: Defaults) -> PlanningTask:
     Raises:
         InvalidInput: As by `load_scenario`.
     """
-    return _built(path, defaults.points, lambda read, robot: _task(read, robot, defaults))
+
+    def task(read: _Read, robot: Robot, others: Sequence[_Read]) -> PlanningTask:
+        first = _task(read, robot, defaults)
+        then = built(others, robot, first.problem.limits, path.parent)
+        return replace(first, then=then) if then else first
+
+    return _built(path, defaults.points, task)
 
 
 def scenario_schema() -> Schema:
     """Return the JSON Schema of a scenario file."""
-    goals = [{"required": ["target"]}, {"required": ["target_body"]}]
-    return {"$schema": DIALECT, "title": "a scenario"} | schema_of(KEYS) | {"oneOf": goals}
+    schema = schema_of(KEYS)
+    schema["required"] = [key for key in schema["required"] if key != "duration"]
+    goals = [
+        {"required": ["target", "duration"]},
+        {"required": ["target_body", "duration"]},
+        {"required": [PHASES_KEY]},
+    ]
+    return {"$schema": DIALECT, "title": "a scenario"} | schema | {"oneOf": goals}
 
 
 def limits_from(value: object, defaults: Limits) -> Limits:
@@ -192,9 +210,16 @@ def limits_from(value: object, defaults: Limits) -> Limits:
     return replace(defaults, **changes(Limits).read("limits", value))
 
 
-def _built(path: Path, points: int, build: Callable[[Mapping[str, Any], Robot], Built]) -> Built:
+def _built(path: Path, points: int, build: _Build[Built]) -> Built:
     """Return what is built of a file's values, once nothing is wrong with any of them."""
-    faults, document = Faults(), read_yaml(path)
+    whole = read_yaml(path)
+    with first_named(whole):
+        return _built_of(whole, path, points, build)
+
+
+def _built_of(whole: object, path: Path, points: int, build: _Build[Built]) -> Built:
+    faults = Faults()
+    document, others = split(whole, faults)
     read = read_keys(KEYS, "", document, faults)
     if isinstance(document, dict) and ("target" in document) == ("target_body" in document):
         found = "given beside target_body" if "target" in document else "missing"
@@ -205,12 +230,14 @@ def _built(path: Path, points: int, build: Callable[[Mapping[str, Any], Robot], 
             robot = read["robot"].load(path.parent)
     if robot is not None:
         _check_sizes(read, robot.joints, faults)
-    _read_meshes(read, path.parent, faults)
+    _read_meshes(read, "", path.parent, faults)
+    for index, phase in enumerate(others, start=1):
+        _read_meshes(phase, f"{PHASES_KEY}[{index}].", path.parent, faults)
     faults.refuse()
-    return build({"points": points} | read, robot)
+    return build({"points": points} | read, robot, others)
 
 
-def _read_meshes(read: dict[str, Any], directory: Path, faults: Faults) -> None:
+def _read_meshes(read: dict[str, Any], place: str, directory: Path, faults: Faults) -> None:
     """Read the files of what is in the way: meshes, and the URDF of the target body."""
 
     def loaded(told: str, entries: Sequence[InTheWay]) -> tuple[InTheWay, ...]:
@@ -229,7 +256,7 @@ def _read_meshes(read: dict[str, Any], directory: Path, faults: Faults) -> None:
                 body = body.load(directory)
         if isinstance(body, BodyFile):
             return  # it is a fault
-        fixed = loaded("target_body.obstacles", body.obstacles)
+        fixed = loaded(f"{place}target_body.obstacles", body.obstacles)
         read["target_body"] = replace(body, obstacles=fixed)
 
 

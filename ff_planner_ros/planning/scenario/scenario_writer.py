@@ -11,6 +11,7 @@ import yaml
 from ff_planner_ros.common.declared import DeclaredFields, declared, written
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.scenario.phases_file import with_phases
 from ff_planner_ros.planning.scenario.scenario import KEYS, Defaults, RobotFile, load_task
 from ff_planner_ros.planning.scenario.wheels_file import wheels_file
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -40,7 +41,7 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     values = {"robot": named} | _said_of(task.problem) | _said_by(task)
     # Flow style for what holds no other lists: a line for each vector.
     document = yaml.safe_dump(
-        written(KEYS, values),
+        with_phases(written(KEYS, values), task.then),
         default_flow_style=None,
         sort_keys=False,
         allow_unicode=True,

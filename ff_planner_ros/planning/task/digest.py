@@ -11,7 +11,12 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.common.declared import declared_by_name
-from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import (
+    ObstacleBody,
+    PlanningProblem,
+    Sphere,
+    TargetBody,
+)
 from ff_planner_ros.planning.problem.settings import FORMER_ROUNDS, PlannerSettings, SearchDepth
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -96,6 +101,10 @@ def _is_absent(value: Any, name: str) -> bool:
             return not value.allowed_collisions
         if name == "target":
             return value.target_body is not None or value.posture is not None
+    if isinstance(value, TargetBody) and name == "mass":
+        return True  # a task that depends on it adds it
+    if name == "then":
+        return not given
     if isinstance(value, PlannerSettings) and name == "robust":
         return not value.robust.sigmas
     said = declared_by_name(kind).get(name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
@@ -97,7 +97,7 @@ def with_tail(
         ramp = _ramp(q[-1, 7:], v[-1, 6:], motion.joint_accelerations[-1], seconds)
         tail = driven(robot, q[-1], momentum, ramp, finer)
     after = to_trajectory(robot, problem.duration + time, *(rows[::steps] for rows in tail))
-    whole = _joined(motion, after)
+    whole = motion.followed_by(after)
     longer = replace(plan, trajectory=whole, metrics=measure(problem, whole, settings))
     longer = replace(longer, wheels=wheels_told(problem, whole, settings))
     found = list(failures(problem, longer, settings))
@@ -168,17 +168,6 @@ def _ramp(positions: Array, rates: Array, accelerations: Array, seconds: float) 
         np.array([positions, positions + way]),
         np.array([rates, rest]),
         np.array([accelerations, rest]),
-    )
-
-
-def _joined(motion: Trajectory, after: Trajectory) -> Trajectory:
-    """Return one trajectory of two; the point that they share is the first one's."""
-    names = [item.name for item in fields(Trajectory)]
-    return Trajectory(
-        **{
-            name: np.concatenate([getattr(motion, name), getattr(after, name)[1:]])
-            for name in names
-        }
     )
 
 

@@ -1,26 +1,21 @@
-"""The one door to the planner: everything that a plan depends on, and the way to the plan."""
+"""The one door to the planner: the way from a task to its plan."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from dataclasses import replace
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, finite_number, frozen
-from ff_planner_ros.common.declared import check_declared, declare
-from ff_planner_ros.common.declared_parts import changes
-from ff_planner_ros.common.forms import a_number, a_vector, a_whole_number, a_word, or_none
 from ff_planner_ros.errors import (
     Failure,
     FfPlannerError,
     InvalidInput,
     NoPlanFound,
     OutOfTime,
-    Status,
 )
 from ff_planner_ros.planning.check.check import failures, out_of_time, refusal
 from ff_planner_ros.planning.motion.forward import as_measured, carried_forward
@@ -28,146 +23,38 @@ from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import SystemFrame, system_frame
 from ff_planner_ros.planning.motion.watch import Steps, Watch
-from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.robust.robust import robust_plan
 from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
 from ff_planner_ros.planning.task.controller_rules import Command, Controller, require_acceptable
-from ff_planner_ros.planning.task.digest import digest_of
+from ff_planner_ros.planning.task.following import following
 from ff_planner_ros.planning.task.notes import hull_notes
-from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour, with_tail
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
 from ff_planner_ros.robot.state import SystemState
+
+__all__ = [
+    "Method",
+    "PlanningTask",
+    "as_it_begins",
+    "attempted",
+    "in_frame_of_user",
+    "perform",
+    "without_search",
+]
 
 # Problem, in the frame that the plan is made in, settings, who watches, first guess.
 Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, FirstGuess | None], Plan]
 
 _NANOSECONDS = 1e9
+# A phase that another follows keeps so much more clear of everything [m], where one of a few first
+# guesses leads to such a plan: the next one begins there, with a body more.
+_ROOM, _FEW = 0.02, 3
 # Durations that are tried where the tail of the one that was chosen cannot be driven: as far apart
 # as an eighth of the range.
 _OTHER_MOMENTS = 9
-# More steps than any search takes; messages count them in a uint64.
-MOST_STEPS = 2**53
-# A goal is at its motion's last point, but for this [s].
-_ROUNDING = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class PlanningTask:
-    """A problem with everything else that its plan depends on.
-
-    Raises:
-        InvalidInput: A time that is negative, or a number that is not finite.
-    """
-
-    problem: PlanningProblem  # its start is the state as measured
-    settings: PlannerSettings = declare(
-        changes(PlannerSettings),
-        "settings of the planner, as the parameters of this group",
-        key="planner",
-        since="0.3",
-        optional=True,
-    )
-    ahead: float = declare(
-        a_number(at_least=0.0),
-        "time from the state to the first point of the plan, for which the state is carried "
-        "forward",
-        key="start_after",
-        unit="s",
-        since="0.3",
-        default=0.0,
-    )
-    running: JointMotion | None = declare(
-        changes(JointMotion),
-        "what the joints do until then; default: they keep their velocities",
-        since="0.3",
-        default=None,
-    )
-    # It begins exactly on that motion, and is looked for near what remains of it
-    running_goal: float | None = declare(
-        a_number(),
-        "when that motion is at its goal: the plan takes over from it; default: a plan of its own",
-        unit="s from the state",
-        since="0.3",
-        default=None,
-        late=True,
-    )
-    end_behaviour: EndBehaviour = declare(
-        a_word(EndBehaviour, FORMER_END_BEHAVIOURS),
-        "what the arm does after the goal",
-        since="0.3",
-        default=EndBehaviour.NONE,
-        message="end_behaviour",
-    )
-    tail: float = declare(  # zero for `none`
-        a_number(),
-        "how long it does so",
-        key="post_goal_duration",
-        formerly="tail_duration",
-        unit="s",
-        since="0.3",
-        default=0.0,
-    )
-    controller: Controller | None = declare(
-        or_none(changes(Controller)),
-        "rules that the plan must keep; none: nobody's",
-        since="0.3",
-        default=None,
-    )
-    first_guess: Array | None = declare(
-        a_vector(None),
-        "decision variables of the path family, tried before anything else",
-        since="0.3",
-        default=None,
-    )
-    effort: int = declare(
-        a_whole_number(0, MOST_STEPS),
-        "step at which the search ends, as an answer tells it; default: it goes to its end",
-        key="search.effort",
-        since="0.3",
-        brief=True,
-        default=0,
-        message="search.effort",
-        late=True,
-    )
-
-    def __post_init__(self) -> None:
-        """Check the times, and keep read-only copies of the arrays."""
-        check_declared(self, "")
-        if self.end_behaviour is EndBehaviour.NONE:
-            object.__setattr__(self, "tail", 0.0)
-        if self.running is not None:
-            motion = {item.name: getattr(self.running, item.name) for item in fields(JointMotion)}
-            copy = JointMotion(**{name: frozen(rows) for name, rows in motion.items()})
-            object.__setattr__(self, "running", copy)
-        if self.running_goal is not None:
-            self._require_remainder(self.running_goal)
-
-    def _require_remainder(self, goal: float) -> None:
-        """Refuse to take over from a motion that does not run then, or is at its goal already."""
-        if self.running is None:
-            allowed = "there is no running motion to go on from"
-            raise InvalidInput(Status.NO_ACTIVE_PLAN, "running_goal", goal, allowed)
-        first, last = self.running.time[[0, -1]].tolist()
-        if not first <= self.ahead < finite_number("running_goal", goal) <= last + _ROUNDING:
-            allowed = (
-                f"it must be after start_after, {self.ahead:g} s, and both within running.time, "
-                f"{first:g} s to {last:g} s"
-            )
-            raise InvalidInput(Status.OUT_OF_RANGE, "running_goal", goal, allowed)
-
-    def ended_at(self, effort: int) -> PlanningTask:
-        """Return the task whose search ends at a step, as an answer tells it; zero: at its end."""
-        return replace(self, effort=effort) if effort else self
-
-    @cached_property
-    def digest(self) -> str:
-        """A hash of everything that the plan depends on: equal tasks have equal digests."""
-        # A controller that lets joints move at the end takes every sound plan.
-        strict = self.controller
-        if strict is not None and strict.allow_nonzero_velocity_at_trajectory_end:
-            strict = None
-        return digest_of(replace(self, controller=strict))
 
 
 def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:
@@ -195,11 +82,117 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
     the frame of the system's centre of mass (`system_frame`), where it does not depend on the frame
     of the task; the plan, and the attempt of a refusal, are in the frame of the task.
 
+    Of a sequence of phases, each begins where the plan before ends, and the last one has the tail.
+    The plan is that of the first, with those of the others in `then`.
+
     Raises:
         InvalidInput: The start violates what the plan must keep, or the tail is too long.
         NoPlanFound: The method found no plan, or what it found does not pass the check, with its
             tail or without; or the controller would not take it; or the watch ended the search.
+            Of a sequence it, and an InvalidInput of a later phase, tells which phase has no plan,
+            and holds the plans before it.
     """
+    if not task.then:
+        return _perform(task, watch, method)
+    count = 1 + len(task.then)
+    phases, plans, others = [task], list[Plan](), list[Iterator[PlanningTask]]()
+    refused: FfPlannerError | None = None
+    while len(plans) < count:
+        phase, share = phases[-1], watch.share(count - len(plans))
+        try:
+            ways = _ways(phase)
+            found = _first(ways, share, method)
+            after = [following(phase, found)] if phase.then else []
+        except FfPlannerError as error:
+            refused = refused or _without_rest(error, plans, count)
+            clocked = isinstance(error, NoPlanFound) and error.effort
+            again = None if clocked else _otherwise(plans, others, share, method)
+            if again is None:
+                raise refused from None
+            plans[-1] = again
+            phases[-1:] = [following(phases[-2], again)]
+            continue
+        plans.append(found)
+        others.append(ways)
+        phases += after
+        refused = None
+    return replace(plans[0], then=tuple(plans[1:]))
+
+
+def _first(ways: Iterator[PlanningTask], watch: Watch, method: Method) -> Plan:
+    """Return the plan of the first task that has one; the refusal is that of the second.
+
+    Raises:
+        InvalidInput, NoPlanFound: None has one.
+    """
+    refused: FfPlannerError | None = None
+    for number, task in enumerate(ways):
+        try:
+            return _perform(task, watch, method)
+        except (InvalidInput, NoPlanFound) as error:
+            if isinstance(error, NoPlanFound) and error.effort:
+                raise  # no time is left
+            refused = error if refused is None or number == 1 else refused
+    raise refused or ValueError("there is no task")
+
+
+def _otherwise(
+    plans: Sequence[Plan], others: Sequence[Iterator[PlanningTask]], watch: Watch, method: Method
+) -> Plan | None:
+    """Return another plan of the last phase that has one, for what follows; None: there is none.
+
+    The clock has ended nothing before, so that the same task goes the same ways again.
+    """
+    if not plans or any(one.effort for one in plans):
+        return None
+    with suppress(InvalidInput, NoPlanFound, ValueError):
+        found = _first(others[-1], watch, method)
+        return None if found.effort else found
+    return None
+
+
+def _ways(task: PlanningTask) -> Iterator[PlanningTask]:
+    """Yield the tasks that a phase is planned by: with room for what follows, then as it is."""
+    alone = _to_goal_alone(task)
+    if not task.then:
+        yield alone
+        return
+    margin, starts = alone.settings.clearance_margin, alone.settings.starts
+    roomy = replace(alone.settings, clearance_margin=margin + _ROOM, starts=min(_FEW, starts))
+    yield replace(alone, settings=roomy)
+    yield alone
+    if alone.problem.posture is None and alone.problem.parametrisation is Parametrisation.AUTO:
+        for family in (Parametrisation.JOINT_SPLINE, Parametrisation.END_EFFECTOR_POLYNOMIAL):
+            yield replace(alone, problem=replace(alone.problem, parametrisation=family))
+
+
+def _to_goal_alone(task: PlanningTask) -> PlanningTask:
+    """Return the task of a phase by itself: another one goes on from its end."""
+    if not task.then:
+        return task
+    controller = task.controller
+    if controller is not None:
+        controller = replace(controller, allow_nonzero_velocity_at_trajectory_end=True)
+    return replace(task, then=(), end_behaviour=EndBehaviour.NONE, tail=0.0, controller=controller)
+
+
+def _without_rest(error: FfPlannerError, plans: Sequence[Plan], count: int) -> FfPlannerError:
+    """Return the error that tells which phase of how many has no plan."""
+    which = f"phase {len(plans) + 1} of {count}"
+    if not plans and isinstance(error, InvalidInput):
+        return error  # of the start
+    told = NoPlanFound(error.status, f"{which}: {error}")
+    if isinstance(error, NoPlanFound):
+        told = NoPlanFound(
+            error.status, f"{which}: {error}", error.attempt, error.failures, error.effort
+        )
+    if plans:
+        told.found = replace(plans[0], then=tuple(plans[1:]))
+    return told
+
+
+def _perform(task: PlanningTask, watch: Watch, method: Method) -> Plan:
+    """Return the plan of one phase: `perform`."""
     problem, running = task.problem, task.running
     guess: FirstGuess | None = task.first_guess
     if running is None or task.running_goal is None:

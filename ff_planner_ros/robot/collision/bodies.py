@@ -35,10 +35,12 @@ def _settle_boxes() -> None:
 
 _settle_boxes()
 
-# The sizes that each kind of solid has, in the URDF's words, and how many numbers each is [m].
+# The sizes that each kind of solid has, in the URDF's words, a cone's in those of SDFormat, and how
+# many numbers each is [m].
 SIZES = {
     "box": {"size": 3},
     "capsule": {"radius": 1, "length": 1},
+    "cone": {"radius": 1, "length": 1},
     "cylinder": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
 }
@@ -53,7 +55,7 @@ class Body:
     name: str  # of its link; `link#2` for a link's second solid
     link: str
     joint: int  # Pinocchio's, that carries it: 1 the chaser, 2 and more the arm's
-    solid: coal.CollisionGeometry  # Sphere, Capsule, Box, Cylinder or Convex
+    solid: coal.CollisionGeometry  # Sphere, Capsule, Box, Cylinder, Cone or Convex
     placement_in_joint: pin.SE3  # never changed
     center_in_joint: Array  # of a sphere around it; shape (3,) [m]
     radius: float  # of that sphere [m]
@@ -66,7 +68,7 @@ class Kind(enum.IntEnum):
     BOX = 1
     CYLINDER = 2
     HULL = 3  # there is none: Coal measures it
-    CONE = 4  # likewise; of obstacles alone
+    CONE = 4  # likewise
 
 
 def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
@@ -119,7 +121,7 @@ def defining_numbers(body: Body) -> tuple[str, Array, Array]:
             sizes = 2.0 * solid.halfSide
         case coal.Sphere():
             sizes = np.array([solid.radius])
-        case coal.Capsule() | coal.Cylinder():
+        case coal.Capsule() | coal.Cylinder() | coal.Cone():
             sizes = np.array([solid.radius, 2.0 * solid.halfLength])
         case _:
             sizes = solid.points()
@@ -170,6 +172,8 @@ def collision_solid(
             return coal.Box(*sizes)
         case "capsule":
             return coal.Capsule(*sizes)
+        case "cone":
+            return coal.Cone(*sizes)
         case "cylinder":
             return coal.Cylinder(*sizes)
         case _:

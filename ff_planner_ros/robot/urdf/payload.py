@@ -29,15 +29,17 @@ from ff_planner_ros.robot.collision.solids import (
 )
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.meshes import EMBEDDED
+from ff_planner_ros.robot.urdf.srdf import MayTouch, write_pairs
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 # Of the link, and in errors of its field.
 PAYLOAD = "payload"
+_JOINT = f"{PAYLOAD}_on_"  # and the link's name
+# Why links may touch it.
+GRASPED = "Grasped"
 FIELD = "robot.payload"
-# URDFs have none, and a cone is no hull of a few corners.
-_NOT_IN_URDF = "cone"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +126,11 @@ class Payload:
         return replace(self, shapes=tuple(_loaded(shape, directory) for shape in self.shapes))
 
 
-def with_payload(robot: Robot, payload: Payload) -> Robot:
+def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -> Robot:
     """Return a robot that holds a body: what moves the link moves the body, too.
+
+    Args:
+        touching: Links that may touch it, beside what it is fixed to.
 
     Raises:
         InvalidInput: The link is none that the arm moves, no body has such an inertia, or shapes
@@ -135,7 +140,7 @@ def with_payload(robot: Robot, payload: Payload) -> Robot:
     if payload.shapes and robot.geometry is Geometry.LINES:
         allowed = "with robot.geometry lines nothing but the arm's lines is kept clear"
         raise InvalidInput(Status.UNSUPPORTED, f"{FIELD}.shapes", "given", allowed)
-    urdf = _urdf_with(robot.drawn_urdf, payload)
+    urdf = _urdf_with(robot.drawn_urdf, payload, touching)
     try:
         held = robot_from_urdf_text(
             urdf,
@@ -154,6 +159,14 @@ def with_payload(robot: Robot, payload: Payload) -> Robot:
         ) from None
     note = f"link {payload.link} holds a payload of {payload.mass:g} kg"
     return replace(held, notes=(*robot.notes, note), payload=payload)
+
+
+def payload_frame(robot: Robot) -> int | None:
+    """Return the frame of the payload that a robot holds, its joint's; None: it holds none."""
+    for number, one in enumerate(robot.model.frames):
+        if one.type is pin.FrameType.FIXED_JOINT and one.name.startswith(_JOINT):
+            return number
+    return None
 
 
 def _require_moved_link(robot: Robot, link: str) -> None:
@@ -175,9 +188,12 @@ def _loaded(shape: HeldShape, directory: Path | None) -> HeldShape:
     return replace(shape, shape=shape.shape.load(told, directory))
 
 
-def _urdf_with(urdf: str, payload: Payload) -> str:
+def _urdf_with(urdf: str, payload: Payload, touching: Sequence[str]) -> str:
     """Return a URDF with the payload as a link that is fixed to another."""
     robot = ElementTree.fromstring(urdf)
+    if payload.shapes:
+        pairs = (MayTouch(link, PAYLOAD, GRASPED) for link in dict.fromkeys(touching))
+        write_pairs(robot, pairs)
     link = SubElement(robot, "link", name=PAYLOAD)
     inertial = SubElement(link, "inertial")
     SubElement(inertial, "origin", xyz=_words(payload.center_of_mass))
@@ -190,7 +206,7 @@ def _urdf_with(urdf: str, payload: Payload) -> str:
     SubElement(inertial, "inertia", elements)
     for shape in payload.shapes:
         link.append(_collision(shape))
-    joint = SubElement(robot, "joint", name=f"{PAYLOAD}_on_{payload.link}", type="fixed")
+    joint = SubElement(robot, "joint", name=_JOINT + payload.link, type="fixed")
     SubElement(joint, "parent", link=payload.link)
     SubElement(joint, "child", link=PAYLOAD)
     return ElementTree.tostring(robot, encoding="unicode")
@@ -200,13 +216,12 @@ def _collision(shape: HeldShape) -> Element:
     """Return a solid as a URDF has it.
 
     Raises:
-        InvalidInput: No URDF has it.
+        InvalidInput: Its file has not been read.
     """
     solid = shape.shape
-    if isinstance(solid, MeshFile) or solid.kind == _NOT_IN_URDF:
+    if isinstance(solid, MeshFile):
         told, allowed = f"{FIELD}.shapes[{shape.id}].shape", "give the mesh of it"
-        kind = solid.kind if isinstance(solid, Solid) else solid.file
-        raise InvalidInput(Status.UNSUPPORTED, told, kind, allowed)
+        raise InvalidInput(Status.UNSUPPORTED, told, solid.file, allowed)
     collision = Element("collision")
     turn = pin.Quaternion(shape.quaternion_xyzw).toRotationMatrix()
     angles = _words(pin.rpy.matrixToRpy(turn))

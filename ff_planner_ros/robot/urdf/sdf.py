@@ -21,7 +21,7 @@ from ff_planner_ros.robot.urdf.urdf_faults import finite_numbers, listed, shorte
 
 # Both formats have these, by the same words.
 _JOINTS = ("fixed", "revolute", "continuous", "prismatic")
-_SHAPES = ("box", "capsule", "cylinder", "sphere")
+_SHAPES = ("box", "capsule", "cone", "cylinder", "sphere")
 _ENTRIES = {"ixx": None, "iyy": None, "izz": None, "ixy": "0", "ixz": "0", "iyz": "0"}
 # A limit that is larger is none: the format says so of 1e16.
 _NO_LIMIT = 1e15

@@ -22,6 +22,7 @@ _ROUND: dict[str, Any] = {"radius": {}, "length": {}}
 _GEOMETRY: dict[str, Any] = {
     "box": {"size": {}},
     "capsule": _ROUND,
+    "cone": _ROUND,
     "cylinder": _ROUND,
     "sphere": {"radius": {}},
     "mesh": {"uri": {}, "scale": {}},

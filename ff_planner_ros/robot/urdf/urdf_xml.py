@@ -21,7 +21,14 @@ _PARTS: dict[str, Any] = {
     "joint": {"origin": {}, "parent": {}, "child": {}, "axis": {}, "limit": {}, "mimic": {}},
 }
 # The same for what links look like; a link may have several of these.
-_GEOMETRY: dict[str, Any] = {"box": {}, "capsule": {}, "cylinder": {}, "mesh": {}, "sphere": {}}
+_GEOMETRY: dict[str, Any] = {
+    "box": {},
+    "capsule": {},
+    "cone": {},
+    "cylinder": {},
+    "mesh": {},
+    "sphere": {},
+}
 _SHAPES: dict[str, Any] = {
     "link": {name: {"origin": {}, "geometry": _GEOMETRY} for name in ("visual", "collision")}
 }
@@ -49,6 +56,7 @@ _ATTRIBUTES = {
     "geometry": (),
     "box": ("size",),
     "capsule": ("radius", "length"),
+    "cone": ("radius", "length"),
     "cylinder": ("radius", "length"),
     "mesh": ("filename", "scale"),
     "sphere": ("radius",),

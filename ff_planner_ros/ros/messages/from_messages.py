@@ -11,19 +11,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_number, finite_vector
-from ff_planner_ros.common.declared_messages import names_in, require_left_out, value_at, values_in
+from ff_planner_ros.common.declared import declared_by_name
+from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
 from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.messages.obstacles import bodies_of, scene_obstacles_of, spheres_of
 from ff_planner_ros.messages.payloads import robot_holding
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
-from ff_planner_ros.messages.trajectories import trajectory_in
-from ff_planner_ros.messages.wheels import wheel_momenta_in, wheels_in
+from ff_planner_ros.messages.trajectories import begin_of, trajectory_of
+from ff_planner_ros.messages.wheels import wheel_momenta_in, wheels_of
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER
 from ff_planner_ros.planning.problem.posture import end_effector_at
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
@@ -44,8 +46,10 @@ if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not
     from builtin_interfaces.msg import Time
     from ff_planner_msgs.msg import (
         ChaserState,
+        Goal,
         ObstacleArray,
         ObstacleSphereArray,
+        Phase,
         PlanAnswer,
         PlanMetrics,
         PlanRequest,
@@ -58,11 +62,6 @@ if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not
 # builtin_interfaces/Time counts seconds in an int32.
 MAX_MESSAGE_SECONDS = 2**31 - 1
 _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
-# Fields of a request that this version refuses unless they are empty.
-_NOT_YET = (
-    "then",
-    *("limits.grasp_force", "limits.grasp_torque", "limits.capture_impulse"),
-)
 
 
 class OnCancel(StrEnum):
@@ -78,12 +77,20 @@ def require_supported(request: PlanRequest) -> None:
     Raises:
         InvalidInput: It names the field.
     """
-    require_left_out(request, _NOT_YET)
-    kind = request.goal.kind
-    if kind not in iter(GoalKind):
-        named = ", ".join(f"{one.name} ({one:d})" for one in GoalKind)
-        raise InvalidInput(Status.OUT_OF_RANGE, "goal.kind", kind, f"it must be one of {named}")
+    require_known_goal(request.goal)
     a_word(OnCancel).read("on_cancel", request.on_cancel or OnCancel.DISCARD)
+
+
+def require_known_goal(goal: Goal) -> None:
+    """Refuse a goal of another kind.
+
+    Raises:
+        InvalidInput: It names the kind.
+    """
+    if goal.kind not in iter(GoalKind):
+        named = ", ".join(f"{one.name} ({one:d})" for one in GoalKind)
+        allowed = f"it must be one of {named}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "goal.kind", goal.kind, allowed)
 
 
 def problem_from_request(
@@ -116,8 +123,8 @@ def problem_from_request(
     names = names_in(PlanningProblem) | names_in(DurationRange, "duration")
     with fields_named(NAMED_AS | names | GOAL_JOINTS):
         given = values_in(PlanningProblem, request, names=_names(request, body))
-        given["duration"], given["duration_range"] = _duration(request, remaining)
-        given["limits"] = _limits(given.get("limits", {}), robot, most)
+        given["duration"], given["duration_range"] = duration_in(request, remaining)
+        given["limits"] = limits_in(given.get("limits", {}), robot, most)
         given["requirements"] = parameters.requirements
         given["points"] = request.search.points or parameters.points
         if posture is not None:
@@ -146,19 +153,20 @@ def _names(request: PlanRequest, body: TargetBody | None) -> list[str]:
     return names
 
 
-def _limits(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
+def limits_in(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
     """Return the limits of a request: those of the parameters, or lower ones that it asks for."""
-    for name in ("chaser_attitude", "chaser_rotation"):
-        angle, most = asked.get(name, getattr(kept, name)), getattr(kept, name)
+    for name in OF_ONE_NUMBER:
+        number, most = asked.get(name, getattr(kept, name)), getattr(kept, name)
+        unit = declared_by_name(Limits)[name].unit
         if name in asked:
-            finite_number(f"limits.{name}", angle)
-        if not 0.0 < angle <= most:
-            upper = f" and at most {most:g} rad" if math.isfinite(most) else ""
+            finite_number(f"limits.{name}", number)
+        if not 0.0 < number <= most:
+            upper = f" and at most {most:g} {unit}" if math.isfinite(most) else ""
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
                 f"limits.{name}",
-                angle,
-                f"it must be greater than 0 rad{upper}; left out, the parameter limits.{name} "
+                number,
+                f"it must be greater than 0 {unit}{upper}; left out, the parameter limits.{name} "
                 "holds, which no request exceeds",
             )
     lower = replace(kept, **asked).of_joints(robot.joints)
@@ -175,7 +183,9 @@ def _limits(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
     return lower
 
 
-def _duration(request: PlanRequest, remaining: float | None) -> tuple[float, DurationRange | None]:
+def duration_in(
+    request: PlanRequest | Phase, remaining: float | None
+) -> tuple[float, DurationRange | None]:
     """Return the duration and, where the planner is to choose one, its range, else None."""
     if remaining is not None and request.duration == request.duration_max == 0.0:
         return remaining, None
@@ -266,22 +276,22 @@ def scene_from_message(message: Scene, inertial_frame: str) -> tuple[Obstacle, .
 
 
 def plan_from_answer(answer: PlanAnswer) -> Plan:
-    """Read the plan back out of an answer whose status is SOLVED.
+    """Read the plan back out of an answer whose status is SOLVED, all phases as one.
 
     Its times are rounded to nanoseconds; it holds NaN where the answer leaves something out.
     """
-    message = answer.plans[0]
+    message, *others = answer.plans
     return Plan(
         joint_names=tuple(message.joint_trajectory.joint_names),
-        trajectory=trajectory_in(message),
-        xi=np.array(message.xi),
-        orientation_reading=message.orientation_reading,
-        family=message.family,
+        trajectory=trajectory_of(answer),
+        xi=np.concatenate([one.xi for one in answer.plans]),
+        orientation_reading="" if others else message.orientation_reading,
+        family="" if others else message.family,
         metrics=metrics_from_message(answer.metrics[0]),
         solver=solver_report_from_message(answer.solver),
-        duration=message.duration or None,
+        duration=begin_of(answer, len(others)) + answer.plans[-1].duration or None,
         effort=answer.effort,
-        wheels=wheels_in(message),
+        wheels=wheels_of(answer),
     )
 
 

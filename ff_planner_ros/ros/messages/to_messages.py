@@ -75,7 +75,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanReques
     if problem.target_body is not None:
         request.goal.kind = Goal.CAPTURE
     if problem.posture is not None:
-        request.goal = _goal_of_joints(problem.posture, problem.robot.joint_names)
+        request.goal = goal_of_joints(problem.posture, problem.robot.joint_names)
     return request
 
 
@@ -86,7 +86,7 @@ def payload_message(payload: Payload) -> PayloadMessage:
     return message
 
 
-def _goal_of_joints(posture: Posture, joint_names: Sequence[str]) -> Goal:
+def goal_of_joints(posture: Posture, joint_names: Sequence[str]) -> Goal:
     """Write a goal of the joints as a message."""
     if posture.positions is None:
         return Goal(kind=Goal.AT_REST)
@@ -180,6 +180,7 @@ def plan_message(
         xi=plan.xi.tolist(),
         orientation_reading=plan.orientation_reading,
         duration=plan.duration or 0.0,
+        effort=plan.effort,
         joint_trajectory=joint_trajectory,
         chaser_path=_path(headers, motion.chaser_positions, motion.chaser_quaternions_xyzw),
         chaser_twists=_twists(motion.chaser_linear_velocities, motion.chaser_angular_velocities),
@@ -198,14 +199,18 @@ def plan_message(
 
 
 def answer_with_plan(
-    plan: Plan, written: PlanMessage, plan_id: str, solve_time: float
+    plan: Plan, written: Sequence[PlanMessage], plan_id: str, solve_time: float
 ) -> PlanAnswer:
-    """Return the answer with a plan, written by `plan_message`, that took solve_time [s]."""
+    """Return the answer with a plan, written by `plan_messages`, that took solve_time [s].
+
+    Args:
+        plan: That of all phases as one.
+    """
     return PlanAnswer(
         status=PlanStatus(code=int(Status.SOLVED), message=plan.message),
         plan_id=plan_id,
         effort=plan.effort,
-        plans=[written],
+        plans=list(written),
         metrics=[PlanMetrics(**asdict(plan.metrics))],
         solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
     )

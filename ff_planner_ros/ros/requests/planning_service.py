@@ -30,18 +30,20 @@ from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.library import Guesses
-from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.planning.task.whole import whole
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.from_messages import metrics_from_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN, SERVICE
-from ff_planner_ros.ros.messages.to_messages import (
-    answer_of_error,
-    answer_with_plan,
-    plan_message,
+from ff_planner_ros.ros.messages.phases import (
+    bodies_of,
+    efforts_of,
+    plan_messages,
+    tell_found,
 )
+from ff_planner_ros.ros.messages.to_messages import answer_of_error, answer_with_plan
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
@@ -168,14 +170,14 @@ class PlanningService:
         tell: Callable[[Progress], None],
     ) -> PlanAnswer:
         begun, provenance = time.perf_counter(), Provenance()
-        task: PlanningTask | None = None
+        asked: ReadRequest | None = None
         try:
             with self._jobs.taken_up(job, preempt=self._preempts()):
                 taken_up = time.monotonic()
                 knowledge = self._knowledge()
                 provenance = Provenance(received_stamp_ns=knowledge.now_ns)
                 asked, parameters = self._read(request, knowledge, job)
-                provenance, task = asked.provenance, asked.task
+                provenance = asked.provenance
                 deadline = deadline_of(request, asked, parameters)
                 answer = self._planned(
                     asked, parameters, deadline, door, job, tell, begun, taken_up
@@ -184,15 +186,18 @@ class PlanningService:
             if isinstance(error, RequestRefused):
                 provenance = error.provenance
             answer = self._refused(job, job.cause or error, begun)
+            if asked is not None:
+                frame = self._parameters.current.inertial_frame
+                tell_found(answer, error, asked.task, asked.start_ns, frame)
         except Exception as error:
             self._logger.error(in_log(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}"))
             unforeseen = f"{type(error).__name__}: {error}"
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
             answer = answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
         provenance.tell(answer)
-        if task is not None and answer.effort:
-            answer.task_digest = task.ended_at(answer.effort).digest
-        if task is not None and task.running_goal is not None:
+        if asked is not None:
+            answer.task_digest = asked.task.ended_at(*efforts_of(answer)).digest
+        if asked is not None and asked.task.running_goal is not None:
             took_ns = self._clock.now().nanoseconds - provenance.received_stamp_ns
             self.lead_times.add(took_ns / NANOSECONDS, Status(answer.status.code))
         self._tell_last(answer)
@@ -285,24 +290,26 @@ class PlanningService:
         finally:
             self.solve_times.append(time.perf_counter() - begun)
 
-        body = asked.task.problem.target_body
+        bodies, total = bodies_of(asked.task, plan), whole(plan)
 
-        def write() -> tuple[PlanMessage, JointTrajectory]:
-            written = plan_message(plan, asked.start_ns, parameters.inertial_frame, body)
+        def write() -> tuple[list[PlanMessage], PlanMessage, JointTrajectory]:
+            told = asked.start_ns, parameters.inertial_frame
+            phases = plan_messages(plan, *told, bodies)
+            (written,) = plan_messages(total, *told, bodies[:1]) if plan.then else phases
             takes_torques = parameters.controller.effort_interface
-            return written, controller_message(written.joint_trajectory, takes_torques)
+            return phases, written, controller_message(written.joint_trajectory, takes_torques)
 
         stages.begin("to write the plan")
         # Thousands of points take a second, in which the request may be given up, too.
         writing = self._writers.submit(write)
         while not wait([writing], _POLL).done:
             check()
-        written, for_controller = writing.result()
-        answer = answer_with_plan(plan, written, job.plan_id, time.perf_counter() - begun)
+        phases, written, for_controller = writing.result()
+        answer = answer_with_plan(total, phases, job.plan_id, time.perf_counter() - begun)
         deadline.require(self._clock.now().nanoseconds, stages)
         made = MadePlan(
             job.plan_id,
-            plan,
+            total,
             asked.start_ns,
             asked.task.end_behaviour,
             asked.task.problem.robot,
@@ -318,7 +325,7 @@ class PlanningService:
             self._publication.keep(made)
         else:
             self._publication.publish(made, written, for_controller, requester)
-        self._log_solved(plan, answer, "asked for" if asked.plan_only else "published", requester)
+        self._log_solved(total, answer, "asked for" if asked.plan_only else "published", requester)
         return answer
 
     def _log_solved(self, plan: Plan, answer: PlanAnswer, what: str, requester: str) -> None:

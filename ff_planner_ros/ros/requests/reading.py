@@ -32,6 +32,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     state_from_message,
     time_in_ns,
 )
+from ff_planner_ros.ros.messages.phases import captures, phases_in
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.continuing import continued_plan
@@ -134,7 +135,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             state_clock_offset=measured.clock_offset,
             joint_states_stamp_ns=measured.joint_states_stamp_ns,
         )
-        # A state may be stamped a little ahead of now, where two computers' clocks differ.
+        # A state may be stamped a little ahead of now: two computers' clocks differ.
         if not nanoseconds(request.start_time):  # checked by `_start_time`
             start_ns = max(start_ns, measured.stamp_ns)
         _require_after_state(start_ns, measured.stamp_ns)
@@ -162,19 +163,19 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             obstacle_bodies_stamp_ns=scene.bodies_stamp_ns,
             obstacle_bodies_source=scene.bodies_source,
         )
-        captures = request.goal.kind == GoalKind.CAPTURE
-        seen = _seen_body(request, knowledge) if captures else None
+        seen = _seen_body(request, knowledge) if captures(request) else None
         if seen is not None:
             provenance = replace(
                 provenance, target_body_stamp_ns=seen.stamp_ns, target_body_source=seen.source
             )
+        body = None if seen is None else _carried(seen, start_ns)
         problem = problem_from_request(
             request,
             knowledge.robot,
             measured.state,
             scene.obstacles_at(start_ns),
             parameters,
-            None if seen is None else _carried(seen, start_ns),
+            body if request.goal.kind == GoalKind.CAPTURE else None,
             None if continued is None else continued.remaining,
         )
         tail = 0.0 if end_behaviour is EndBehaviour.NONE else parameters.post_goal_duration
@@ -183,10 +184,8 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             allowed = "the plan must end before 2038"
             raise InvalidInput(Status.OUT_OF_RANGE, field, problem.duration, allowed)
         ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
-        if continued is None:
-            running = motion_until_start(knowledge, measured, start_ns)
-        else:
-            running = continued.motion
+        until_start = knowledge, measured, start_ns
+        running = motion_until_start(*until_start) if continued is None else continued.motion
         if knowledge.published is not None and running is not None:
             provenance = replace(provenance, previous_plan_id=knowledge.published.plan_id)
         task = PlanningTask(
@@ -199,6 +198,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             tail=tail,
             controller=parameters.controller.of(knowledge.robot.joint_names),
             effort=request.search.effort,
+            then=phases_in(request, problem.robot, parameters, body),
         )
     except InvalidInput as error:
         raise RequestRefused(error, provenance) from None

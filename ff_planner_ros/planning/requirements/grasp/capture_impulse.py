@@ -1,0 +1,59 @@
+"""The impulse on a body that is captured stays within its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.motion import state_at
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
+from ff_planner_ros.robot.impact import impact, largest_impulses
+
+
+class CaptureImpulse(Requirement):
+    """The impulse of contact is small; the search does not see it."""
+
+    name = "capture impulse"
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a limit for a body whose mass nobody knows."""
+        body, limit = problem.target_body, problem.limits.capture_impulse
+        if body is not None and np.isfinite(limit) and body.mass == 0.0:
+            allowed = f"limits.capture_impulse, {limit:g} N s, needs it, and the inertia in kg m2"
+            raise InvalidInput(Status.OUT_OF_RANGE, "target_body.mass", "missing", allowed)
+
+    def metrics(self, samples: Samples) -> Mapping[str, float]:
+        """Return the largest impulses: of what the plan misses, and of the tolerances."""
+        problem, settings = samples.problem, samples.settings
+        body = problem.target_body
+        if body is None or body.mass == 0.0:
+            return {}
+        before = state_at(samples.trajectory, samples.goal)
+        twist = body.grasp(np.array([problem.duration])).twists[0]
+        inertia = body.inertia_at_grasp
+        missed = impact(problem.robot, inertia, before, twist).impulse_in_ee
+        errors = settings.capture_velocity_tolerance, settings.capture_turn_rate_tolerance
+        linear, angular = largest_impulses(problem.robot, inertia, before, errors)
+        return {
+            "capture_impulse": float(np.linalg.norm(missed[:3])) + linear,
+            "capture_angular_impulse": float(np.linalg.norm(missed[3:])) + angular,
+        }
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield that the impulse exceeds its limit."""
+        found, limit = metrics.capture_impulse, samples.problem.limits.capture_impulse
+        if found > limit:
+            yield Failure(
+                Status.LIMIT_VIOLATED,
+                f"capture_impulse is {found:.4g} N s within the tolerances of the grasp, the limit "
+                f"is {limit:g} N s",
+                ("smaller planner.capture_velocity_tolerance", "another posture at the goal"),
+            )

@@ -1,0 +1,149 @@
+"""Force and torque through the grasp of a payload stay within their limits, between points too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.joints.accelerations import (
+    accelerations_at_points,
+    accelerations_by_x,
+)
+from ff_planner_ros.planning.requirements.requirement import (
+    ALLOWED_EXCESS,
+    Requirement,
+    Rows,
+    Samples,
+    eased,
+)
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.dynamics import frame_wrenches, frame_wrenches_by_x
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.urdf.payload import payload_frame
+
+# A part of a limit that is further from it cannot reach it in one step of the solver.
+_OF_INTEREST = 0.4
+# Between 50 points a wrench rises above those at the points by less, in parts of its limits.
+_MARGIN = 1e-3
+_NAMES, _UNITS = ("grasp_force", "grasp_torque"), ("N", "N m")
+
+
+class GraspWrench(Requirement):
+    """Force and torque through the grasp stay within their limits."""
+
+    name = "grasp wrench"
+    is_on_demand = True
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a start whose accelerations take too much of the grasp."""
+        frame, limits, start = payload_frame(problem.robot), _limits(problem), problem.start
+        if frame is None or start.joint_accelerations is None or not np.isfinite(limits).any():
+            return
+        _, v = configuration(problem.robot, start)
+        sample = q_start[None], v[None], start.joint_accelerations[None]
+        (parts,) = _norms(frame_wrenches(problem.robot, frame, *sample)) / limits
+        worst = int(parts.argmax())
+        if parts[worst] > 1.0 + ALLOWED_EXCESS:
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS,
+                "joints.acceleration",
+                f"one that takes {parts[worst] * limits[worst]:.4g} {_UNITS[worst]} of the grasp",
+                f"limits.{_NAMES[worst]} is {limits[worst]:g} {_UNITS[worst]}",
+            )
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how far from the limits the search stays, in parts of them."""
+        return _MARGIN
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of interest to the limits at the points, in parts of them."""
+        frame, limits, robot = payload_frame(problem.robot), _limits(problem), problem.robot
+        if frame is None or not np.isfinite(limits).any():
+            return None
+        step = problem.duration / (len(motion.q) - 1)
+        rates = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
+        wrenches = frame_wrenches(robot, frame, motion.q, motion.v, rates)
+        norms = _norms(wrenches)
+        parts = norms / limits
+        most = eased(np.full(2, 1.0 - margin), parts[0])
+        found = points, kinds = np.nonzero(most - parts < _OF_INTEREST)
+        if not points.size:
+            return None
+        near, by_rates = np.unique(points), accelerations_by_x(motion, sensitivity, step)
+        of_x = sensitivity.q, sensitivity.v, by_rates
+        by_x = np.zeros((len(parts), 6, sensitivity.variables))
+        by_x[near] = frame_wrenches_by_x(
+            robot,
+            frame,
+            *(rows[near] for rows in (motion.q, motion.v, rates, *of_x)),
+        )
+        ways = wrenches.reshape(-1, 2, 3)[found] / norms[found][:, None]
+        by_x = np.einsum("ri,rix->rx", ways, by_x.reshape(len(parts), 2, 3, -1)[found])
+        return Rows(
+            (most - parts)[found],
+            -by_x / limits[kinds][:, None],
+            np.ravel_multi_index(found, parts.shape),
+        )
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return how far the wrench stays from its limits, in parts of them."""
+        frame, limits = payload_frame(problem.robot), _limits(problem)
+        if frame is None or not np.isfinite(limits).any():
+            return np.inf
+        peaks = _peaks(problem.robot, frame, motion)
+        return float((1.0 + ALLOWED_EXCESS - peaks.values / limits).min())
+
+    def metrics(self, samples: Samples) -> Mapping[str, float]:
+        """Return the largest force and torque."""
+        frame = payload_frame(samples.problem.robot)
+        if frame is None:
+            return {}
+        force, torque = _peaks(samples.problem.robot, frame, samples.followed).values.tolist()
+        return {"peak_grasp_force": force, "peak_grasp_torque": torque}
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield a force or torque that exceeds its limit."""
+        frame, limits = payload_frame(samples.problem.robot), _limits(samples.problem)
+        peaks = np.array([metrics.peak_grasp_force, metrics.peak_grasp_torque])
+        if frame is None or (peaks <= limits * (1.0 + ALLOWED_EXCESS)).all():
+            return
+        times = _peaks(samples.problem.robot, frame, samples.followed).times
+        worst = int((peaks / limits).argmax())
+        name, unit = _NAMES[worst], _UNITS[worst]
+        yield Failure(
+            Status.LIMIT_VIOLATED,
+            f"peak_{name} is {peaks[worst]:.4g} {unit}, {peaks[worst] - limits[worst]:.4g} {unit} "
+            f"more than limits.{name} of {limits[worst]:g} {unit}, at {samples.at(times[worst])}",
+            ("a longer duration", f"a larger limits.{name}"),
+        )
+
+
+def _limits(problem: PlanningProblem) -> Array:
+    """Return the limits of force [N] and torque [N m], infinite: none. Shape (2,)."""
+    return np.array([problem.limits.grasp_force, problem.limits.grasp_torque])
+
+
+def _norms(wrenches: Array) -> Array:
+    """Return the sizes of force and torque. Shape (points, 2)."""
+    norms: Array = np.linalg.norm(wrenches.reshape(-1, 2, 3), axis=2)
+    return norms
+
+
+def _peaks(robot: Robot, frame: int, motion: FollowedMotion) -> Peaks:
+    """Return the largest force and torque and when, within 5e-4 of the truth."""
+    _, _, accelerations = motion.joints.at(motion.time)
+    return peaks_of_steps(
+        _norms(frame_wrenches(robot, frame, motion.q, motion.v, accelerations)), motion
+    )

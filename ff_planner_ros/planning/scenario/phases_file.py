@@ -1,0 +1,156 @@
+"""The phases of a scenario: the first is the problem itself, the others follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from ff_planner_ros.common.declared import (
+    DeclaredField,
+    DeclaredFields,
+    declared,
+    fields_of,
+    read_keys,
+    schema_of,
+    written,
+)
+from ff_planner_ros.common.forms import Form, Schema
+from ff_planner_ros.errors import Faults, InvalidInput, InvalidInputs
+from ff_planner_ros.planning.problem.limits import Limits
+from ff_planner_ros.planning.problem.posture import Posture
+from ff_planner_ros.planning.scenario.body_file import TARGET_BODY
+from ff_planner_ros.planning.task.phase import MOST_PHASES, Phase
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ff_planner_ros.robot.model import Robot
+
+KEY = "phases"
+_KEYS: DeclaredFields = {
+    **declared(Phase),
+    "target_body": replace(declared(Phase)["target_body"], form=TARGET_BODY),
+}
+_HELD = "payload"  # of the first phase it is the robot's
+# What a scenario with phases says of the first one alone.
+_OF_ONE = ("target", "target_body", "duration", "approach", "camera", "allowed_collisions")
+
+
+def _schema() -> Schema:
+    most = 1 + MOST_PHASES
+    return {"type": "array", "items": schema_of(_KEYS), "minItems": 1, "maxItems": most}
+
+
+PHASES = DeclaredField(
+    Form(lambda _field, value: value, _schema),
+    "instead of target, target_body and duration: goals one after the other, each from where the "
+    "phase before ends; what a phase leaves out is as in the phase before, of the first as beside "
+    "phases",
+    since="0.3",
+    optional=True,
+    name="then",
+)
+
+
+def split(document: object, faults: Faults) -> tuple[object, list[dict[str, Any]]]:
+    """Return a scenario of the first phase alone, and what the others say, by key.
+
+    Args:
+        faults: Gather what is wrong with the phases.
+    """
+    if not isinstance(document, dict) or KEY not in document:
+        return document, []
+    given = document[KEY]
+    if not isinstance(given, list) or not 1 <= len(given) <= 1 + MOST_PHASES:
+        faults.add(KEY, given, f"it must be a list of 1 to {1 + MOST_PHASES} phases")
+        given = []
+    alone = {key: value for key, value in document.items() if key != KEY}
+    for key in _OF_ONE:
+        if key in alone:
+            faults.add(key, f"given beside {KEY}", f"say it in a phase: {KEY}[0].{key}")
+    first = given[0] if given and isinstance(given[0], dict) else {}
+    heads = {key.partition(".")[0] for key in _KEYS}
+    for key in first:
+        if key == _HELD:
+            faults.add(f"{KEY}[0].{key}", "given", "say it in robot.payload")
+        elif key not in heads:
+            allowed = f"a phase may have {', '.join(sorted(heads))}"
+            faults.add(f"{KEY}[0].{key}", "unknown", allowed)
+    others = [
+        read_keys(_KEYS, f"{KEY}[{index}]", one, faults)
+        for index, one in enumerate(given[1:], start=1)
+    ]
+    return alone | first, others
+
+
+@contextmanager
+def first_named(document: object) -> Iterator[None]:
+    """Make errors of the first phase name its place in a scenario with phases."""
+    given = document.get(KEY) if isinstance(document, dict) else None
+    first = given[0] if isinstance(given, list) and given else None
+    heads = first.keys() if isinstance(first, dict) else ()
+
+    def renamed(error: InvalidInput) -> InvalidInput:
+        head = error.field.partition(".")[0].partition("[")[0]
+        field = f"{KEY}[0].{error.field}" if head in heads else error.field
+        return InvalidInput(error.status, field, error.value, error.allowed)
+
+    try:
+        yield
+    except InvalidInput as error:
+        faults = [renamed(one) for one in error.faults]
+        raise (faults[0] if len(faults) == 1 else InvalidInputs(faults)) from None
+
+
+def built(
+    others: Sequence[Mapping[str, Any]], robot: Robot, limits: Limits, directory: Path
+) -> tuple[Phase, ...]:
+    """Return the phases that follow the first.
+
+    Args:
+        others: As of `split`, the meshes of their target bodies read.
+        limits: Of the first phase.
+        directory: That paths are relative to.
+
+    Raises:
+        InvalidInput: A phase that no plan can have; it names its place.
+    """
+    phases = list[Phase]()
+    for index, read in enumerate(others, start=1):
+        with _placed(f"{KEY}[{index}]"):
+            given = fields_of(Phase, read)
+            if "limits" in given:
+                limits = given["limits"] = replace(limits, **given["limits"]).of_joints(
+                    robot.joints
+                )
+            if _HELD in given:
+                given[_HELD] = given[_HELD].loaded(directory)
+            if isinstance(posture := given.get("target"), Posture):
+                posture.require_fits(robot, limits.joint_velocities)
+            phases.append(Phase(**given))
+    return tuple(phases)
+
+
+@contextmanager
+def _placed(place: str) -> Iterator[None]:
+    """Make errors name the place of the phase."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(
+            error.status, f"{place}.{error.field}", error.value, error.allowed
+        ) from None
+
+
+def with_phases(document: dict[str, Any], then: Sequence[Phase]) -> dict[str, Any]:
+    """Return a written scenario with the phases that follow its goal; none: as it is."""
+    if not then:
+        return document
+    first = {key: document.pop(key) for key in _OF_ONE if key in document}
+    others = [
+        written(_KEYS, {key: getattr(one, item.name) for key, item in _KEYS.items()})
+        for one in then
+    ]
+    return document | {KEY: [first, *others]}

@@ -1,0 +1,111 @@
+"""What follows a goal: a sequence of phases is planned one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+from ff_planner_ros.common.declared import check_declared, declare, declared_by_name
+from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.forms import a_whole_number
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.problem import (
+    CONTACT_DISTANCE,
+    Approach,
+    DurationRange,
+    Limits,
+    Objective,
+    Parametrisation,
+    PlanningProblem,
+    Posture,
+    Target,
+    TargetBody,
+)
+from ff_planner_ros.robot.urdf.payload import Payload
+
+# More steps than any search takes; messages count them in a uint64.
+MOST_STEPS = 2**53
+# Of phases behind the first, as messages have them.
+MOST_PHASES = 8
+# Of a phase in a file: in a request they are those of the request, or none.
+_NOT_IN_MESSAGES = ("points", "parametrisation", "camera")
+
+
+def of_problem(name: str, **default: Any) -> Any:
+    """Declare a field as that of the problem is declared."""
+    said = declared_by_name(PlanningProblem)[name]
+    place = None if name in _NOT_IN_MESSAGES else said.message
+    one = replace(said, since="0.3", optional=bool(default), formerly="", message=place)
+    return field(metadata={"declared": one}, **default)
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """What follows a goal, from where the phase before ends.
+
+    Raises:
+        InvalidInput: It has no goal or two, or a value is not allowed.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+    FIRST: ClassVar[Sequence[str]] = ("target", "target_body")
+
+    duration: float | DurationRange = of_problem("duration")
+    # Where the target is when the phase ends, as in a problem of its own; None: a body's grasp
+    target: Target | Posture | None = of_problem("target", default=None)
+    # As it is at the first point of the whole sequence
+    target_body: TargetBody | None = of_problem("target_body", default=None)
+    # None: as in the phase before
+    objective: Objective | None = of_problem("objective", default=None)
+    limits: Limits | None = of_problem("limits", default=None)
+    points: int | None = of_problem("points", default=None)
+    parametrisation: Parametrisation | None = of_problem("parametrisation", default=None)
+    approach: Approach | None = of_problem("approach", default=None)
+    camera: Camera | None = of_problem("camera", default=None)
+    allowed_collisions: tuple[str, ...] = of_problem("allowed_collisions", default=())
+    contact_distance: float = of_problem("contact_distance", default=CONTACT_DISTANCE)
+    payload: Payload | None = declare(
+        part(Payload),
+        "held from the phase's start on; default: what the phase before held, or has captured",
+        default=None,
+    )
+    effort: int = declare(
+        a_whole_number(0, MOST_STEPS),
+        "step at which the phase's search ends, as an answer tells it; default: it goes to its end",
+        key="search.effort",
+        message="effort",
+        brief=True,
+        default=0,
+        late=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check what the parts cannot check by themselves."""
+        check_declared(self, "")
+        if (self.target is None) == (self.target_body is None):
+            found = "missing" if self.target is None else "given beside target_body"
+            allowed = "either it or target_body must be given"
+            raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
+
+    def after(self, before: PlanningProblem | Phase) -> Phase:
+        """Return the phase with what it leaves out as in the one before."""
+        return replace(
+            self,
+            objective=self.objective or before.objective,
+            limits=self.limits or before.limits,
+            points=self.points or before.points,
+            parametrisation=self.parametrisation or before.parametrisation,
+        )
+
+
+def require_mass(body: TargetBody) -> None:
+    """Refuse to plan on with a captured body whose mass nobody knows.
+
+    Raises:
+        InvalidInput: It is not known.
+    """
+    if body.mass == 0.0:
+        allowed = "what follows a capture needs it, and the inertia in kg m2"
+        raise InvalidInput(Status.OUT_OF_RANGE, "target_body.mass", "missing", allowed)

@@ -1,0 +1,177 @@
+"""Everything that a plan depends on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, finite_number, frozen
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.declared_parts import changes
+from ff_planner_ros.common.forms import (
+    a_number,
+    a_vector,
+    a_whole_number,
+    a_word,
+    or_none,
+)
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.task.controller_rules import Controller
+from ff_planner_ros.planning.task.digest import digest_of
+from ff_planner_ros.planning.task.phase import (
+    MOST_PHASES,
+    MOST_STEPS,
+    Phase,
+    require_mass,
+)
+from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour
+
+# A goal is at its motion's last point, but for this [s].
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningTask:
+    """A problem with everything else that its plan depends on.
+
+    Raises:
+        InvalidInput: A time that is negative, or a number that is not finite.
+    """
+
+    problem: PlanningProblem  # its start is the state as measured
+    settings: PlannerSettings = declare(
+        changes(PlannerSettings),
+        "settings of the planner, as the parameters of this group",
+        key="planner",
+        since="0.3",
+        optional=True,
+    )
+    ahead: float = declare(
+        a_number(at_least=0.0),
+        "time from the state to the first point of the plan, for which the state is carried "
+        "forward",
+        key="start_after",
+        unit="s",
+        since="0.3",
+        default=0.0,
+    )
+    running: JointMotion | None = declare(
+        changes(JointMotion),
+        "what the joints do until then; default: they keep their velocities",
+        since="0.3",
+        default=None,
+    )
+    # It begins exactly on that motion, and is looked for near what remains of it
+    running_goal: float | None = declare(
+        a_number(),
+        "when that motion is at its goal: the plan takes over from it; default: a plan of its own",
+        unit="s from the state",
+        since="0.3",
+        default=None,
+        late=True,
+    )
+    end_behaviour: EndBehaviour = declare(
+        a_word(EndBehaviour, FORMER_END_BEHAVIOURS),
+        "what the arm does after the goal",
+        since="0.3",
+        default=EndBehaviour.NONE,
+        message="end_behaviour",
+    )
+    tail: float = declare(  # zero for `none`
+        a_number(),
+        "how long it does so",
+        key="post_goal_duration",
+        formerly="tail_duration",
+        unit="s",
+        since="0.3",
+        default=0.0,
+    )
+    controller: Controller | None = declare(
+        or_none(changes(Controller)),
+        "rules that the plan must keep; none: nobody's",
+        since="0.3",
+        default=None,
+    )
+    first_guess: Array | None = declare(
+        a_vector(None),
+        "decision variables of the path family, tried before anything else",
+        since="0.3",
+        default=None,
+    )
+    effort: int = declare(
+        a_whole_number(0, MOST_STEPS),
+        "step at which the search ends, as an answer tells it; default: it goes to its end",
+        key="search.effort",
+        since="0.3",
+        brief=True,
+        default=0,
+        message="search.effort",
+        late=True,
+    )
+
+    # What follows the goal, one after the other; the tail is behind the last
+    then: tuple[Phase, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the times, and keep read-only copies of the arrays."""
+        check_declared(self, "")
+        if self.end_behaviour is EndBehaviour.NONE:
+            object.__setattr__(self, "tail", 0.0)
+        if self.running is not None:
+            motion = {item.name: getattr(self.running, item.name) for item in fields(JointMotion)}
+            copy = JointMotion(**{name: frozen(rows) for name, rows in motion.items()})
+            object.__setattr__(self, "running", copy)
+        if self.running_goal is not None:
+            self._require_remainder(self.running_goal)
+        then = list[Phase]()
+        for phase in self.then:
+            then.append(phase.after(then[-1] if then else self.problem))
+        object.__setattr__(self, "then", tuple(then))
+        if self.then and self.problem.target_body is not None:
+            require_mass(self.problem.target_body)
+        if len(self.then) > MOST_PHASES:
+            told, allowed = f"{len(self.then)} phases", f"{MOST_PHASES} may follow the first"
+            raise InvalidInput(Status.WRONG_SIZE, "phases", told, allowed)
+
+    def _require_remainder(self, goal: float) -> None:
+        """Refuse to take over from a motion that does not run then, or is at its goal already."""
+        if self.running is None:
+            allowed = "there is no running motion to go on from"
+            raise InvalidInput(Status.NO_ACTIVE_PLAN, "running_goal", goal, allowed)
+        first, last = self.running.time[[0, -1]].tolist()
+        if not first <= self.ahead < finite_number("running_goal", goal) <= last + _ROUNDING:
+            allowed = (
+                f"it must be after start_after, {self.ahead:g} s, and both within running.time, "
+                f"{first:g} s to {last:g} s"
+            )
+            raise InvalidInput(Status.OUT_OF_RANGE, "running_goal", goal, allowed)
+
+    def ended_at(self, *efforts: int) -> PlanningTask:
+        """Return the task whose phases' searches end at steps, as an answer tells; zero: never."""
+        if not any(efforts):
+            return self
+        first, *others = efforts
+        then = [
+            replace(phase, effort=effort or phase.effort)
+            for phase, effort in zip(self.then, others, strict=False)
+        ]
+        return replace(self, effort=first or self.effort, then=(*then, *self.then[len(then) :]))
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of everything that the plan depends on: equal tasks have equal digests."""
+        # A controller that lets joints move at the end takes every sound plan.
+        strict = self.controller
+        if strict is not None and strict.allow_nonzero_velocity_at_trajectory_end:
+            strict = None
+        digest = digest_of(replace(self, controller=strict))
+        # A capture by itself does not depend on the mass of what is captured.
+        bodies = [self.problem.target_body, *(phase.target_body for phase in self.then)]
+        masses = [0.0 if body is None else body.mass for body in bodies]
+        heavy = self.then or np.isfinite(self.problem.limits.capture_impulse)
+        return digest_of([digest, masses]) if heavy and any(masses) else digest

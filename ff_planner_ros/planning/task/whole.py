@@ -1,0 +1,76 @@
+"""The plans of a sequence's phases as one: what a controller is sent, and how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+
+# Of all phases: their sum; others are the largest, those named `min_` the least.
+_SUMS = ("joint_path_length", "penalty")
+
+
+def whole(plan: Plan) -> Plan:
+    """Return a plan with those of the phases that follow as one; a plan by itself stays as it is.
+
+    The point that two phases share is the end of the first: joint rates may jump there by what the
+    contact does. Metrics are sums or the worst of all phases; the chaser's turns are each since
+    the start of a phase. It has no path of a family.
+    """
+    if not plan.then:
+        return plan
+    phases = plan.phases
+    begins = np.cumsum([0.0, *(one.trajectory.time[-1] for one in phases)]).tolist()
+    motion = phases[0].trajectory
+    for begin, one in zip(begins[1:], phases[1:], strict=False):
+        motion = motion.followed_by(one.trajectory, begin)
+    wheels = phases[0].wheels
+    for one in phases[1:]:
+        if wheels is not None and one.wheels is not None:
+            wheels = wheels.followed_by(one.wheels)
+    return Plan(
+        joint_names=plan.joint_names,
+        trajectory=motion,
+        xi=np.empty(0),
+        orientation_reading="",
+        metrics=_metrics([one.metrics for one in phases], begins),
+        solver=_solver([one.solver for one in phases]),
+        duration=begins[-2] + (phases[-1].duration or 0.0),
+        wheels=wheels,
+        effort=plan.effort,
+        notes=tuple(dict.fromkeys(note for one in phases for note in one.notes)),
+        turn_rate_at_rest=phases[-1].turn_rate_at_rest,
+    )
+
+
+def _metrics(each: Sequence[Metrics], begins: Sequence[float]) -> Metrics:
+    found = {}
+    for item in fields(Metrics):
+        values = [getattr(one, item.name) for one in each]
+        if item.name in _SUMS:
+            found[item.name] = sum(values)
+        elif isinstance(values[0], tuple):
+            found[item.name] = tuple(np.max(values, axis=0).tolist())
+        elif not item.name.endswith(("_pair", "_time")):
+            known = [value for value in values if not np.isnan(value)]
+            least = item.name.startswith("min_")
+            found[item.name] = (min if least else max)(known, default=np.nan)
+    for name in ("min_clearance", "min_self_clearance"):
+        worst = int(np.argmin([getattr(one, name) for one in each]))
+        found[f"{name}_pair"] = getattr(each[worst], f"{name}_pair")
+        found[f"{name}_time"] = begins[worst] + getattr(each[worst], f"{name}_time")
+    return Metrics(**found)
+
+
+def _solver(each: Sequence[SolverReport]) -> SolverReport:
+    counts = ("starts", "iterations", "rollouts")
+    return replace(
+        each[-1],
+        **{name: sum(getattr(one, name) for one in each) for name in counts},
+        optimality=max(one.optimality for one in each),
+        stop_reason="; ".join(dict.fromkeys(one.stop_reason for one in each)),
+    )

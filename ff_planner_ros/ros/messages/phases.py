@@ -1,0 +1,161 @@
+"""The phases of a request and of its answer: from messages, and to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, replace
+
+from ff_planner_msgs.msg import Goal, PlanAnswer, PlanRequest
+from ff_planner_msgs.msg import Phase as PhaseMessage
+from ff_planner_msgs.msg import Plan as PlanMessage
+
+from ff_planner_ros.common.declared_messages import names_in, value_at, values_in, write_object
+from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status, fields_named
+from ff_planner_ros.messages.payloads import payload_in
+from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.posture import Posture
+from ff_planner_ros.planning.problem.problem import DurationRange, TargetBody
+from ff_planner_ros.planning.task.phase import Phase
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.messages.from_messages import (
+    duration_in,
+    limits_in,
+    require_frame,
+    require_known_goal,
+)
+from ff_planner_ros.ros.messages.interfaces import entry_of
+from ff_planner_ros.ros.messages.joint_names import GOAL_JOINTS, posture_in
+from ff_planner_ros.ros.messages.to_messages import (
+    goal_of_joints,
+    payload_message,
+    plan_message,
+)
+
+FIELD = "then"
+_NAMES = names_in(Phase) | names_in(PlanningTask) | GOAL_JOINTS
+
+
+def captures(request: PlanRequest) -> bool:
+    """Tell whether a request captures the target body in any of its phases."""
+    goals = [request.goal, *(one.goal for one in value_at(request, FIELD, ()))]
+    return any(goal.kind == GoalKind.CAPTURE for goal in goals)
+
+
+def phases_in(
+    request: PlanRequest, robot: Robot, parameters: NodeParameters, body: TargetBody | None
+) -> tuple[Phase, ...]:
+    """Return the phases that follow the goal of a request; none: it is of an older version, too.
+
+    Args:
+        body: That phases capture, at the first point of the first; None: none does.
+
+    Raises:
+        InvalidInput: A field of a phase cannot be used; the error names it.
+    """
+    phases = []
+    for index, message in enumerate(value_at(request, FIELD, ())):
+        with _placed(f"{FIELD}[{index}]"), fields_named(_NAMES):
+            phases.append(_phase(message, robot, parameters, body))
+    return tuple(phases)
+
+
+def _phase(
+    message: PhaseMessage, robot: Robot, parameters: NodeParameters, body: TargetBody | None
+) -> Phase:
+    goal = message.goal
+    require_known_goal(goal)
+    names = {item.name for item in fields(Phase)}
+    if goal.kind == GoalKind.POSE:
+        frame = goal.pose.header.frame_id
+        require_frame("goal.pose.header.frame_id", frame, parameters.inertial_frame)
+    else:
+        names.remove("target")
+    given = values_in(Phase, message, names=names)
+    if goal.kind == GoalKind.CAPTURE:
+        given["target_body"] = body
+    elif (posture := posture_in(goal, robot)) is not None:
+        given["target"] = posture
+    shortest, window = duration_in(message, None)
+    most = parameters.limits.limits().of_joints(robot.joints)
+    given |= {
+        "duration": shortest if window is None else window,
+        "limits": limits_in(given.get("limits", {}), robot, most),
+        "payload": payload_in(message),
+    }
+    return Phase(**given)
+
+
+@contextmanager
+def _placed(place: str) -> Iterator[None]:
+    """Make errors name the place of the phase."""
+    try:
+        yield
+    except InvalidInput as error:
+        field = f"{place}.{error.field}"
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+
+
+def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str) -> PhaseMessage:
+    """Write what follows a goal as a part of a request."""
+    lasts = phase.duration
+    if isinstance(lasts, DurationRange):
+        lasts = lasts.maximum
+    told = replace(phase, payload=None, duration=lasts)
+    message: PhaseMessage = write_object(told, PhaseMessage(), entry_of)
+    message.goal.pose.header.frame_id = inertial_frame
+    if isinstance(phase.duration, DurationRange):
+        write_object(phase.duration, message, entry_of)
+    if phase.target_body is not None:
+        message.goal.kind = Goal.CAPTURE
+    if isinstance(phase.target, Posture):
+        message.goal = goal_of_joints(phase.target, joint_names)
+    if phase.payload is not None:
+        message.payload = [payload_message(phase.payload)]
+    return message
+
+
+def plan_messages(
+    plan: Plan, start_ns: int, inertial_frame: str, bodies: Sequence[TargetBody | None]
+) -> list[PlanMessage]:
+    """Write the plan of each phase as a message; see `plan_message`.
+
+    Args:
+        bodies: That each phase captures, at its first point.
+    """
+    written = list[PlanMessage]()
+    for phase, body in zip(plan.phases, bodies, strict=True):
+        written.append(plan_message(phase, start_ns, inertial_frame, body))
+        start_ns += round(float(phase.trajectory.time[-1]) * NANOSECONDS)
+    return written
+
+
+def tell_found(
+    answer: PlanAnswer, error: FfPlannerError, task: PlanningTask, start_ns: int, frame: str
+) -> None:
+    """Write the plans of the phases before the one that has none into a refusal."""
+    if isinstance(error, NoPlanFound) and isinstance(error.found, Plan):
+        bodies = bodies_of(task, error.found)
+        answer.plans = plan_messages(error.found, start_ns, frame, bodies)
+
+
+def efforts_of(answer: PlanAnswer) -> Sequence[int]:
+    """Return the step at which the search of each phase was ended; zero: it was not."""
+    told = [value_at(plan, "effort", 0) for plan in answer.plans]
+    if answer.status.code != Status.SOLVED:
+        return [*told, answer.effort]
+    return told if len(told) > 1 else [answer.effort]
+
+
+def bodies_of(task: PlanningTask, plan: Plan) -> list[TargetBody | None]:
+    """Return the body that each phase of a plan captures, at the first point of the phase."""
+    begin, bodies = 0.0, [task.problem.target_body]
+    for phase, before in zip(task.then, plan.phases, strict=False):
+        begin += float(before.trajectory.time[-1])
+        body = phase.target_body
+        bodies.append(None if body is None else body.after(begin))
+    return bodies[: len(plan.phases)]

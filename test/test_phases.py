@@ -1,0 +1,367 @@
+"""A whole capture: each phase begins where the one before ends, contact included."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from robots import CONFIG
+
+from ff_planner_ros.analysis.plan_json import plan_dictionary
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.cli import main
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import SEARCHING, Watch
+from ff_planner_ros.planning.problem.problem import Sphere, lasting
+from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.problem.target_body import AttachedBody
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.following import following, held_body, phase_tasks
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.task import perform
+from ff_planner_ros.planning.task.whole import whole
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.simulation.verification import verify
+
+SCENARIO = CONFIG / "scenarios/whole_capture.yaml"
+SETTINGS = load_parameters().planner
+DEFAULTS = Defaults(SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def task() -> PlanningTask:
+    return load_task(SCENARIO, DEFAULTS)
+
+
+@pytest.fixture(scope="module")
+def plan(task: PlanningTask) -> Plan:
+    return perform(task)
+
+
+def scenario(directory: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    document = yaml.safe_load(SCENARIO.read_text(encoding="utf-8"))
+    document["robot"]["urdf"] = str(CONFIG / "robots/lemur/lemur.urdf")
+    change(document)
+    path = directory / "scenario.yaml"
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return path
+
+
+def test_every_phase_passes_the_check_of_its_own_task(task: PlanningTask, plan: Plan) -> None:
+    assert len(plan.phases) == 3
+    for one, found in phase_tasks(task, plan):
+        problem = lasting(one.problem, found.duration)
+        assert not list(failures(problem, found, one.settings))
+    assert plan.phases[2].trajectory.joint_velocities[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_each_begins_where_the_one_before_ends(plan: Plan) -> None:
+    """At the grasp what moves apart, by what a plan may miss its goal, moves together then."""
+    names = {item.name for item in fields(plan.trajectory)} - {"time", "joint_torques"}
+    for before, after in zip(plan.phases, plan.phases[1:], strict=False):
+        for name in names:
+            first, last = getattr(after.trajectory, name)[0], getattr(before.trajectory, name)[-1]
+            np.testing.assert_allclose(first, last, atol=1e-5, err_msg=name)
+
+
+def test_the_momentum_of_chaser_arm_and_target_is_one_from_the_first_point_to_the_last(
+    task: PlanningTask, plan: Plan
+) -> None:
+    """The target's by the textbook until it is held; then it is a part of the robot."""
+    found = list[Array]()
+    for one, phase in phase_tasks(task, plan):
+        robot, body = one.problem.robot, one.problem.target_body
+        data = robot.model.createData()
+        for q, v, time in zip(
+            *from_trajectory(robot, phase.trajectory), phase.trajectory.time, strict=True
+        ):
+            momentum = total_momentum(robot, data, q, v)
+            if body is not None:
+                there = body.after(float(time))
+                axes = pin.Quaternion(there.quaternion_xyzw).toRotationMatrix()
+                linear = body.mass * there.linear_velocity
+                spin = axes @ body.inertia @ axes.T @ there.angular_velocity
+                angular = np.cross(there.position, linear) + spin
+                momentum += np.concatenate([linear, angular])
+            found.append(momentum)
+    scale = np.abs(found).max()
+    np.testing.assert_allclose(found, np.tile(found[0], (len(found), 1)), atol=1e-5 * scale)
+
+
+def test_the_captured_body_is_where_its_grasp_is_held(task: PlanningTask, plan: Plan) -> None:
+    body, tasks = task.problem.target_body, [one for one, _ in phase_tasks(task, plan)]
+    assert body is not None
+    held, robot = held_body(body, task.problem.robot), tasks[1].problem.robot
+    assert robot.payload is not None
+    np.testing.assert_array_equal(robot.payload.inertia, held.inertia)
+    q, _ = from_trajectory(robot, plan.phases[1].trajectory)
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q[0])
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    there = body.after(plan.phases[0].trajectory.time[-1])
+    np.testing.assert_allclose(tip.act(held.center_of_mass), there.position, atol=1e-5)
+    axes = pin.Quaternion(there.quaternion_xyzw).toRotationMatrix()
+    spins = tip.rotation @ held.inertia @ tip.rotation.T, axes @ body.inertia @ axes.T
+    np.testing.assert_allclose(*spins, atol=1e-2)
+    assert len(held.shapes) == len(body.obstacles)
+    assert {one.shape.kind for one in held.shapes} >= {"cone", "box", "cylinder"}
+
+
+def test_its_shapes_are_where_they_were_on_the_body(task: PlanningTask, plan: Plan) -> None:
+    body, robot = task.problem.target_body, task.problem.robot
+    assert body is not None
+    there = body.after(plan.phases[0].trajectory.time[-1])
+    place = pin.SE3(pin.Quaternion(there.quaternion_xyzw).toRotationMatrix(), there.position)
+    motion = plan.phases[0].trajectory
+    axes = pin.Quaternion(motion.ee_quaternions_xyzw[-1]).toRotationMatrix()
+    tip = pin.SE3(axes, motion.ee_positions[-1])
+    for held, fixed in zip(held_body(body, robot).shapes, body.obstacles, strict=True):
+        assert isinstance(fixed, AttachedBody)
+        for point in (np.zeros(3), np.array([0.3, 0.5, -0.7])):
+            turns = [
+                pin.Quaternion(one.quaternion_xyzw).toRotationMatrix() for one in (held, fixed)
+            ]
+            seen = tip.act(held.position + turns[0] @ point)
+            np.testing.assert_allclose(
+                seen, place.act(fixed.position + turns[1] @ point), atol=1e-5, err_msg=held.id
+            )
+
+
+def test_what_moves_goes_on_until_the_next_phase(task: PlanningTask, plan: Plan) -> None:
+    passing = Sphere("passing", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.1, 0.2, 0.0]))
+    problem = replace(task.problem, obstacles=(*task.problem.obstacles, passing))
+    after = following(replace(task, problem=problem), plan.phases[0]).problem
+    (seen,) = after.spheres
+    lasted = plan.phases[0].trajectory.time[-1]
+    np.testing.assert_allclose(seen.center, [9.0 + 0.1 * lasted, 0.2 * lasted, 0.0])
+
+
+def test_the_next_phase_begins_as_the_contact_leaves_it(task: PlanningTask, plan: Plan) -> None:
+    """The body drifts faster than the plan knows: what it brings along stays in the whole."""
+    body = task.problem.target_body
+    assert body is not None
+    faster = replace(body, linear_velocity=body.linear_velocity + 0.1 * np.eye(3)[0])
+    problem = replace(task.problem, target_body=faster)
+    problem = replace(problem, target=faster.target(problem.duration))
+    after = following(replace(task, problem=problem), plan.phases[0]).problem
+    usual = following(task, plan.phases[0]).problem
+    momenta = [
+        total_momentum(
+            one.robot, one.robot.model.createData(), *configuration(one.robot, one.start)
+        )[:3]
+        for one in (after, usual)
+    ]
+    np.testing.assert_allclose(momenta[0] - momenta[1], [0.1 * body.mass, 0.0, 0.0], atol=1e-3)
+
+
+@pytest.mark.ci
+def test_every_phase_comes_true_in_mujoco(task: PlanningTask, plan: Plan) -> None:
+    for one, found in phase_tasks(task, plan):
+        problem = lasting(one.problem, found.duration)
+        assert verify(problem.robot, found.trajectory, scene_of(problem)).passed
+
+
+@pytest.mark.ci
+def test_the_impulse_is_told_and_its_limit_refuses_by_name(task: PlanningTask, plan: Plan) -> None:
+    told = plan.metrics.capture_impulse
+    assert 0.01 < told < 0.2
+    for changed in (replace(task, then=()), task):
+        problem = changed.problem
+        limited = replace(problem, limits=replace(problem.limits, capture_impulse=0.9 * told))
+        with pytest.raises(NoPlanFound, match=r"capture_impulse is 0\.\d+ N s within") as refused:
+            perform(replace(changed, problem=limited))
+        assert refused.value.status is Status.LIMIT_VIOLATED
+
+
+def test_a_written_scenario_is_the_same_task(task: PlanningTask, tmp_path: Path) -> None:
+    write_scenario(task, tmp_path / "written.yaml")
+    again = load_task(tmp_path / "written.yaml", DEFAULTS)
+    assert again.digest == task.digest
+    assert len(again.then) == 2
+
+
+def test_its_bag_replays_to_the_last_bit(task: PlanningTask, plan: Plan, tmp_path: Path) -> None:
+    record_answer(tmp_path / "bag", task, plan, 0.5)
+    with open_bag(tmp_path / "bag") as bag:
+        (recorded,) = recorded_run(bag).requests
+    replayed = replay(recorded)
+    assert replayed.verdict is Verdict.IDENTICAL
+    assert replayed.answer is not None
+    assert replayed.answer.task_digest == task.digest
+    assert len(replayed.answer.plans) == 3
+
+
+def test_the_json_has_the_whole_motion_and_each_phase(
+    task: PlanningTask, plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written = json.loads(json.dumps(plan_dictionary(plan, task, 1.0)))
+    assert len(written["time"]) == sum(len(one["time"]) for one in written["phases"]) - 2
+    assert (np.diff(written["time"]) > 0.0).all()
+    assert written["metrics"]["joint_path_length"] == pytest.approx(
+        sum(one["metrics"]["joint_path_length"] for one in written["phases"])
+    )
+    file = tmp_path / "answer.json"
+    file.write_text(json.dumps(written), encoding="utf-8")
+    assert main(["verify", str(file)]) == 0
+    assert capsys.readouterr().out.count("verdict: passed") == 3
+    assert main(["report", str(file), "--output", str(tmp_path / "page.html")]) == 0
+    assert "answer, phase 3" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_the_whole_is_one_motion_with_the_worst_of_all_phases(plan: Plan) -> None:
+    total = whole(plan)
+    assert (np.diff(total.trajectory.time) > 0.0).all()
+    each = [one.metrics for one in plan.phases]
+    assert total.metrics.peak_grasp_force == max(one.peak_grasp_force for one in each[1:])
+    assert total.metrics.min_self_clearance == min(one.min_self_clearance for one in each)
+    ends = np.cumsum([one.trajectory.time[-1] for one in plan.phases])
+    assert total.duration == pytest.approx(ends[-1])
+    worst = int(np.argmin([one.min_self_clearance for one in each]))
+    assert total.metrics.min_self_clearance_time == pytest.approx(
+        [0.0, *ends][worst] + each[worst].min_self_clearance_time
+    )
+    alone = plan.phases[0]
+    assert whole(alone) is alone
+
+
+@pytest.mark.ci
+def test_where_a_later_phase_has_no_plan_those_before_are_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def too_short(document: dict[str, Any]) -> None:
+        document["phases"][2]["duration"] = 0.2
+
+    file, answer = scenario(tmp_path, too_short), tmp_path / "answer.json"
+    assert main(["plan", str(file), "--json", str(answer)]) == 3
+    assert "phase 3 of 3: 0.2 s is too short" in capsys.readouterr().err
+    told = json.loads(answer.read_text(encoding="utf-8"))
+    assert [one["status"] for one in told["phases"]] == ["solved"] * 2
+    bag = tmp_path / "bag"
+    assert main(["plan", str(file), "--bag", str(bag)]) == 3
+    with open_bag(bag) as opened:
+        (recorded,) = recorded_run(opened).requests
+    assert recorded.response is not None
+    assert len(recorded.response.plans) == 2
+    assert replay(recorded).verdict is Verdict.IDENTICAL
+
+
+class EndingAt(Watch):
+    """Ends every search at a step, as a clock might."""
+
+    def __init__(self, last: int) -> None:
+        self._left = last
+
+    def require_time(self, _phase: str = SEARCHING, /) -> None:
+        self._left -= 1
+        if self._left <= 0:
+            raise OutOfTime("the time is over", EndedBy.DEADLINE)
+
+    def share(self, searches: int) -> Watch:  # noqa: ARG002 (each has as much)
+        return EndingAt(self._left)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("last", [40, 60, 90])
+def test_what_a_clock_ended_comes_again_by_its_efforts(task: PlanningTask, last: int) -> None:
+    def answer(of: PlanningTask, watch: Watch) -> tuple[list[int], list[bytes], str]:
+        plan: Plan | None = None
+        words, more = "", list[int]()
+        try:
+            plan = perform(of, watch)
+        except NoPlanFound as refused:
+            words, more = str(refused).partition(":")[0], [refused.effort]
+            plan = refused.found if isinstance(refused.found, Plan) else None
+        phases = () if plan is None else plan.phases
+        motions = [one.trajectory.joint_positions.tobytes() for one in phases]
+        return [*(one.effort for one in phases), *more], motions, words
+
+    before = answer(task, EndingAt(last))
+    assert any(before[0])
+    assert answer(task.ended_at(*before[0]), Watch()) == before
+
+
+def _without_mass(document: dict[str, Any]) -> None:
+    del document["phases"][0]["target_body"]["mass"]
+
+
+FAULTS: dict[str, tuple[Callable[[dict[str, Any]], object], str, str]] = {
+    "no mass": (_without_mass, "phases[0].target_body.mass", "inertia in kg m2"),
+    "a goal beside": (
+        lambda d: d.update(target={"at_rest": True}),
+        "target",
+        "say it in a phase: phases[0].target",
+    ),
+    "a payload of the first": (
+        lambda d: d["phases"][0].update(payload={}),
+        "phases[0].payload",
+        "say it in robot.payload",
+    ),
+    "no phases": (lambda d: d.update(phases=[]), "phases", "1 to 9 phases"),
+    "too many": (lambda d: d.update(phases=4 * d["phases"]), "phases", "1 to 9 phases"),
+    "no goal": (lambda d: d["phases"][1].pop("target"), "phases[1].target", "must be given"),
+    "two goals": (
+        lambda d: d["phases"][1].update(target_body=d["phases"][0]["target_body"]),
+        "phases[1].target",
+        "must be given",
+    ),
+    "no duration": (lambda d: d["phases"][1].pop("duration"), "phases[1].duration", ""),
+    "of the first": (
+        lambda d: d["phases"][0].update(duration=-1.0),
+        "phases[0].duration",
+        "greater than 0",
+    ),
+    "unknown": (lambda d: d["phases"][0].update(goal=1), "phases[0].goal", "a phase may have"),
+    "unknown later": (lambda d: d["phases"][2].update(goal=1), "phases[2].goal", ""),
+    "other joints": (
+        lambda d: d["phases"][2]["target"]["joints"].update(position=[0.0]),
+        "phases[2].target.joints.position",
+        "",
+    ),
+    "a limit": (
+        lambda d: d["phases"][1].update(limits={"grasp_force": 0.0}),
+        "phases[1].limits.grasp_force",
+        "greater than 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_a_fault_of_a_phase_is_named_with_its_place(case: str, tmp_path: Path) -> None:
+    change, field, allowed = FAULTS[case]
+    with pytest.raises(InvalidInput) as refused:
+        load_task(scenario(tmp_path, change), DEFAULTS)
+    found = [one for one in refused.value.faults if one.field == field]
+    assert found, [one.field for one in refused.value.faults]
+    assert allowed in found[0].allowed
+
+
+def test_a_capture_alone_depends_on_no_mass(task: PlanningTask) -> None:
+    body = task.problem.target_body
+    assert body is not None
+    alone = replace(task, then=(), problem=replace(task.problem, limits=task.then[0].limits))
+    free = replace(alone.problem.limits, capture_impulse=np.inf)
+    alone = replace(alone, problem=replace(alone.problem, limits=free))
+
+    def heavier(of: PlanningTask) -> PlanningTask:
+        target_body = replace(body, mass=2.0 * body.mass)
+        return replace(of, problem=replace(of.problem, target_body=target_body))
+
+    assert heavier(alone).digest == alone.digest
+    assert heavier(task).digest != task.digest
