@@ -41,8 +41,8 @@ MOMENTUM_TOLERANCE = 1e-6
 # In one step neither a joint nor the chaser turns further [rad]: the error of RK4 is then below a
 # hundredth of the tolerances. At least eight steps, because the motion varies between two points.
 STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 8
-# Where momentum or deviation may say that this was too coarse, steps are so many times finer: an arm
-# of many joints, or with a heavy payload, runs away from its plan uncontrolled faster than it moves.
+# Where momentum or deviation may say that this was too coarse, steps are so many times finer: an
+# arm of many joints, or with a heavy payload, runs away from its plan faster than it moves.
 _FINER = (1, 2, 4, 8)
 _STANDSTILL = 1e-6  # [m/s]
 # Of a whole execution: ten thousand points of a sound plan need less. It takes ten seconds.

@@ -14,12 +14,13 @@ from ff_planner_ros.common.declared_messages import names_in, value_at, values_i
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status, fields_named
 from ff_planner_ros.messages.payloads import payload_in
+from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import DurationRange, TargetBody
-from ff_planner_ros.planning.task.phase import Phase
+from ff_planner_ros.planning.task.phase import Phase, require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import (
@@ -61,6 +62,9 @@ def phases_in(
     for index, message in enumerate(value_at(request, FIELD, ())):
         with _placed(f"{FIELD}[{index}]"), fields_named(_NAMES):
             phases.append(_phase(message, robot, parameters, body))
+    if phases and body is not None and request.goal.kind == GoalKind.CAPTURE:
+        with fields_named(NAMED_AS):
+            require_mass(body)
     return tuple(phases)
 
 
