@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core.conversions import sphere_arrays
 from ff_planner_ros.planning.distance.allowed_contact import split_obstacles, split_spheres
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
@@ -28,6 +28,9 @@ LEAST_CLEARANCE, CLEARANCE_AT_END = 1e-5, 1.2e-5
 # Of the distance at the start, the part that a motion keeps of it, and that a certificate may be
 # below the truth.
 _KEPT, _GAP = 0.5, 0.25
+# Where there is room for less than this part of a margin, a motion gains the rest in this part of
+# its duration.
+_SHORT, _GAINED = 0.5, 0.25
 # What is further away by the spheres around it is not measured: half of this [m] is the largest
 # margin that a parameter allows.
 _FAR = 2.0
@@ -89,6 +92,28 @@ def room_of_obstacles(problem: PlanningProblem) -> Array:
     poses = seen_from_chaser(q[None], now, obstacles)
     distances[near] = obstacle_distances(robot, placed, poses, obstacles, rows).distance
     return _room(distances)
+
+
+def margins_of_rows(margin: float, room: Array, names: Indices, times: Array) -> Array:
+    """Return the margin that each distance keeps [m].
+
+    At the start there is the room that there is; from rest, ways grow as the cube of the time.
+    Were the margin no larger later on, nothing would keep an arm clear between the points there.
+
+    Args:
+        margin: Where there is room for it [m].
+        room: Of all that is measured, in the order of its numbers [m].
+        names: Of rows: they number configurations, then what is measured.
+        times: Of the configurations, the last one at the end [s].
+    """
+    configurations, numbers = np.divmod(names, room.size)
+    least = room.ravel()[numbers]
+    short = least < _SHORT * margin
+    if short.any():
+        gained = margin * np.minimum(times / (_GAINED * times.max()), 1.0) ** 3
+        least[short] += gained[configurations[short]]
+    margins: Array = np.minimum(margin, least)
+    return margins
 
 
 def _room(distances: Array) -> Array:

@@ -27,7 +27,7 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at, velocities_at
-from ff_planner_ros.planning.distance.start_room import room_of_bodies
+from ff_planner_ros.planning.distance.start_room import margins_of_rows, room_of_bodies
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
@@ -71,8 +71,9 @@ def pair_rows(
         deeper = along_variables(gradients, at.sensitivity[:, 6:], rows[0])
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    margins, apart = np.minimum(margin, _room_of_pairs(problem)), split_pairs(problem)[0]
-    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
+    margins = np.minimum(margin, _room_of_pairs(problem))[names % shape[1]]
+    kept, apart = Rows(distances - margins, jacobian, names), split_pairs(problem)[0]
+    return kept_rows(problem, at, kept, shape[1], apart)
 
 
 def sphere_rows(
@@ -105,26 +106,26 @@ def sphere_rows(
                 problem, gradients, at, rows[0], rows[2]
             )
         jacobian = np.vstack([jacobian, deeper])
-    margins, apart = np.minimum(margin, room_of_bodies(problem)), split_spheres(problem)[0]
-    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
+    margins = margins_of_rows(margin, room_of_bodies(problem), names, at.times)
+    kept, apart = Rows(distances - margins, jacobian, names), split_spheres(problem)[0]
+    return kept_rows(problem, at, kept, shape[1] * shape[2], apart)
 
 
 def kept_rows(
-    problem: PlanningProblem, at: LookedAt, found: Rows, margins: Array, apart: Indices
+    problem: PlanningProblem, at: LookedAt, found: Rows, count: int, apart: Indices
 ) -> Rows:
-    """Return distances less their margins, without those of what may touch at the goal, there.
+    """Return rows without those of what may touch at the goal, there.
 
     Args:
-        found: Distances [m]; their names number first configurations, then what is measured.
-        margins: Of all that is measured, in the order of its numbers [m].
+        found: Their names number first configurations, then what is measured.
+        count: Of all that is measured in a configuration.
         apart: Numbers of what must never touch.
     """
-    configurations, numbers = np.divmod(found.names, margins.size)
-    values = found.values - margins.ravel()[numbers]
     if not problem.allowed_collisions:
-        return Rows(values, found.jacobian, found.names)
+        return found
+    configurations, numbers = np.divmod(found.names, count)
     kept = np.isin(numbers, apart) | (configurations < at.until)
-    return Rows(values[kept], found.jacobian[kept], found.names[kept])
+    return Rows(found.values[kept], found.jacobian[kept], found.names[kept])
 
 
 @lru_cache(maxsize=4)

@@ -34,7 +34,11 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     seen_from_chaser,
 )
 from ff_planner_ros.planning.distance.search_certificate import search_obstacle_distance
-from ff_planner_ros.planning.distance.start_room import certificate_gap, room_of_obstacles
+from ff_planner_ros.planning.distance.start_room import (
+    certificate_gap,
+    margins_of_rows,
+    room_of_obstacles,
+)
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
@@ -176,5 +180,6 @@ def obstacle_rows(
             deeper[:, -1] += at.times_by_last[when] * speeds
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    margins, apart = np.minimum(margin, room_of_obstacles(problem)), split_obstacles(problem)[0]
-    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
+    margins = margins_of_rows(margin, room_of_obstacles(problem), names, at.times)
+    kept, apart = Rows(distances - margins, jacobian, names), split_obstacles(problem)[0]
+    return kept_rows(problem, at, kept, shape[1] * shape[2], apart)
