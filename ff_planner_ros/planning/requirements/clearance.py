@@ -15,7 +15,11 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.distance.certificate import LINES_GAP, certified_clearance
+from ff_planner_ros.planning.distance.certificate import (
+    LINES_GAP,
+    certificate_gap,
+    certified_clearance,
+)
 from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     clearance_rows,
@@ -28,7 +32,6 @@ from ff_planner_ros.planning.distance.search_certificate import search_certifica
 from ff_planner_ros.planning.distance.start_room import (
     CLEARANCE_AT_END,
     LEAST_CLEARANCE,
-    certificate_gap,
     margins_of_rows,
     room_of_lines,
 )
