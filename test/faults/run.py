@@ -3,8 +3,9 @@
     .venv/bin/python test/faults/run.py [AREA ...] [--jobs N]
 
 AREA.yaml beside this file lists faults that a reviewer would call real: a text that occurs once in
-a file of the package, what stands there instead, what goes wrong then, and the tests that are to
-fail. Written by hand, not mutants by machine: of these most are no faults, or change nothing.
+a file of the package or the benchmark, what stands there instead, what goes wrong then, and the
+tests that are to fail. Written by hand, not mutants by machine: of these most are no faults, or
+change nothing.
 
 The libraries take most of the time that a test of one fault takes: a server imports them once, and
 each fault has a process that forks from it, with a copy of the project of its own.
@@ -32,6 +33,7 @@ import yaml
 HERE = Path(__file__).parent
 PROJECT = HERE.parent.parent
 PACKAGE = "ff_planner_ros"
+COPIED = {PACKAGE, "test", "benchmark"}
 AREAS = sorted(path.stem for path in HERE.glob("*.yaml"))
 # A fault that keeps its tests busy for so long [s] is noticed: they take seconds without it.
 PATIENCE = 1200
@@ -127,7 +129,7 @@ def copy_of(project: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as directory:
         tree = Path(directory)
         for path in project.iterdir():
-            if path.name in {PACKAGE, "test"}:  # a link to the tests would lead back to the package
+            if path.name in COPIED:  # a link to the tests would lead back to the package
                 shutil.copytree(path, tree / path.name)
             elif path.name not in {".git", "build", SAID}:
                 (tree / path.name).symlink_to(path)
@@ -158,8 +160,9 @@ def _run(tree: Path, arguments: Sequence[str]) -> None:
     for stream in (1, 2):
         os.dup2(said, stream)
     os.chdir(tree)
-    os.environ["PYTHONPATH"] = str(tree)
-    sys.path[0] = str(tree)  # instead of this file's directory
+    own = [str(tree), str(tree / "benchmark")]
+    os.environ["PYTHONPATH"] = os.pathsep.join(own)
+    sys.path[:1] = own  # instead of this file's directory
     # Not one of several that work together, whose progress bars would be in each other's way.
     vars(multiprocessing.process)["_parent_process"] = None
     code = pytest.main([*arguments])
