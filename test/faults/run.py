@@ -59,6 +59,7 @@ class Fault:
     wrong: str  # what goes wrong
     tests: str  # files or names of tests, apart by blanks
     survives: str = ""  # why no test can or need notice it
+    tier: str = "everyday"  # of its tests
 
     def put_into(self, tree: Path) -> None:
         """Change the file.
@@ -83,14 +84,16 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     options = parser.parse_args()
     faults = [fault for area in options.areas for fault in faults_of(area)]
-    tests = sorted({test for fault in faults for test in fault.tests.split()})
+    tests = {(fault.tier, test) for fault in faults for test in fault.tests.split()}
     multiprocessing.set_start_method("forkserver")
     multiprocessing.set_forkserver_preload([*LIBRARIES])
     with copy_of(PROJECT) as sound, ThreadPoolExecutor(options.jobs) as pool:
-        said = _failure(sound, tests, "--numprocesses", str(options.jobs))
-        if said is not None:
-            print(f"without any fault tests fail:\n{said}")
-            return 1
+        for tier in sorted({tier for tier, _ in tests}):
+            chosen = sorted(test for of, test in tests if of == tier)
+            said = _failure(sound, chosen, f"--tier={tier}", f"--numprocesses={options.jobs}")
+            if said is not None:
+                print(f"without any fault tests fail:\n{said}")
+                return 1
         noticed = pool.map(lambda fault: _is_noticed(fault, sound), faults)
         survivors = [fault for fault, seen in zip(faults, noticed, strict=True) if not seen]
     share = 1.0 - len(survivors) / len(faults)
@@ -114,7 +117,7 @@ def _is_noticed(fault: Fault, sound: Path) -> bool:
     """Try a fault, and say how it went."""
     with copy_of(sound) as tree:
         fault.put_into(tree)
-        said = _failure(tree, fault.tests.split(), "--exitfirst")
+        said = _failure(tree, fault.tests.split(), f"--tier={fault.tier}", "--exitfirst")
     if said is None:
         print(f"SURVIVES {_title(fault)}", flush=True)
         return False
