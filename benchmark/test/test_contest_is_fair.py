@@ -372,7 +372,10 @@ def test_nothing_of_a_method_outlives_a_contest_that_is_ended(small, method, tmp
     with subprocess.Popen([*command, "--method", evil], stderr=subprocess.DEVNULL) as run:
         left = waiting(there)
         run.send_signal(getattr(signal, end))
-        run.wait(30)
+        try:
+            run.wait(30)
+        finally:
+            run.kill()
     _, alive = psutil.wait_procs(left, timeout=30)
     assert alive == []
 
