@@ -17,9 +17,9 @@ from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
     body_ways,
+    least_of,
     least_pair_distance,
     least_sphere_distance,
-    lesser,
     pair_ways,
 )
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
@@ -281,5 +281,5 @@ def test_ways_follow_the_cubic_and_pairs_take_the_nearer_body(
 def test_the_lesser_of_two_keeps_the_lower_certificate_of_both() -> None:
     """What is nearer was found so; what is farther may be certified to less all the same."""
     near, far = Least(0.195, 0.2, 3, 1.0), Least(0.19, 0.21, 4, 2.0)
-    for found in (lesser(near, far), lesser(far, near)):
+    for found in (least_of(near, far), least_of(far, near)):
         assert found == Least(0.19, 0.2, 3, 1.0)

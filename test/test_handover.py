@@ -18,7 +18,7 @@ from test_takeover import state_on
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
@@ -93,7 +93,8 @@ def test_a_plan_that_comes_too_late_for_its_start_is_none(
         waiting = dict(answering._publication._waiting)
     previous = "run.0" if continues else ""
     assert found.inputs.previous_plan_id == previous
-    assert clock.searched_on is (part < 0.0 or not asks)
+    # The plan that is looked for may be what remains of the running one, which is never too late.
+    assert clock.searched_on is (part < 0.0 or not asks or continues)
     if part > 0.0:
         assert found.status.code == Status.TOO_LATE, found.status
         assert found.status.message.startswith(
@@ -136,6 +137,31 @@ def test_the_plan_that_runs_is_the_one_that_joints_follow_until_a_new_one_of_the
     assert waiting["run.1"].previous_plan_id == "run.0"
     assert (task.running_goal, task.ahead) == (None, pytest.approx(1.0))
     assert task.running.time[0] == pytest.approx(-4.0)
+
+
+@pytest.mark.parametrize("late", [0.001, 0.9, 1.1])
+def test_what_remains_of_the_running_plan_is_an_answer_after_its_handover_too(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch, late: float
+) -> None:
+    """It is what the joints do anyway; any other plan, or one that takes over nothing, is late."""
+    remainder = replace(lemur_plan, family=REMAINDER)
+    overrides = WHEN | {"planning_lead_time": ALLOWANCE}
+    for continues, plan in ((True, remainder), (True, lemur_plan), (False, remainder)):
+        with service(lemur_capture, monkeypatch, **overrides) as (answering, worker, _):
+            clock = Clock(answering)
+            latest = ALLOWANCE - (HANDOVER if continues else 0.0)
+            worker.solve.side_effect = solving(clock, plan, latest + late, asks=True)
+            begun_ns = NOW - 4 * NANOSECONDS
+            answering._output.published = PublishedPlan("run.0", lemur_plan.trajectory, begun_ns)
+            found = answer(answering, request_at(lemur_capture, lemur_plan, continues))
+        is_answer = continues and plan is remainder and late < 1.0
+        assert found.status.code == (Status.SOLVED if is_answer else Status.TOO_LATE)
+        if is_answer:
+            (written,) = found.plans
+            assert written.family == REMAINDER
+            assert nanoseconds(written.joint_trajectory.header.stamp) == NOW + 200_000_000
+        elif late < 1.0 or not continues:
+            assert f"was missed by {late:.3f} s" in found.status.message
 
 
 def test_what_was_asked_for_a_time_of_its_own_is_told_to_ask_for_a_later_one(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -91,3 +93,31 @@ def test_the_preview_stops_when_nobody_sees_it_and_goes_on_for_who_comes_later(
         assert processor_time(planner) - before <= 2.0 * IDLE * SECONDS
         states = client.hear(JointState, "planned_joint_states")
         client.wait_until(lambda: len(states) > 20, "the preview")
+
+
+COUNTED = """
+import gc
+import sys
+
+from ff_planner_ros.ros import node
+
+
+def wait(_):
+    print(gc.get_freeze_count(), len(gc.get_objects()))
+
+
+node.StopRequest.wait = wait
+sys.exit(node.main(sys.argv[1:]))
+"""
+
+
+def test_a_full_garbage_collection_looks_at_next_to_nothing(tmp_path: Path) -> None:
+    """What is loaded stays: to look at it took up to half a second, in which no request is read."""
+    with private_domain():
+        command = [sys.executable, "-c", COUNTED, "--ros-args", "-p", f"bag.directory:={tmp_path}"]
+        done = subprocess.run(
+            command, capture_output=True, cwd=tmp_path, text=True, timeout=120, check=True
+        )
+    kept, looked_at = (int(word) for word in done.stdout.split()[-2:])
+    assert kept > 50_000
+    assert looked_at < 5_000

@@ -154,12 +154,14 @@ def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case
     at_x = of_problem(case.program, robot=without_limits).linearise(case.x)
     rollout = case.program.family.motion(case.x, POINTS)
     at_points, half_way = (arm_points(without_limits, q) for q in (rollout.q, rollout.q_half_way))
-    arms = [*at_points[1:], *half_way]
-    for begin, middle, end in list(zip(at_points, half_way, at_points[1:], strict=False))[1:]:
-        arms.extend(
-            (1 - s) * (1 - 2 * s) * begin + 4 * s * (1 - s) * middle + s * (2 * s - 1) * end
-            for s in (0.25, 0.75)
-        )
+    arms, when = [*at_points[1:], *half_way], [*range(1, POINTS), *np.arange(POINTS - 1) + 0.5]
+    ways = list(zip(at_points, half_way, at_points[1:], strict=False))
+    for number, (begin, middle, end) in enumerate(ways[1:], start=1):
+        for s in (0.25, 0.75):
+            arms.append(
+                (1 - s) * (1 - 2 * s) * begin + 4 * s * (1 - s) * middle + s * (2 * s - 1) * end
+            )
+            when.append(number + s)
 
     def distances(arm: Array) -> list[float]:
         return [
@@ -169,12 +171,15 @@ def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case
             if np.linalg.norm(end - start) > 1e-3
         ]
 
-    # Of what the start is nearer to, half of that distance.
-    margins = [min(MARGIN, max(at_start, 0.0) / 2) for at_start in distances(at_points[0])]
+    def margin(at_start: float, part: float) -> float:
+        """Of what the start is nearer to, half of that, and with a quarter of the time all."""
+        room = max(at_start, 0.0) / 2
+        return min(MARGIN, room + MARGIN * min(4 * part, 1.0) ** 3 * (room < MARGIN / 2))
+
     expected = [
-        distance - margin
-        for arm in arms
-        for distance, margin in zip(distances(arm), margins, strict=True)
+        distance - margin(at_start, step / (POINTS - 1))
+        for arm, step in zip(arms, when, strict=True)
+        for distance, at_start in zip(distances(arm), distances(at_points[0]), strict=True)
     ]
     near = np.sort(expected)
     near = near[near < 0.2]

@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from ff_planner_ros.analysis.drawing.panels import joint_angles
 from ff_planner_ros.analysis.drawing.tracking import Deviations
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
 from ff_planner_ros.bag.mcap.encoding import encode
@@ -37,12 +38,13 @@ from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.report.from_bag import report_of_bag, reported_request
 from ff_planner_ros.report.plan_plots import shown_rows
 from ff_planner_ros.report.run_page import save_page
-from ff_planner_ros.report.run_report import Report, report_of_answer
+from ff_planner_ros.report.run_report import Report, report_of_answer, robot_facts
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name
@@ -233,6 +235,19 @@ def test_refusals_have_their_reasons_in_full_and_their_attempts_numbers_marked(t
         assert rows[rows.index(told.page.row(plan_id)) + 1] == [reason]
     assert told.page.row("run.3")[7:11] == ["1.1072 *", "15.63 *", "19.40 *", "1.8 *"]
     assert told.page.row("run.2")[7:] == 6 * ["-"]
+
+
+def test_what_a_user_should_know_of_a_robot_stands_in_the_header() -> None:
+    robot = load_scenario(CONFIG / "scenarios" / "rail_capture.yaml").robot
+    told = replace(robot, notes=("joint_9 is held", "two links touch"))
+    notes = [value for name, value in robot_facts(told) if name == "note on the robot"]
+    assert notes == ["joint_9 is held", "two links touch"]
+
+
+def test_where_a_joint_slides_no_figure_is_of_angles_alone() -> None:
+    robot = load_scenario(CONFIG / "scenarios" / "rail_capture.yaml").robot
+    found = joint_angles(robot)
+    assert (found.title, found.labels[0]) == ("joint positions", "rail [m]")
 
 
 def test_the_header_says_which_bag_of_what_robot_and_node_it_is(told: Told) -> None:

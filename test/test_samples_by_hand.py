@@ -17,7 +17,9 @@ from test_limits_by_hand import PLACE, POSTURE, TWIST
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.distance.contact import deepest_contact, is_near_goal
+from ff_planner_ros.planning.distance.allowed_contact import may_touch, split_pairs
+from ff_planner_ros.planning.distance.contact import deepest_contact
+from ff_planner_ros.planning.distance.start_room import room_of_pairs
 from ff_planner_ros.planning.motion.followed import steps_of
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, METRICS
@@ -173,18 +175,19 @@ def test_the_deepest_contact_is_that_which_coal_finds(seed: int) -> None:
 
 def test_near_the_goal_is_within_the_contact_distance_of_where_the_grasp_is() -> None:
     found = made(random_robot(3), resting(POSTURE), np.zeros(6), PLACE)
-    a, b = (found.problem.robot.bodies[k].link for k in found.problem.robot.pairs[0])
+    pair = next(n for n, room in enumerate(room_of_pairs(found.problem)) if room > 0.0)
+    a, b = (found.problem.robot.bodies[k].link for k in found.problem.robot.pairs[pair])
     drift = np.array([0.1, 0.0, 0.0])
     moving = replace(found.problem.target, linear_velocity=drift)
     problem = replace(
         found.problem, target=moving, allowed_collisions=(f"{a}/{b}",), contact_distance=0.1
     )
     # The end effector rests where the grasp will be: a tenth of a metre from it a second before.
-    q, goal = found.q[0], problem.duration
-    assert is_near_goal(problem, q, goal)
-    assert is_near_goal(problem, q, goal - 0.99)
-    assert not is_near_goal(problem, q, goal - 1.01)
-    assert not is_near_goal(replace(problem, allowed_collisions=()), q, goal)
+    q, goal, split = found.q[0], problem.duration, split_pairs(problem)
+    for time, may in ((goal, True), (goal - 0.99, True), (goal - 1.01, False)):
+        assert (pair in may_touch(problem, split, q, time)) is may
+    nothing = replace(problem, allowed_collisions=())
+    assert not may_touch(nothing, split_pairs(nothing), q, goal).size
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -243,7 +246,10 @@ def test_near_the_goal_what_is_allowed_is_no_contact() -> None:
     allowed = (f"{touching.first.split('#')[0]}/s",)
     assert deepest_contact(replace(near, allowed_collisions=allowed), q) is None
     away = replace(near.target, position=near.target.position + np.array([0.2, 0.0, 0.0]))
-    assert deepest_contact(replace(near, allowed_collisions=allowed, target=away), q) is not None
+    far = replace(near, allowed_collisions=allowed, target=away)
+    assert deepest_contact(far, q) is None, "it touches at the start"
+    begin = replace(far.start, joint_positions=far.start.joint_positions + 0.5)
+    assert deepest_contact(replace(far, start=begin), q) is not None
     other = (f"{touching.first.split('#')[0]}/moon",)
     assert deepest_contact(replace(near, allowed_collisions=other), q) is not None
 

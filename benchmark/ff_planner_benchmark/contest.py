@@ -5,7 +5,9 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from multiprocessing import resource_tracker
 from operator import itemgetter
 from pathlib import Path
 
@@ -13,9 +15,10 @@ from ff_planner_benchmark.contest_results import Result
 from ff_planner_benchmark.dataset import end_with_parent, names
 from ff_planner_benchmark.method_process import TOO_LONG, require_known
 from ff_planner_benchmark.own_copy import OwnCopy, own_copy
+from ff_planner_benchmark.processes import Family
 from ff_planner_benchmark.scorer.score import Score, judged
 from ff_planner_benchmark.watched import Asked, Method
-from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.errors import InvalidInput, Status
 
 # Scenarios that one process of a method plans in turn.
 _IN_TURN = 10
@@ -56,11 +59,30 @@ def results(
         for method in methods
     ]
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, end_with_parent) as pool:
-        for _ in pool.map(partial(_require_loads, seconds), methods):
-            pass
-        for done in pool.map(partial(_judged_in_turn, seconds), filter(itemgetter(1), tasks)):
-            yield from done
+    resource_tracker.ensure_running()  # of multiprocessing, which needs it to the end
+    judges = Family()
+    with ProcessPoolExecutor(workers, context, _end_with_contest) as pool:
+        try:
+            for _ in pool.map(partial(_require_loads, seconds), methods):
+                pass
+            for done in pool.map(partial(_judged_in_turn, seconds), filter(itemgetter(1), tasks)):
+                yield from done
+        except BrokenProcessPool:
+            allowed = (
+                "a judge was ended from outside, by one of them or for want of memory; let methods "
+                "that you do not trust run in a container or as another user"
+            )
+            judges.end()
+            told = ", ".join(methods)
+            raise InvalidInput(Status.UNSUPPORTED, "--method", told, allowed) from None
+        except BaseException:  # nobody waits for what methods do, and nothing of them stays
+            judges.end()
+            raise
+
+
+def _end_with_contest() -> None:
+    """Let a judge, and the method that it watches, end with the contest, however that ends."""
+    end_with_parent(lambda: Family(of_all=True).end())
 
 
 def _require_loads(seconds: float, method: str) -> None:

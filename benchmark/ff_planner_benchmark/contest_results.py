@@ -13,6 +13,7 @@ import numpy as np
 
 from ff_planner_benchmark.scorer.score import Score
 from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.common.shown import printable
 from ff_planner_ros.errors import InvalidInput, Status
 
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
@@ -84,7 +85,8 @@ def reasons(done: Sequence[Result], most: int) -> Iterator[tuple[str, ...]]:
         for those in by_frequency[:most]:
             first, fault = those[0]
             example = f"{first.kind}/{first.index:04d}"
-            yield method, f"{len(those)}", example, " ".join(fault.split())
+            told = " ".join(fault.split())  # a method's own words may be among them
+            yield method, f"{len(those)}", example, printable(told, len(told))
         if (more := len(by_frequency) - most) > 0:
             yield method, "", "", f"and {more} more, which --json FILE has"
 

@@ -147,13 +147,18 @@ def _written(directory: Path, seed: int, each: int | None, workers: int) -> str:
     return write_sums(directory)
 
 
-def end_with_parent() -> None:
-    """Let this process end as soon as the one that started it has ended, however that was."""
+def end_with_parent(last: Callable[[], object] = bool) -> None:
+    """Let this process end as soon as the one that started it has ended, however that was.
+
+    Args:
+        last: What it does before.
+    """
     parent = multiprocessing.parent_process()
 
     def wait() -> None:
         if parent is not None:
             parent.join()
+            last()
             os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()

@@ -31,14 +31,20 @@ class _Process(NamedTuple):
 class Family:
     """A process and all that it starts, in sessions of their own and left alone ones, too."""
 
-    def __init__(self) -> None:
-        """Begin before the process is started: what this one has as children is none of it."""
+    def __init__(self, of_all: bool = False) -> None:
+        """Begin before the process is started.
+
+        Args:
+            of_all: What this process has as children is part of it, too.
+        """
         with suppress(OSError, AttributeError):  # another system than Linux
             ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
         here = os.getpid()
-        self._others = {one.pid for one in _processes() if one.parent == here}
+        self._others = {one.pid for one in _processes() if one.parent == here and not of_all}
         self._before = _of_reaped()
         self._seen: dict[tuple[int, int], float] = {}  # processor time of each [s]
+        # Whether the time of children of one of them is lost: the system tells nobody of their end
+        self.loses_time = False
 
     def seconds(self) -> float:
         """Return the processor time that all of them have taken so far.
@@ -48,6 +54,7 @@ class Family:
         living = list(self._living())
         for one in living:
             self._seen[one.pid, one.begun] = one.own
+            self.loses_time = self.loses_time or _ignores_children(one.pid)
         waited = _of_reaped() - self._before
         waited += sum(one.own + one.of_ended for one in living)
         return max(waited, sum(self._seen.values()))
@@ -80,6 +87,16 @@ class Family:
 def _of_reaped() -> float:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
+
+
+def _ignores_children(pid: int) -> bool:
+    """Tell whether a process ignores SIGCHLD, so that the system waits for its children itself."""
+    with suppress(OSError):  # ended meanwhile
+        for line in Path(f"/proc/{pid}/status").read_text("utf-8", "replace").splitlines():
+            name, _, mask = line.partition(":")
+            if name == "SigIgn":
+                return bool(int(mask, 16) >> (signal.SIGCHLD - 1) & 1)
+    return False
 
 
 def _processes() -> Iterator[_Process]:

@@ -24,6 +24,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 
 # A method has so much time to load, and to end once its answers have [s].
 _TO_LOAD, _TO_END = 120.0, 1.0
+_FREE_TO_LOAD = 10.0  # processor time that is not counted [s]
 # The clock ends only what waits, after so many times the processor time and so much more [s].
 _PATIENCE, _MORE_PATIENCE = 20.0, 10.0
 _LOOK_AFTER = 0.1  # [s] between two looks at how much time has been taken
@@ -63,7 +64,8 @@ class Method:
         if line is None or wrong is not None:
             reason = self.end(wrong or "the process ended")
             raise InvalidInput(Status.UNSUPPORTED, "--method", method, reason)
-        self._taken = self._family.seconds()
+        # To load more than libraries is to plan: the rest counts with the first answer.
+        self._taken = min(self._family.seconds(), _FREE_TO_LOAD)
 
     def ask(self, scenario: Path) -> Asked:
         """Return what it answers to a scenario; one without an answer is to be ended.
@@ -89,6 +91,8 @@ class Method:
             return Asked(taken, None, f"its answer cannot be read: {error.allowed}")
         if not isinstance(said, dict) or said.get("question") != number:
             return Asked(taken, None, "it answered something that was not asked")
+        if self._family.loses_time:
+            return Asked(taken, None, "it ignores SIGCHLD: the time of its processes is lost")
         if "answer" not in said:
             return Asked(taken, None, str(said.get("failed"))[: method_process.MOST_WORDS])
         return Asked(taken, said["answer"], None)

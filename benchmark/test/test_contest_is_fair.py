@@ -2,14 +2,18 @@
 
 import json
 import os
+import signal
+import subprocess
+import sys
 import textwrap
 
 import psutil
 import pytest
 
-from ff_planner_benchmark import contest, dataset
+from ff_planner_benchmark import cli, contest, contest_results, dataset, watched
 from ff_planner_benchmark.entrants import ours
-from ff_planner_benchmark.scorer.score import MOST_POINTS, judged, load
+from ff_planner_benchmark.scorer.score import MOST_POINTS, Score, judged, load
+from ff_planner_ros.errors import InvalidInput
 
 pytestmark = pytest.mark.ci
 
@@ -290,3 +294,107 @@ def test_a_method_that_burns_more_than_twice_its_time_in_another_process_is_ende
     (one,) = asked(small, method(BURNS + text), seconds=0.5)
     assert not one.score.solved
     assert one.seconds >= 1.0
+
+
+LOADS = """
+    burn({seconds})
+
+    def answer(scenario, seconds):
+        return {{"status": "no_plan"}}
+"""
+
+
+def test_what_loading_takes_beyond_libraries_counts_with_the_first_answer(
+    small, method, monkeypatch
+):
+    monkeypatch.setattr(watched, "_FREE_TO_LOAD", 2.0)
+    evil = method(BURNS + LOADS.format(seconds=3.5))
+    first, second = asked(small, evil, ("planar", "ordinary"))
+    assert 1.5 < first.seconds < 4.0
+    assert second.seconds < 0.5
+
+
+SHORT_LIVED = """
+    import signal
+
+    def answer(scenario, seconds):
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+        for _ in range(40):
+            here, there = os.pipe()
+            if os.fork() == 0:
+                burn(0.03)
+                os._exit(0)
+            os.close(there)
+            os.read(here, 1)
+        return {"status": "lost"}
+"""
+
+
+def test_a_method_whose_processes_cannot_be_timed_loses_its_answer(small, method):
+    (one,) = asked(small, method(BURNS + SHORT_LIVED))
+    assert one.score.faults == ("it ignores SIGCHLD: the time of its processes is lost",)
+    (one,) = asked(small, method(BURNS + SHORT_LIVED.replace("SIG_IGN", "SIG_DFL")))
+    assert one.score.faults == ("no plan: lost",)
+
+
+LINGERS = """
+    import os, signal, time
+    from pathlib import Path
+
+    def answer(scenario, seconds):
+        for kind in ("child", "grandchild"):
+            if os.fork() == 0:
+                if kind == "grandchild":
+                    os.setsid()
+                    if os.fork():
+                        os._exit(0)
+                Path({there!r}, str(os.getpid())).touch()
+                time.sleep(1000)
+        Path({there!r}, str(os.getpid())).touch()
+        {then}
+        time.sleep(1000)
+"""
+
+
+def waiting(there, count=3):
+    """The processes that a method has left, once they are all there."""
+    while len(list(there.iterdir())) < count:
+        pass
+    return [psutil.Process(int(path.name)) for path in there.iterdir()]
+
+
+@pytest.mark.parametrize("end", ["SIGTERM", "SIGINT", "SIGKILL"])
+def test_nothing_of_a_method_outlives_a_contest_that_is_ended(small, method, tmp_path, end):
+    there = tmp_path / "there"
+    there.mkdir()
+    evil = method(LINGERS.format(there=str(there), then=""))
+    command = [sys.executable, "-m", cli.__name__, "contest", str(small), "--scenarios", "1"]
+    with subprocess.Popen([*command, "--method", evil], stderr=subprocess.DEVNULL) as run:
+        left = waiting(there)
+        run.send_signal(getattr(signal, end))
+        try:
+            run.wait(30)
+        finally:
+            run.kill()
+    _, alive = psutil.wait_procs(left, timeout=30)
+    assert alive == []
+
+
+def test_a_method_that_ends_its_judge_is_told_in_words(small, method, tmp_path):
+    there = tmp_path / "there"
+    there.mkdir()
+    then = "os.kill(os.getppid(), signal.SIGKILL)"
+    evil = method(LINGERS.format(there=str(there), then=then))
+    with pytest.raises(InvalidInput, match="a judge was ended from outside, by one of them or"):
+        list(contest.results([evil], small, 1, SECONDS, 1))
+    left = [int(path.name) for path in there.iterdir()]
+    assert left
+    assert not [pid for pid in left if psutil.pid_exists(pid)]
+
+
+def test_what_a_method_says_cannot_be_taken_for_the_tables():
+    said = Score(False, ("no plan: \x1b[2J\x07\nours  all  6  100.0%\u202e",))
+    ((_, _, _, told),) = contest_results.reasons(
+        [contest_results.Result("evil.py", "planar", 0, 0.1, said)], 3
+    )
+    assert told == "no plan: ?[2J? ours all 6 100.0%?"

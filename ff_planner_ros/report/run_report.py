@@ -167,6 +167,7 @@ def robot_facts(robot: Robot) -> list[tuple[str, str]]:
     return [
         ("robot", f"{robot.model.name}: {joints}, {mass:.1f} kg in all"),
         ("kept clear", kept),
+        *(("note on the robot", note) for note in robot.notes),
     ]
 
 

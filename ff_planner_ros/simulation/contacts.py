@@ -46,6 +46,8 @@ class Contact:
     depth: float  # then [m]
 
 
+# What is nearer than this touches [m].
+_TOUCHING = 1e-5
 # MuJoCo has no solids without thickness [m].
 _THINNEST = 1e-6
 # A pyramid stands for a cone: it is thinner by so much at most [m], or has so many sides.
@@ -88,6 +90,13 @@ class Touch:
         self._names = [told[number] for number in self._order]
         self._links = [links[number] for number in self._order]
         self._scene, self._tip = scene, self._data.body(names[robot.tip_link])
+        self._base = self._data.body(names[robot.base_link])
+        self._mocaps = {one.id: number for number, one in enumerate(obstacles)}
+        self._allowed = [
+            tuple(self._model.geom(geom).id for geom in pair)
+            for pair in pairs
+            if self._may_touch(*(self._model.geom(geom).id for geom in pair))
+        ]
 
     def depths(self, q: Array, time: float) -> dict[str, float]:
         """Return how deep the bodies of each pair are in each other [m], of all that touch.
@@ -127,11 +136,33 @@ class Touch:
                 first, second = sorted(geoms.tolist(), key=self._order.__getitem__)
                 pair = f"{self._names[first]}/{self._names[second]}"
                 found.setdefault(pair, []).append(-float(distance))
-                links = self._links[first], self._links[second]
-                names = {"/".join(links), "/".join(reversed(links))}
-                if names & set(self._scene.allowed_collisions):
+                if self._may_touch(first, second):
                     allowed.add(pair)
         return found, allowed
+
+    def _may_touch(self, first: int, second: int) -> bool:
+        links = self._links[first], self._links[second]
+        names = {"/".join(links), "/".join(reversed(links))}
+        return bool(names & set(self._scene.allowed_collisions))
+
+    def _touching(self) -> dict[str, int]:
+        """Return allowed pairs that touch as all is now, each with its obstacle; -1: a link."""
+        return {
+            f"{self._names[first]}/{self._names[second]}": self._mocaps.get(self._names[second], -1)
+            for first, second in self._allowed
+            if mujoco.mj_geomDistance(self._model, self._data, first, second, 1.0, np.zeros(6))
+            < _TOUCHING
+        }
+
+    def _tip_seen(self, obstacle: int) -> Array:
+        """Return where the end effector is, seen from an obstacle, or from the base with -1."""
+        data, place, turn = self._data, self._base.xpos, self._base.xquat
+        if obstacle >= 0:
+            place, turn = data.mocap_pos[obstacle], data.mocap_quat[obstacle]
+        back, seen = np.empty(4), np.empty(3)
+        mujoco.mju_negQuat(back, turn)
+        mujoco.mju_rotVecQuat(seen, self._tip.xpos - place, back)
+        return seen
 
     def along(self, states: Sequence[Array], times: Array) -> tuple[Contact, ...]:
         """Return all contacts along a motion, the earliest first.
@@ -142,12 +173,25 @@ class Touch:
         """
         found: list[tuple[float, str, float, bool]] = []
         outside = -np.inf  # when the end effector was last away from the goal
+        # What touches since the start: its obstacle, and where the end effector was, seen from it
+        held: dict[str, tuple[int, Array]] | None = None
         for configurations, moments in _looks(states, times, self._model.nq):
             positions, turns = self._places(moments)
             targets = self._scene.targets(moments)
             for look, time in enumerate(moments.tolist()):
                 depths, allowed = self._seen(configurations[look], positions[look], turns[look])
-                found += [(time, pair, max(deep), pair in allowed) for pair, deep in depths.items()]
+                if held is None:
+                    held = {
+                        pair: (one, self._tip_seen(one)) for pair, one in self._touching().items()
+                    }
+                for pair, (one, first) in list(held.items()):
+                    if np.linalg.norm(self._tip_seen(one) - first) > self._scene.contact_distance:
+                        del held[pair]
+                found += [
+                    (time, pair, max(deep), pair in allowed)
+                    for pair, deep in depths.items()
+                    if pair not in held
+                ]
                 if (
                     targets is None
                     or np.linalg.norm(self._tip.xpos - targets[look]) > self._scene.contact_distance

@@ -3,8 +3,9 @@
     .venv/bin/python test/faults/run.py [AREA ...] [--jobs N]
 
 AREA.yaml beside this file lists faults that a reviewer would call real: a text that occurs once in
-a file of the package, what stands there instead, what goes wrong then, and the tests that are to
-fail. Written by hand, not mutants by machine: of these most are no faults, or change nothing.
+a file of the package or the benchmark, what stands there instead, what goes wrong then, and the
+tests that are to fail. Written by hand, not mutants by machine: of these most are no faults, or
+change nothing.
 
 The libraries take most of the time that a test of one fault takes: a server imports them once, and
 each fault has a process that forks from it, with a copy of the project of its own.
@@ -32,6 +33,7 @@ import yaml
 HERE = Path(__file__).parent
 PROJECT = HERE.parent.parent
 PACKAGE = "ff_planner_ros"
+COPIED = {PACKAGE, "test", "benchmark"}
 AREAS = sorted(path.stem for path in HERE.glob("*.yaml"))
 # A fault that keeps its tests busy for so long [s] is noticed: they take seconds without it.
 PATIENCE = 1200
@@ -57,6 +59,7 @@ class Fault:
     wrong: str  # what goes wrong
     tests: str  # files or names of tests, apart by blanks
     survives: str = ""  # why no test can or need notice it
+    tier: str = "everyday"  # of its tests
 
     def put_into(self, tree: Path) -> None:
         """Change the file.
@@ -81,14 +84,16 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     options = parser.parse_args()
     faults = [fault for area in options.areas for fault in faults_of(area)]
-    tests = sorted({test for fault in faults for test in fault.tests.split()})
+    tests = {(fault.tier, test) for fault in faults for test in fault.tests.split()}
     multiprocessing.set_start_method("forkserver")
     multiprocessing.set_forkserver_preload([*LIBRARIES])
     with copy_of(PROJECT) as sound, ThreadPoolExecutor(options.jobs) as pool:
-        said = _failure(sound, tests, "--numprocesses", str(options.jobs))
-        if said is not None:
-            print(f"without any fault tests fail:\n{said}")
-            return 1
+        for tier in sorted({tier for tier, _ in tests}):
+            chosen = sorted(test for of, test in tests if of == tier)
+            said = _failure(sound, chosen, f"--tier={tier}", f"--numprocesses={options.jobs}")
+            if said is not None:
+                print(f"without any fault tests fail:\n{said}")
+                return 1
         noticed = pool.map(lambda fault: _is_noticed(fault, sound), faults)
         survivors = [fault for fault, seen in zip(faults, noticed, strict=True) if not seen]
     share = 1.0 - len(survivors) / len(faults)
@@ -112,7 +117,7 @@ def _is_noticed(fault: Fault, sound: Path) -> bool:
     """Try a fault, and say how it went."""
     with copy_of(sound) as tree:
         fault.put_into(tree)
-        said = _failure(tree, fault.tests.split(), "--exitfirst")
+        said = _failure(tree, fault.tests.split(), f"--tier={fault.tier}", "--exitfirst")
     if said is None:
         print(f"SURVIVES {_title(fault)}", flush=True)
         return False
@@ -127,7 +132,7 @@ def copy_of(project: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as directory:
         tree = Path(directory)
         for path in project.iterdir():
-            if path.name in {PACKAGE, "test"}:  # a link to the tests would lead back to the package
+            if path.name in COPIED:  # a link to the tests would lead back to the package
                 shutil.copytree(path, tree / path.name)
             elif path.name not in {".git", "build", SAID}:
                 (tree / path.name).symlink_to(path)
@@ -158,8 +163,9 @@ def _run(tree: Path, arguments: Sequence[str]) -> None:
     for stream in (1, 2):
         os.dup2(said, stream)
     os.chdir(tree)
-    os.environ["PYTHONPATH"] = str(tree)
-    sys.path[0] = str(tree)  # instead of this file's directory
+    own = [str(tree), str(tree / "benchmark")]
+    os.environ["PYTHONPATH"] = os.pathsep.join(own)
+    sys.path[:1] = own  # instead of this file's directory
     # Not one of several that work together, whose progress bars would be in each other's way.
     vars(multiprocessing.process)["_parent_process"] = None
     code = pytest.main([*arguments])

@@ -141,9 +141,10 @@ def clearance_panel(
 
 
 def joint_angles(robot: Robot) -> Quantity:
-    """Return every joint's angle with its limits."""
+    """Return every joint's angle, or how far it has slid, with its limits."""
     lower, upper = robot.lower_position_limits, robot.upper_position_limits
-    return _of_joints(robot, "joint angles", ("deg", "m"), "joint_positions", lower, upper)
+    title = "joint positions" if robot.joint_slides.any() else "joint angles"
+    return _of_joints(robot, title, ("deg", "m"), "joint_positions", lower, upper)
 
 
 def joint_rates(robot: Robot) -> Quantity:

@@ -57,10 +57,10 @@ class Least(NamedTuple):
 NOTHING = Least(np.inf, np.inf, -1, np.inf)
 
 
-def lesser(one: Least, other: Least) -> Least:
-    """Return the least of both."""
-    nearer = min(one, other, key=lambda least: least.found)
-    return nearer._replace(certified=min(one.certified, other.certified))
+def least_of(*every: Least) -> Least:
+    """Return the least of all."""
+    nearest = min(every, key=lambda least: least.found)
+    return nearest._replace(certified=min(least.certified for least in every))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.allowed_contact import split_obstacles, split_spheres
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.distance.start_room import (
+    KEPT,
+    room_of_bodies,
+    room_of_lines,
+    room_of_obstacles,
+)
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.model import Robot
 
 # The search's certificate and those of bodies are below the truth by at most this [m]: thinner than
@@ -18,11 +26,34 @@ from ff_planner_ros.robot.model import Robot
 CERTIFICATE_GAP = 5e-4
 # The check's certified clearance of lines is below the truth by at most this [m].
 LINES_GAP = 1e-4
+# Of the distance at the start, the part that a certificate may be below the truth.
+_GAP = 0.25
 # Into so many a piece is cut: to look once at several moments takes less time than to look twice.
 _PIECES = 4
 # Part of the way between two points that is not cut further: rounding is all that is left.
 SHORTEST_PIECE = 1e-12
 _TINY = np.finfo(float).tiny
+
+
+def certificate_gap(problem: PlanningProblem, most: float = CERTIFICATE_GAP) -> float:
+    """Return by how much certificates may be below the truth, so that the start passes [m].
+
+    Args:
+        most: Where nothing is near.
+    """
+    near = start_clearance(problem)
+    return min(most, _GAP * near) if near > 0.0 else most  # none is planned for that touches
+
+
+@lru_cache(maxsize=4)
+def start_clearance(problem: PlanningProblem) -> float:
+    """Return the distance at the start from the nearest obstacle that is never touched [m]."""
+    if problem.robot.bodies:
+        spheres = room_of_bodies(problem).ravel()[split_spheres(problem).apart]
+    else:
+        spheres = room_of_lines(problem).ravel()
+    others = room_of_obstacles(problem).ravel()[split_obstacles(problem).apart]
+    return float(np.concatenate([spheres, others]).min(initial=np.inf)) / KEPT
 
 
 def certified_clearance(

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.allowed_contact import (
-    before_contact,
+    may_touch,
     split_obstacles,
     split_pairs,
     split_spheres,
@@ -62,9 +62,8 @@ def deepest_contact(
     if not bodies:
         return _deepest(_with_obstacles(problem, q, time, within), within)
     placed, found = placed_bodies(robot, q[None, 7:]), list[Contact]()
-    free = is_near_goal(problem, q, time)
     near = pair_bounds(robot, placed) <= 0.0
-    near[0, split_pairs(problem)[1]] &= not free
+    near[0, may_touch(problem, split_pairs(problem), q, time)] = False
     rows = np.nonzero(near)
     measured = pair_distances(robot, placed, rows)
     gradients = pair_gradients(robot, placed, measured, rows)
@@ -73,7 +72,7 @@ def deepest_contact(
         found.append(Contact(float(distance), first, second, False, by_joints))
     centers, radius = _spheres(problem, q, time)
     near = sphere_bounds(robot, placed, centers, radius) <= within
-    near.reshape(-1)[split_spheres(problem)[1]] &= not free
+    near.reshape(-1)[may_touch(problem, split_spheres(problem), q, time)] = False
     at = np.nonzero(near)
     measured = sphere_distances(robot, placed, centers, radius, at)
     gradients = sphere_gradients(robot, placed, measured, at)[:, 6:]
@@ -105,7 +104,7 @@ def _with_obstacles(
     at_time = np.array([time])
     poses = seen_from_chaser(q[None], at_time, obstacles)
     near = obstacle_bounds(robot, placed, q[None], at_time, obstacles) <= within
-    near.reshape(-1)[split_obstacles(problem)[1]] &= not is_near_goal(problem, q, time)
+    near.reshape(-1)[may_touch(problem, split_obstacles(problem), q, time)] = False
     at = np.nonzero(near)
     measured = obstacle_distances(robot, placed, poses, obstacles, at)
     gradients = sphere_gradients(robot, placed, measured, at)[:, 6:]
@@ -153,8 +152,8 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
         return None
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
-    allowed, found = split_spheres(problem)[1], list[Contact]()
-    obstacles, others = problem.obstacle_bodies, split_obstacles(problem)[1]
+    allowed, found = split_spheres(problem).may_touch, list[Contact]()
+    obstacles, others = problem.obstacle_bodies, split_obstacles(problem).may_touch
     centers = centers_at(np.array([problem.duration]), problem.spheres)[0]
     for number, body in enumerate(with_bodies(robot).bodies):
         if body.joint != robot.joints + 1:
@@ -171,13 +170,6 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
             if distance <= 0.0 and number * len(obstacles) + index not in others:
                 found.append(Contact(distance, body.name, one.id, True, np.zeros(robot.joints)))
     return min(found, key=lambda contact: contact.distance, default=None)
-
-
-def is_near_goal(problem: PlanningProblem, q: Array, time: float) -> bool:
-    """Tell whether a configuration may belong to the part of the way where contact is allowed."""
-    if not problem.allowed_collisions:
-        return False
-    return before_contact(problem, np.array([time]), q[None]) < 0
 
 
 def _spheres(problem: PlanningProblem, q: Array, time: float) -> tuple[Array, Array]:

@@ -6,12 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core.conversions import sphere_arrays
-from ff_planner_ros.planning.distance.allowed_contact import split_obstacles, split_spheres
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
-from ff_planner_ros.planning.distance.body_distances import sphere_distances
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.body_distances import pair_distances, sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_bounds,
@@ -25,33 +23,14 @@ from ff_planner_ros.robot.configuration import configuration
 # The clearance from every obstacle that a start needs [m], ten times the solver's tolerance; and
 # that a plan has at its last point, where another one may start: the frame of each rounds places.
 LEAST_CLEARANCE, CLEARANCE_AT_END = 1e-5, 1.2e-5
-# Of the distance at the start, the part that a motion keeps of it, and that a certificate may be
-# below the truth.
-_KEPT, _GAP = 0.5, 0.25
+# Of the distance at the start, the part that a motion keeps.
+KEPT = 0.5
+# Where there is room for less than this part of a margin, a motion gains the rest in this part of
+# its duration.
+_SHORT, _GAINED = 0.5, 0.25
 # What is further away by the spheres around it is not measured: half of this [m] is the largest
 # margin that a parameter allows.
 _FAR = 2.0
-
-
-def certificate_gap(problem: PlanningProblem, most: float = CERTIFICATE_GAP) -> float:
-    """Return by how much certificates may be below the truth, so that the start passes [m].
-
-    Args:
-        most: Where nothing is near.
-    """
-    near = start_clearance(problem)
-    return min(most, _GAP * near) if near > 0.0 else most  # none is planned for that touches
-
-
-@lru_cache(maxsize=4)
-def start_clearance(problem: PlanningProblem) -> float:
-    """Return the distance at the start from the nearest obstacle that is never touched [m]."""
-    if problem.robot.bodies:
-        spheres = room_of_bodies(problem).ravel()[split_spheres(problem)[0]]
-    else:
-        spheres = room_of_lines(problem).ravel()
-    others = room_of_obstacles(problem).ravel()[split_obstacles(problem)[0]]
-    return float(np.concatenate([spheres, others]).min(initial=np.inf)) / _KEPT
 
 
 @lru_cache(maxsize=4)
@@ -61,6 +40,14 @@ def room_of_lines(problem: PlanningProblem) -> Array:
     positions = arm_points(robot, q[None])
     found = clearances(positions, np.zeros(1), segments(positions), problem.spheres)
     return _room(found.distance[0])
+
+
+@lru_cache(maxsize=4)
+def room_of_pairs(problem: PlanningProblem) -> Array:
+    """Return half the distance of each pair. Shape (pairs,) [m]."""
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    rows = np.zeros(len(robot.pairs), np.intp), np.arange(len(robot.pairs))
+    return _room(pair_distances(robot, placed_bodies(robot, q[None, 7:]), rows).distance)
 
 
 @lru_cache(maxsize=4)
@@ -91,6 +78,28 @@ def room_of_obstacles(problem: PlanningProblem) -> Array:
     return _room(distances)
 
 
+def margins_of_rows(margin: float, room: Array, names: Indices, times: Array) -> Array:
+    """Return the margin that each distance keeps [m].
+
+    At the start there is the room that there is; from rest, ways grow as the cube of the time.
+    Were the margin no larger later on, nothing would keep an arm clear between the points there.
+
+    Args:
+        margin: Where there is room for it [m].
+        room: Of all that is measured, in the order of its numbers [m].
+        names: Of rows: they number configurations, then what is measured.
+        times: Of the configurations, the last one at the end [s].
+    """
+    configurations, numbers = np.divmod(names, room.size)
+    least = room.ravel()[numbers]
+    short = least < _SHORT * margin
+    if short.any():
+        gained = margin * np.minimum(times / (_GAINED * times.max()), 1.0) ** 3
+        least[short] += gained[configurations[short]]
+    margins: Array = np.minimum(margin, least)
+    return margins
+
+
 def _room(distances: Array) -> Array:
     """Return the part of distances at the start that a motion keeps [m]."""
-    return np.maximum(distances, 0.0) * _KEPT
+    return np.maximum(distances, 0.0) * KEPT

@@ -137,7 +137,6 @@ def target_of_posture(problem: PlanningProblem, posture: Posture) -> Target:
         ("target_body", problem.target_body),
         ("approach", problem.approach),
         ("camera", problem.camera),
-        ("allowed_collisions.pairs", problem.allowed_collisions or None),
     ):
         if given is not None:
             allowed = "with a goal of the joints it must be left out: the goal has no place"

@@ -156,10 +156,10 @@ class PlanningProblem:
         message="search.parametrisation",
         late=True,
     )
-    # From when on the end effector stays within the contact distance, and in the tail
+    # At the goal from when on the end effector stays within the contact distance, and in the tail
     allowed_collisions: tuple[str, ...] = declare(
         each(TEXT),
-        "what may touch at the goal, link/obstacle or link/link",
+        "what may touch at the goal, and where it touches at the start, link/obstacle or link/link",
         key="allowed_collisions.pairs",
         formerly="allowed_at_goal",
         since="0.3",
@@ -169,7 +169,7 @@ class PlanningProblem:
     )
     contact_distance: float = declare(
         a_number(above=0.0),
-        "of the end effector from its goal, within which they may",
+        "of the end effector from its goal, or from where it began, within which they may",
         key="allowed_collisions.distance",
         formerly="contact_distance",
         unit="m",

@@ -28,7 +28,7 @@ class Scene:
 
     obstacles: Sequence[Obstacle] = ()
     # `link/obstacle` or `link/link`: they may touch from when on the end effector stays within the
-    # contact distance of the target
+    # contact distance of the target, and if they do at the start, until it is further from there
     allowed_collisions: Sequence[str] = ()
     contact_distance: float = CONTACT_DISTANCE  # [m]
     # As it is at the capture, and goes on uniformly before and after; None: not known, or a body's

@@ -13,26 +13,28 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import (
-    last_points,
+    may_touch,
     split_pairs,
     split_spheres,
+    stretches,
 )
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
+    least_of,
     least_pair_distance,
     least_sphere_distance,
-    lesser,
 )
 from ff_planner_ros.planning.distance.body_distances import sphere_bounds, sphere_distances
+from ff_planner_ros.planning.distance.certificate import certificate_gap
 from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.distance.contact import deepest_contact, is_near_goal, way_out
+from ff_planner_ros.planning.distance.contact import deepest_contact, way_out
 from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
     search_sphere_distance,
 )
-from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE, certificate_gap
+from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
@@ -97,8 +99,8 @@ class BodyClearance(Requirement):
             return np.inf
         gap = certificate_gap(problem)
         return min(
-            search_sphere_distance(robot, motion, spheres, chosen, last, SLACK_PART, gap)
-            for chosen, last in last_points(problem, motion, *split_spheres(problem))
+            search_sphere_distance(robot, part, spheres, chosen, last, SLACK_PART, gap)
+            for part, chosen, last in stretches(problem, motion, split_spheres(problem))
         )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
@@ -108,7 +110,7 @@ class BodyClearance(Requirement):
             return {}
         spheres = _from_spheres(problem, samples.followed)
         others = least_from_obstacles(problem, samples.followed)
-        least = lesser(spheres, others)
+        least = least_of(spheres, others)
         names = (
             _body_and_sphere(problem, least)
             if spheres.found <= others.found
@@ -154,8 +156,8 @@ class SelfClearance(Requirement):
         if not problem.robot.pairs:
             return np.inf
         return min(
-            search_pair_distance(problem.robot, motion, chosen, last, SLACK_PART)
-            for chosen, last in last_points(problem, motion, *split_pairs(problem))
+            search_pair_distance(problem.robot, part, chosen, last, SLACK_PART)
+            for part, chosen, last in stretches(problem, motion, split_pairs(problem))
         )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
@@ -184,10 +186,10 @@ def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     if not (robot.bodies and spheres):
         return NOTHING
     gap = certificate_gap(problem)
-    return lesser(
+    return least_of(
         *(
-            least_sphere_distance(robot, motion, spheres, chosen, last, gap=gap)
-            for chosen, last in last_points(problem, motion, *split_spheres(problem))
+            least_sphere_distance(robot, part, spheres, chosen, last, gap=gap)
+            for part, chosen, last in stretches(problem, motion, split_spheres(problem))
         )
     )
 
@@ -197,10 +199,10 @@ def _of_pairs(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     """Return the least distance of any pair of bodies that must not touch."""
     if not problem.robot.pairs:
         return NOTHING
-    return lesser(
+    return least_of(
         *(
-            least_pair_distance(problem.robot, motion, chosen, last)
-            for chosen, last in last_points(problem, motion, *split_pairs(problem))
+            least_pair_distance(problem.robot, part, chosen, last)
+            for part, chosen, last in stretches(problem, motion, split_pairs(problem))
         )
     )
 
@@ -219,8 +221,7 @@ def _refuse_approached(problem: PlanningProblem, q_start: Array) -> None:
         robot, placed_bodies(robot, q_start[None, 7:]), seen(q_start[None], np.zeros(1)), radius
     )
     near = bounds[0] < NEAR
-    if is_near_goal(problem, q_start, 0.0):
-        near.reshape(-1)[split_spheres(problem)[1]] = False
+    near.reshape(-1)[may_touch(problem, split_spheres(problem), q_start, 0.0)] = False
 
     def distances(q: Array, times: Array, rows: tuple[Indices, ...]) -> Array:
         placed = placed_bodies(robot, q[:, 7:])

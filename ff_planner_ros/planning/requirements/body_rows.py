@@ -15,6 +15,8 @@ from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, sphere_arrays, spheres_of
 from ff_planner_ros.planning.distance.allowed_contact import (
+    Split,
+    after_contact,
     before_contact,
     split_pairs,
     split_spheres,
@@ -27,11 +29,14 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at, velocities_at
-from ff_planner_ros.planning.distance.start_room import room_of_bodies
+from ff_planner_ros.planning.distance.start_room import (
+    margins_of_rows,
+    room_of_bodies,
+    room_of_pairs,
+)
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
-from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
 # On fewer points than this a body may jump over a corner of another: see `LookedAt`.
@@ -71,8 +76,12 @@ def pair_rows(
         deeper = along_variables(gradients, at.sensitivity[:, 6:], rows[0])
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    margins, apart = np.minimum(margin, _room_of_pairs(problem)), split_pairs(problem)[0]
-    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
+    # A larger margin is asked of no pair: some are built closer together.
+    margins, split = np.minimum(margin, room_of_pairs(problem)), split_pairs(problem)
+    for _, touching in split.at_start:
+        margins[touching] = margin
+    kept = Rows(distances - margins[names % shape[1]], jacobian, names)
+    return kept_rows(problem, at, kept, shape[1], split)
 
 
 def sphere_rows(
@@ -105,39 +114,29 @@ def sphere_rows(
                 problem, gradients, at, rows[0], rows[2]
             )
         jacobian = np.vstack([jacobian, deeper])
-    margins, apart = np.minimum(margin, room_of_bodies(problem)), split_spheres(problem)[0]
-    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
+    margins = margins_of_rows(margin, room_of_bodies(problem), names, at.times)
+    kept = Rows(distances - margins, jacobian, names)
+    return kept_rows(problem, at, kept, shape[1] * shape[2], split_spheres(problem))
 
 
 def kept_rows(
-    problem: PlanningProblem, at: LookedAt, found: Rows, margins: Array, apart: Indices
+    problem: PlanningProblem, at: LookedAt, found: Rows, count: int, split: Split
 ) -> Rows:
-    """Return distances less their margins, without those of what may touch at the goal, there.
+    """Return rows without those of what may touch at the goal or at the start, there.
 
     Args:
-        found: Distances [m]; their names number first configurations, then what is measured.
-        margins: Of all that is measured, in the order of its numbers [m].
-        apart: Numbers of what must never touch.
+        found: Their names number first configurations, then what is measured.
+        count: Of all that is measured in a configuration.
+        split: By whether it may touch.
     """
-    configurations, numbers = np.divmod(found.names, margins.size)
-    values = found.values - margins.ravel()[numbers]
     if not problem.allowed_collisions:
-        return Rows(values, found.jacobian, found.names)
-    kept = np.isin(numbers, apart) | (configurations < at.until)
-    return Rows(values[kept], found.jacobian[kept], found.names[kept])
-
-
-@lru_cache(maxsize=4)
-def _room_of_pairs(problem: PlanningProblem) -> Array:
-    """Return half the distance of each pair at the start [m].
-
-    A larger margin is asked of no pair: some are built closer together, and a motion cannot leave
-    at once where it begins.
-    """
-    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
-    rows = np.zeros(len(robot.pairs), np.intp), np.arange(len(robot.pairs))
-    distance = pair_distances(robot, placed_bodies(robot, q[None, 7:]), rows).distance
-    return np.maximum(distance, 0.0) / 2
+        return found
+    configurations, numbers = np.divmod(found.names, count)
+    kept = np.isin(numbers, split.apart) | (configurations < at.until)
+    for obstacle, touching in split.at_start:
+        first = after_contact(problem, obstacle, at.times, at.q, _WITHIN)
+        kept &= (configurations >= first) | ~np.isin(numbers, touching)
+    return Rows(found.values[kept], found.jacobian[kept], found.names[kept])
 
 
 @lru_cache(maxsize=2)

@@ -15,7 +15,11 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.distance.certificate import LINES_GAP, certified_clearance
+from ff_planner_ros.planning.distance.certificate import (
+    LINES_GAP,
+    certificate_gap,
+    certified_clearance,
+)
 from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     clearance_rows,
@@ -28,7 +32,7 @@ from ff_planner_ros.planning.distance.search_certificate import search_certifica
 from ff_planner_ros.planning.distance.start_room import (
     CLEARANCE_AT_END,
     LEAST_CLEARANCE,
-    certificate_gap,
+    margins_of_rows,
     room_of_lines,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
@@ -111,8 +115,8 @@ class Clearance(Requirement):
             quarter_way=few,
             times_by_last=sensitivity.times_by_last(looked_at, problem.duration),
         )
-        room = room_of_lines(problem).ravel()
-        return Rows(distances - np.minimum(margin, room[names % room.size]), jacobian, names)
+        margins = margins_of_rows(margin, room_of_lines(problem), names, looked_at)
+        return Rows(distances - margins, jacobian, names)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""

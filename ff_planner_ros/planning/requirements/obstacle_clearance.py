@@ -17,16 +17,16 @@ from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.distance.allowed_contact import last_points, split_obstacles
+from ff_planner_ros.planning.distance.allowed_contact import may_touch, split_obstacles, stretches
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
     least_obstacle_distance,
-    lesser,
+    least_of,
 )
 from ff_planner_ros.planning.distance.body_distances import sphere_gradients
-from ff_planner_ros.planning.distance.contact import is_near_goal
+from ff_planner_ros.planning.distance.certificate import certificate_gap
 from ff_planner_ros.planning.distance.obstacle_distances import (
     approach_speeds,
     obstacle_bounds,
@@ -34,7 +34,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     seen_from_chaser,
 )
 from ff_planner_ros.planning.distance.search_certificate import search_obstacle_distance
-from ff_planner_ros.planning.distance.start_room import certificate_gap, room_of_obstacles
+from ff_planner_ros.planning.distance.start_room import margins_of_rows, room_of_obstacles
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
@@ -77,8 +77,7 @@ class ObstacleClearance(Requirement):
         robot = with_bodies(robot)
         placed, now = placed_bodies(robot, q_start[None, 7:]), np.zeros(1)
         near = obstacle_bounds(robot, placed, q_start[None], now, obstacles)[0] < NEAR
-        if is_near_goal(problem, q_start, 0.0):
-            near.reshape(-1)[split_obstacles(problem)[1]] = False
+        near.reshape(-1)[may_touch(problem, split_obstacles(problem), q_start, 0.0)] = False
 
         def distances(q: Array, times: Array, rows: tuple[Indices, ...]) -> Array:
             placed, poses = placed_bodies(robot, q[:, 7:]), seen_from_chaser(q, times, obstacles)
@@ -105,8 +104,8 @@ class ObstacleClearance(Requirement):
             return np.inf
         gap = certificate_gap(problem)
         return min(
-            search_obstacle_distance(robot, motion, obstacles, chosen, last, SLACK_PART, gap)
-            for chosen, last in last_points(problem, motion, *split_obstacles(problem))
+            search_obstacle_distance(robot, part, obstacles, chosen, last, SLACK_PART, gap)
+            for part, chosen, last in stretches(problem, motion, split_obstacles(problem))
         )
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
@@ -128,10 +127,10 @@ def least_from_obstacles(problem: PlanningProblem, motion: FollowedMotion) -> Le
     if not obstacles:
         return NOTHING
     gap = certificate_gap(problem)
-    return lesser(
+    return least_of(
         *(
-            least_obstacle_distance(robot, motion, obstacles, chosen, last, gap=gap)
-            for chosen, last in last_points(problem, motion, *split_obstacles(problem))
+            least_obstacle_distance(robot, part, obstacles, chosen, last, gap=gap)
+            for part, chosen, last in stretches(problem, motion, split_obstacles(problem))
         )
     )
 
@@ -176,5 +175,6 @@ def obstacle_rows(
             deeper[:, -1] += at.times_by_last[when] * speeds
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    margins, apart = np.minimum(margin, room_of_obstacles(problem)), split_obstacles(problem)[0]
-    return kept_rows(problem, at, Rows(distances, jacobian, names), margins, apart)
+    margins = margins_of_rows(margin, room_of_obstacles(problem), names, at.times)
+    kept = Rows(distances - margins, jacobian, names)
+    return kept_rows(problem, at, kept, shape[1] * shape[2], split_obstacles(problem))

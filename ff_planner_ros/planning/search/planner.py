@@ -8,10 +8,9 @@ from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
 from ff_planner_ros.common.arrays import Array, finite_vector
-from ff_planner_ros.errors import EndedBy, Failure, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.check import out_of_time, refusal
 from ff_planner_ros.planning.check.preconditions import require_plannable, require_time
-from ff_planner_ros.planning.distance.start_room import start_clearance
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.steered import steered
 from ff_planner_ros.planning.motion.watch import PassingOn, Watch
@@ -47,9 +46,6 @@ NOBODY = Watch()
 
 # Initial guesses towards a goal with more conditions than the arm can meet at once.
 _STARTS_OF_A_POOR_ARM = 3
-# Initial guesses of an arm that starts nearer to an obstacle than this [m]: where one of them does
-# not lead away from it, hardly any does, and each takes long to look at so closely.
-_STARTS_OF_A_NEAR_ARM, _NEAR = 4, 2e-4
 
 
 def plan(
@@ -181,8 +177,6 @@ def _plan_in_time(
     too_many = problem.posture is None and met < sum(conditions.values())
     if too_many:  # a goal that happens to be one of those that it can meet is found soon
         settings = replace(settings, starts=min(settings.starts, _STARTS_OF_A_POOR_ARM))
-    if start_clearance(problem) < _NEAR:
-        settings = replace(settings, starts=min(settings.starts, _STARTS_OF_A_NEAR_ARM))
     refusals: list[NoPlanFound] = []
     for ways in groups:
         fits = first_guess is not None and len(first_guess) == ways[0].variables
@@ -260,22 +254,10 @@ def _first_plan(solver: GridSolver, first_guess: Array | None) -> Plan:
     if attempt is None:
         refused = singular_refusal(singular_at, solver.problem.duration)
     else:
-        refused = refusal(attempt, _with_advice(solver.problem, [one for _, one in violated]))
+        refused = refusal(attempt, [one for _, one in violated])
         refused.requirement = violated[0][0]
     refused.met = solver.effort.met
     raise refused
-
-
-def _with_advice(problem: PlanningProblem, found: list[Failure]) -> list[Failure]:
-    """Return failures with what may help first, where the start is near an obstacle."""
-    near = start_clearance(problem)
-    if not near < _NEAR:
-        return found
-    further = (
-        f"a start {_NEAR * 1e3:g} mm from every obstacle or further (it is {near * 1e3:.4f} mm "
-        "from the nearest)"
-    )
-    return [replace(found[0], advice=(further, *found[0].advice)), *found[1:]]
 
 
 def _for_family_of_more(

@@ -15,6 +15,7 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.published_plans import ReplanningParameters
+from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.ros.requests.reading import ReadRequest
 
@@ -29,6 +30,9 @@ _FOR_ANSWER, _MOST_FOR_ANSWER = 0.1, 0.5
 # And once it has a plan that takes over, be it what remains of the running one, this part: on a
 # busy machine the way of the answer takes as long as the search.
 _FOR_ANSWER_WITH_PLAN = 0.5
+# What remains of the running plan, unchanged, is what the joints do anyway: it takes over at any
+# moment, and counts as an answer until so long after the handover [s].
+_LATE_REMAINDER = 1.0
 
 
 class LeadTimes:
@@ -86,13 +90,18 @@ class Deadline:
     advice: str  # what to change first
     takes_over: bool = False  # whether a plan runs meanwhile
 
-    def require(self, now_ns: int, stages: Stages) -> None:
+    def require(self, now_ns: int, stages: Stages, plan: Plan | None = None) -> None:
         """Refuse a plan that is not ready by then.
+
+        Args:
+            plan: None: it is still looked for, and may be what remains of the running one.
 
         Raises:
             NoPlanFound: It is not (TOO_LATE).
         """
-        if now_ns > self.at_ns:
+        may_be_late = self.takes_over and (plan is None or plan.family == REMAINDER)
+        latest_ns = self.at_ns + may_be_late * round(_LATE_REMAINDER * NANOSECONDS)
+        if now_ns > latest_ns:
             late = (now_ns - self.at_ns) / NANOSECONDS
             raise NoPlanFound(
                 Status.TOO_LATE,

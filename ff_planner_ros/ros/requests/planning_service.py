@@ -269,9 +269,9 @@ class PlanningService:
         stages.begin("to search")
         budget = deadline.limited(asked.budget, self._clock, taken_up)
 
-        def check() -> None:
+        def check(plan: Plan | None = None) -> None:
             job.check()
-            deadline.require(self._clock.now().nanoseconds, stages)
+            deadline.require(self._clock.now().nanoseconds, stages, plan)
 
         try:
             plan = self._worker.solve(
@@ -303,10 +303,10 @@ class PlanningService:
         # Thousands of points take a second, in which the request may be given up, too.
         writing = self._writers.submit(write)
         while not wait([writing], _POLL).done:
-            check()
+            check(plan)
         phases, written, for_controller = writing.result()
         answer = answer_with_plan(total, phases, job.plan_id, time.perf_counter() - begun)
-        deadline.require(self._clock.now().nanoseconds, stages)
+        deadline.require(self._clock.now().nanoseconds, stages, plan)
         made = MadePlan(
             job.plan_id,
             total,
