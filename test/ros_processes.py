@@ -161,6 +161,12 @@ class Client:
         self.node.create_subscription(message_type, topic, self._keeper(topic), qos)
         return self.received[topic]
 
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Call a service and wait for its response."""
+        client = self.node.create_client(service_type, name)
+        assert client.wait_for_service(DEADLINE), f"no service {name}"
+        return ask(self._executor, lambda: client.call_async(request)).result(DEADLINE)
+
     def now_ns(self) -> int:
         return self.node.get_clock().now().nanoseconds
 
@@ -221,7 +227,7 @@ class Client:
 
         def answer() -> PlanAnswer:
             assert answered.wait(DEADLINE), "the planner did not answer"
-            return future.result().answer
+            return _told(future.result().answer)
 
         return answer
 
@@ -287,6 +293,14 @@ class Client:
         return keep
 
 
+def _told(answer: PlanAnswer) -> PlanAnswer:
+    """An answer, which tells programs of its refusal if it is one, whatever it refuses."""
+    status = answer.status
+    said = [bool(one) for one in (status.field, status.value, status.allowed, status.retry)]
+    assert all(said) if status.code else not any(said), status
+    return answer
+
+
 class Goal:
     """A goal of the planner's action."""
 
@@ -315,7 +329,7 @@ class Goal:
     def result(self) -> tuple[int, PlanAnswer]:
         """Wait for the goal's final state (`action_msgs/GoalStatus`) and its answer."""
         response = self._asked(self._handle.get_result_async)
-        return response.status, response.result.answer
+        return response.status, _told(response.result.answer)
 
     @property
     def _handle(self) -> Any:

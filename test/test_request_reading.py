@@ -23,7 +23,7 @@ from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.from_messages import _NOT_YET
+from ff_planner_ros.ros.messages.from_messages import NOT_YET
 from ff_planner_ros.ros.messages.interfaces import entry_of
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
@@ -337,11 +337,11 @@ def test_what_the_definitions_call_unsupported_is_what_the_planner_refuses() -> 
     told = {
         f"{at}{name}" for message, at in PLACES.items() for name in said_to_be_unsupported(message)
     }
-    assert told == set(_NOT_YET)
+    assert told == set(NOT_YET)
     assert said_to_be_unsupported("TargetBody") == []
 
 
-@pytest.mark.parametrize("place", _NOT_YET)
+@pytest.mark.parametrize("place", NOT_YET)
 def test_what_is_not_supported_yet_is_refused_by_its_name(
     lemur_capture: PlanningProblem, place: str
 ) -> None:

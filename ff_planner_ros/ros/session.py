@@ -31,6 +31,7 @@ from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import MOST_REQUESTS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorded_topics import recording
 from ff_planner_ros.ros.recorder.recording_services import recording_services
+from ff_planner_ros.ros.requests.description import description_service
 from ff_planner_ros.ros.requests.namesakes import namesakes
 from ff_planner_ros.ros.requests.planning_service import PlanningService
 from ff_planner_ros.ros.requests.worker import Worker
@@ -82,6 +83,11 @@ class Session:
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
             stack.enter_context(recording_services(node, self._recorder))
+            stack.enter_context(
+                description_service(
+                    node, robot, lambda: parameters.current, lambda: self._service.is_active
+                )
+            )
             self._output = stack.enter_context(closing(PlanOutput(node, robot.base_link, now)))
             # Nobody learns more from a preview by reading it twice.
             preview = node.resolve_topic_name("planned_joint_states")

@@ -59,7 +59,7 @@ if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not
 MAX_MESSAGE_SECONDS = 2**31 - 1
 _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
 # Fields of a request that this version refuses unless they are empty.
-_NOT_YET = (
+NOT_YET = (
     "then",
     *("limits.grasp_force", "limits.grasp_torque", "limits.capture_impulse"),
 )
@@ -78,7 +78,7 @@ def require_supported(request: PlanRequest) -> None:
     Raises:
         InvalidInput: It names the field.
     """
-    require_left_out(request, _NOT_YET)
+    require_left_out(request, NOT_YET)
     kind = request.goal.kind
     if kind not in iter(GoalKind):
         named = ", ".join(f"{one.name} ({one:d})" for one in GoalKind)

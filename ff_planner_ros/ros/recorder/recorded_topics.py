@@ -12,7 +12,7 @@ from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PublishedPlan, TrackingError, WheelState
-from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
+from ff_planner_msgs.srv import Describe, PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import TransitionEvent
 from nav_msgs.msg import Path as PathMsg
@@ -41,6 +41,7 @@ from ff_planner_ros.robot.model import Robot, read_urdf
 from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.messages.interfaces import (
     ACTION,
+    DESCRIBE,
     GET_RESULT,
     PUBLISH_PLAN,
     SEND_GOAL,
@@ -142,14 +143,15 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
         RecordedTopic(node.resolve_topic_name(name), message_type, topic_qos)
         for name, message_type, topic_qos in topics
     ]
-    service, publication, action = (
-        node.resolve_service_name(name) for name in (SERVICE, PUBLISH_PLAN, ACTION)
+    service, publication, description, action = (
+        node.resolve_service_name(name) for name in (SERVICE, PUBLISH_PLAN, DESCRIBE, ACTION)
     )
     feedback = PlanTrajectoryAction.Impl.FeedbackMessage
     return [
         *recorded,
         RecordedTopic(f"{service}{SERVICE_EVENTS}", PlanTrajectory.Event, EVENT_QOS),
         RecordedTopic(f"{publication}{SERVICE_EVENTS}", PublishPlan.Event, EVENT_QOS),
+        RecordedTopic(f"{description}{SERVICE_EVENTS}", Describe.Event, EVENT_QOS),
         RecordedTopic(f"{action}{GOAL_EVENTS}", SEND_GOAL.Event, EVENT_QOS),
         RecordedTopic(f"{action}{RESULT_EVENTS}", GET_RESULT.Event, EVENT_QOS),
         RecordedTopic(f"{action}/_action/feedback", feedback, STREAM_QOS),

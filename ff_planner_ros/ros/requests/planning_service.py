@@ -125,6 +125,11 @@ class PlanningService:
         """How many requests waited at once at most, by service."""
         return {SERVICE: self._queue.most, PUBLISH_PLAN: self._publication.queue.most}
 
+    @property
+    def is_active(self) -> bool:
+        """Whether requests are taken up."""
+        return self._jobs.is_open
+
     def activate(self) -> None:
         """Take up requests from now on."""
         self._publication.open()
