@@ -57,6 +57,12 @@ EVENT_TOPIC = "/plan_trajectory/_service_event"
 REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
 
 
+ENDS_IN_MOTION = (
+    *("-p", "end_behaviour:=none"),
+    *("-p", "controller.allow_nonzero_velocity_at_trajectory_end:=true"),
+)
+
+
 class PlannerProcess:
     """A planner node in a process of its own; its bag and its log lie in a directory."""
 
@@ -68,7 +74,8 @@ class PlannerProcess:
                 [
                     *(sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args"),
                     *("-p", f"bag.directory:={self._bags}"),
-                    *("-p", "robot.geometry:=lines", *ros_arguments),  # the paper's capture
+                    # The paper's capture, of which the joints still move at the goal.
+                    *("-p", "robot.geometry:=lines", *ENDS_IN_MOTION, *ros_arguments),
                 ],
                 cwd=directory,
                 stderr=log,
@@ -146,9 +153,9 @@ class Client:
         self._refused = RefusedGoals(self.node)
         # After the other services: see `wait_for_planner`.
         self._probe = self.node.create_client(GetParameters, f"{planner}/get_parameters")
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        self._stop = spin_in_background(self._executor, self.node.get_logger())
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self._stop = spin_in_background(self.executor, self.node.get_logger())
 
     def close(self) -> None:
         self._stop()
@@ -165,7 +172,7 @@ class Client:
         """Call a service and wait for its response."""
         client = self.node.create_client(service_type, name)
         assert client.wait_for_service(DEADLINE), f"no service {name}"
-        return ask(self._executor, lambda: client.call_async(request)).result(DEADLINE)
+        return ask(self.executor, lambda: client.call_async(request)).result(DEADLINE)
 
     def now_ns(self) -> int:
         return self.node.get_clock().now().nanoseconds
@@ -189,7 +196,7 @@ class Client:
         while time.monotonic() < give_up:
             with suppress(TimeoutError):
                 probe = partial(self._probe.call_async, GetParameters.Request())
-                ask(self._executor, probe).result(PROBE_INTERVAL)
+                ask(self.executor, probe).result(PROBE_INTERVAL)
                 return
         raise TimeoutError("the planner did not answer")
 
@@ -248,7 +255,7 @@ class Client:
         while not self._refused.can_hear:
             assert time.monotonic() < give_up
             time.sleep(0.01)
-        return Goal(self._executor, self._action, self._refused, request)
+        return Goal(self.executor, self._action, self._refused, request)
 
     def plan(self, request: PlanRequest) -> PlanAnswer:
         return self.send(request)()
@@ -259,7 +266,7 @@ class Client:
         told = {"plan_id": answer.plan_id, "publish_token": answer.publish_token}
         request = PublishPlan.Request(**told | fields)
         return (
-            ask(self._executor, lambda: self._publish_plan.call_async(request))
+            ask(self.executor, lambda: self._publish_plan.call_async(request))
             .result(DEADLINE)
             .status
         )

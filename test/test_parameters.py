@@ -258,8 +258,8 @@ def _other_values(name: str) -> tuple[Any, Any]:
         return "none", None
     if name == "limits.acceleration":
         return None, [0.4]
-    if default is True:  # allow_nonzero_velocity_at_trajectory_end
-        return None, False
+    if default is False:  # allow_nonzero_velocity_at_trajectory_end
+        return True, None
     if name in ANGLES:
         return None, 0.4
     if default == 0.0:  # of planner.robust

@@ -7,6 +7,7 @@ nor have the process read or write where it was not told to.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -34,7 +35,9 @@ from ff_planner_ros.parameters.values import (
 
 # What is loaded, recorded or connected when the node is configured.
 _WHILE_CONFIGURED = (
-    *("robot.", "bag.", "qos.", "odometry.", "rates."),
+    *("robot.", "bag.", "qos.", "odometry.", "rates.", "tf."),
+    *("controller.from_node", "controller.hand_over", "controller.action"),
+    *("controller.path_tolerance", "controller.goal_t", "publication.joint_"),
     *("inertial_frame", "state_source", "planner.library", "planner.plugins"),
 )
 # Their time is over when the node is there.
@@ -57,8 +60,24 @@ class LiveParameters:
         """
         self.current = _declared(node)
         self.configured = False  # whether a robot is loaded, by what the parameters are now
+        self._node, self._is_learning = node, False
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._take)
+
+    def learn(self, values: Mapping[str, Any]) -> None:
+        """Take over what the controller says of itself, looser values too, and tell of it.
+
+        Raises:
+            InvalidInput: A value that makes no sense.
+        """
+        self._is_learning = True
+        try:
+            changes = [Parameter(name, value=value) for name, value in values.items()]
+            told = self._node.set_parameters_atomically(changes)
+        finally:
+            self._is_learning = False
+        if not told.successful:
+            raise InvalidInput(Status.OUT_OF_RANGE, ", ".join(values), "refused", told.reason)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
         """Refuse changes that make no sense; types and ranges of numbers are checked already."""
@@ -78,7 +97,7 @@ class LiveParameters:
                 "the start it may be set while the node is unconfigured"
             )
             raise InvalidInput(Status.OUT_OF_RANGE, name, repr(value), allowed)
-        if not self.configured:
+        if not self.configured or self._is_learning:
             return
         if name.startswith(_WHILE_CONFIGURED):
             raise FfPlannerError(

@@ -69,9 +69,7 @@ def description_service(
     service = node.create_service(
         Describe, DESCRIBE, describe, qos_profile=REQUEST_QOS, callback_group=group
     )
-    service.configure_introspection(
-        node.get_clock(), EVENT_QOS, ServiceIntrospectionState.CONTENTS
-    )
+    service.configure_introspection(node.get_clock(), EVENT_QOS, ServiceIntrospectionState.CONTENTS)
     try:
         yield
     finally:

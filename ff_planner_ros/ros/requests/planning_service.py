@@ -314,6 +314,7 @@ class PlanningService:
             scene_of(lasting(asked.task.problem, plan.duration)),
             parameters,
             asked.provenance.previous_plan_id,
+            self._clock.now().nanoseconds,
             secrets.token_hex(_TOKEN_BYTES) if asked.plan_only else "",
         )
         answer.publish_token = made.token
