@@ -196,6 +196,17 @@ def test_a_goal_that_somebody_else_replaces_is_aborted(by_action: World) -> None
     assert by_action.events[-1] == ("run.1", ABORTED)
 
 
+def test_a_goal_that_fails_just_when_a_new_one_is_sent_is_aborted(by_action: World) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0)
+    by_action.controller.sent[0][1]()
+    by_action.look(1.1)
+    by_action.publish("run.2", start=4.0, goal=9.0)
+    by_action.look(4.0 - LEAD)
+    by_action.controller.sent[0][2](Ended("path tolerance", error_code=-4))
+    assert by_action.events[-1] == ("run.1", ABORTED)
+
+
 def test_a_controller_that_does_not_answer_has_not_taken_it(by_action: World) -> None:
     by_action.publish("run.1", start=1.0, goal=9.0)
     by_action.look(1.0)

@@ -33,6 +33,10 @@ in_ci = partial(pytest.param, marks=pytest.mark.ci)  # each starts a node
         in_ci(
             ("--params-file", "/nowhere/planner.yaml"), ("ROS arguments", "/nowhere/planner.yaml")
         ),
+        in_ci(
+            ("-p", "qos_overrides./joint_trajectory.publisher.depth:=5"),
+            ("qos_overrides./joint_trajectory.publisher.depth", "the parameters qos.*"),
+        ),
         (("--no-such-argument",), ("ROS arguments", "--no-such-argument")),
     ],
 )
@@ -92,11 +96,15 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
         "/servicer/predicted_chaser_pose",
         "/servicer/predicted_wheel_momentum",
         "/servicer/tracking_error",
+        "/servicer/plan_events",
+        "/tf",
+        "/tf_static",
         "/servicer/markers",
         "/servicer/planned_joint_states",
         "/servicer/robot_description",
         "/servicer/planner/transition_event",
         "/servicer/planner/publish_plan/_service_event",
+        "/servicer/planner/describe/_service_event",
         "/diagnostics",
         "/rosout",
         "/parameter_events",

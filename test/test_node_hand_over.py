@@ -80,7 +80,9 @@ class Arm:
         return [Event(one.event) for one in self.events if one.plan_id == answer.plan_id]
 
     def wait_for(self, answer: PlanAnswer, event: Event) -> PlanEvent:
-        self.client.wait_until(lambda: event in self.of(answer), event.name)
+        ends = {event, Event.ABORTED}
+        self.client.wait_until(lambda: ends & set(self.of(answer)), event.name)
+        assert event in self.of(answer), self.events
         (found,) = (
             one for one in self.events if one.plan_id == answer.plan_id and one.event == event
         )

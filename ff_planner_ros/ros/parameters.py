@@ -42,6 +42,8 @@ _WHILE_CONFIGURED = (
 )
 # Their time is over when the node is there.
 _AT_START = ("autostart", "allow_remote_paths")
+# Of topics that rclpy makes itself, some of them later; it reads the overrides of no others.
+_QOS_OF_ROS = ("qos_overrides./clock.", "qos_overrides./parameter_events.")
 _PATHS = ("robot.urdf", "robot.srdf", "bag.directory", "planner.library")
 _TRANSITIONS = "lifecycle transitions deactivate and cleanup"
 
@@ -166,9 +168,12 @@ def _declared(node: Node) -> NodeParameters:
     unknown = [
         name
         for name in sorted(overrides)
-        if not node.has_parameter(name) and not name.startswith("qos_overrides.")
+        if not node.has_parameter(name) and not name.startswith(_QOS_OF_ROS)
     ]
     if unknown:
+        if unknown[0].startswith("qos_overrides."):
+            allowed = "the parameters qos.* say the quality of service of the node's topics"
+            raise InvalidInput(Status.UNSUPPORTED, unknown[0], "given", allowed)
         raise unknown_parameter(unknown[0])
     return parameters
 
