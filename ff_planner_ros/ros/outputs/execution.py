@@ -19,8 +19,9 @@ from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.controller_client import ControllerClient, Ended
 from ff_planner_ros.ros.qos import PLAN_EVENTS_QOS
 
-# How often the clock is looked at while a plan is on its way [s].
-_PERIOD = 0.01
+# Of a timer that is set anew before it runs [s].
+_ANY_PERIOD = 1.0
+_SOON_NS = 1_000_000
 
 
 class Event(IntEnum):
@@ -73,7 +74,7 @@ class Execution:
         self.controller: ControllerClient | None = None  # None: plans go out on the topic alone
         # Time is the plan's: where it stands still, no plan begins.
         group = MutuallyExclusiveCallbackGroup()
-        self._node, self._timer = node, node.create_timer(_PERIOD, self.look, group)
+        self._node, self._timer = node, node.create_timer(_ANY_PERIOD, self.look, group)
         self._timer.cancel()  # until there is a plan
         if settings.hand_over == HandOver.ACTION:
             self.controller = ControllerClient(node, settings)
@@ -87,7 +88,7 @@ class Execution:
             plan = _Plan(plan_id, start_ns, goal_ns, trajectory, is_taken=taken)
             self._plans.append(plan)
             self._tell(plan, Event.PUBLISHED, "published")
-            self._timer.reset()
+            self._arm()
 
     def look(self) -> None:
         """Tell of all that has happened until now, in its order, and send what is due."""
@@ -102,9 +103,7 @@ class Execution:
                     self._end(plan, Event.AT_GOAL, "its time at the goal has come")
                 else:
                     self._start(plan)
-            # What has begun is the controller's to tell of.
-            if all(one.has_started and self.controller is not None for one in self._plans):
-                self._timer.cancel()
+            self._arm()
 
     def withdraw(self, why: str) -> None:
         """Give up plans that were not handed over yet; the controller goes on with what it has."""
@@ -125,6 +124,24 @@ class Execution:
         self._node.destroy_timer(self._timer)
         if self.controller is not None:
             self.controller.close()
+
+    def _arm(self) -> None:
+        """Let the clock be looked at when something is due next, and not before."""
+        waits = [one for one in self._plans if not one.is_sent and self.controller is not None]
+        silent = [one for one in self._plans if one.is_sent and not one.is_taken]
+        times = [
+            *(time_ns for time_ns, _ in self._due()),
+            *(one.start_ns - self._lead_ns for one in waits),
+            *(one.goal_ns + _SOON_NS for one in silent),
+        ]
+        if not times:
+            self._timer.cancel()
+            return
+        until = min(times) - self._clock.now().nanoseconds
+        self._timer.timer_period_ns = max(until, _SOON_NS)
+        self._timer.reset()
+        if self._node.executor is not None:
+            self._node.executor.wake()
 
     def _due(self) -> list[tuple[int, _Plan]]:
         """Return when what the clock alone decides happens next, plan by plan [ns]."""
@@ -161,6 +178,7 @@ class Execution:
     def _accepted(self, plan: _Plan) -> None:
         with self._lock:
             plan.is_taken = True
+            self._arm()
 
     def _ended(self, plan: _Plan, ended: Ended) -> None:
         with self._lock:
