@@ -225,6 +225,7 @@ def test_a_node_that_is_deactivated_hands_nothing_over_and_leaves_what_runs(
     by_action.look(6.0)
     assert len(by_action.controller.sent) == 1
     assert by_action.events[2:] == [("run.2", ABORTED), ("run.1", STARTED)]
+    assert by_action.lost == ["run.2"]
     assert not by_action.controller.cancelled
 
 

@@ -33,10 +33,6 @@ in_ci = partial(pytest.param, marks=pytest.mark.ci)  # each starts a node
         in_ci(
             ("--params-file", "/nowhere/planner.yaml"), ("ROS arguments", "/nowhere/planner.yaml")
         ),
-        in_ci(
-            ("-p", "qos_overrides./joint_trajectory.publisher.depth:=5"),
-            ("qos_overrides./joint_trajectory.publisher.depth", "the parameters qos.*"),
-        ),
         (("--no-such-argument",), ("ROS arguments", "--no-such-argument")),
     ],
 )

@@ -68,7 +68,7 @@ def test_a_quality_of_service_is_offered_and_recorded_as_the_parameters_say(
 ) -> None:
     settings = {
         "qos.joint_trajectory.reliability": "best_effort",
-        "qos.joint_trajectory.durability": "volatile",
+        "qos_overrides./joint_trajectory.publisher.durability": "volatile",  # in ROS's words
         "qos.chaser_state.reliability": "reliable",
     }
     arguments = [word for item in settings.items() for word in ("-p", "{}:={}".format(*item))]

@@ -110,6 +110,7 @@ class Execution:
         with self._lock:
             for plan in [one for one in self._plans if not one.is_sent and self.controller]:
                 self._end(plan, Event.ABORTED, f"not handed over: {why}")
+            self._arm()
 
     def forget(self, why: str) -> None:
         """Give up every plan, and cancel the goal that the controller has."""
@@ -118,6 +119,7 @@ class Execution:
                 self.controller.cancel()
             for plan in list(self._plans):
                 self._end(plan, Event.ABORTED, why)
+            self._arm()
 
     def close(self) -> None:
         """Remove timer and client from the node."""
@@ -195,13 +197,14 @@ class Execution:
                 self._supersede(plan, successor)
             else:
                 self._end(plan, Event.ABORTED, ended.words, error_code=ended.error_code)
-                self._aborted(plan.plan_id)
 
     def _end(
         self, plan: _Plan, event: Event, words: str, successor: str = "", error_code: int = 0
     ) -> None:
         self._plans.remove(plan)
         self._tell(plan, event, words, successor, error_code)
+        if event is Event.ABORTED:
+            self._aborted(plan.plan_id)
 
     def _tell(
         self, plan: _Plan, event: Event, words: str, successor: str = "", error_code: int = 0
