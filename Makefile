@@ -188,7 +188,9 @@ build: env $(VENV)/colcon
 MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
 	from rclpy.type_support import check_for_type_support; \
 	check_for_type_support(srv.PlanTrajectory); \
-	assert srv.__file__.startswith(os.getcwd()), srv.__file__
+	assert srv.__file__.startswith(os.getcwd()), srv.__file__; \
+	from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, TFMessage; \
+	check_for_type_support(TFMessage); check_for_type_support(FollowJointTrajectory)
 
 # Measures the benchmark anew, and writes its tables and the sentences with its figures. It takes
 # half an hour, on a machine that does nothing else.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from ff_planner_ros.common.shown import shortened, shown
 
@@ -81,22 +81,78 @@ class Retry(IntEnum):
     NEVER = 3  # this node answers no more
 
 
-_LATER = {
-    *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, Status.NO_OBSTACLES),
-    *(Status.STATE_NOT_SYNCHRONIZED, Status.NO_TARGET_BODY, Status.TARGET_TOO_OLD),
-    *(Status.TARGET_IN_FUTURE, Status.NO_ACTIVE_PLAN, Status.TOO_LATE, Status.INTERNAL_ERROR),
-    *(Status.SOLVER_DIED, Status.BUSY, Status.CANCELLED, Status.PREEMPTED, Status.NOT_ACTIVE),
-    Status.CLOCK_JUMPED,
+class Remedy(NamedTuple):
+    """What a program learns of a refusal by its code alone, where the error says no more."""
+
+    retry: Retry
+    field: str = ""  # of the request, or a topic or parameter; empty: the error always names it
+    value: str = ""  # that it has
+    allowed: str = ""  # or what may help
+
+
+_NOTHING, _LATER, _CHANGED, _NEVER = Retry
+REMEDIES: Mapping[Status, Remedy] = {
+    Status.SOLVED: Remedy(_NOTHING),
+    Status.NO_STATE: Remedy(_LATER),
+    Status.STATE_TOO_OLD: Remedy(_LATER),
+    Status.STATE_IN_FUTURE: Remedy(_LATER),
+    Status.NO_OBSTACLES: Remedy(_LATER),
+    Status.START_IN_COLLISION: Remedy(
+        _CHANGED, "start_state", "in collision", "outside of all obstacles, not in itself"
+    ),
+    Status.START_OUTSIDE_LIMITS: Remedy(
+        _CHANGED, "start_state", "outside of limits", "within the limits of all joints"
+    ),
+    Status.START_SINGULAR: Remedy(
+        _CHANGED, "start_state", "singular", "a Jacobian of full rank, or another parametrisation"
+    ),
+    Status.STATE_NOT_SYNCHRONIZED: Remedy(_LATER),
+    Status.NO_TARGET_BODY: Remedy(_LATER),
+    Status.TARGET_TOO_OLD: Remedy(_LATER),
+    Status.TARGET_IN_FUTURE: Remedy(_LATER),
+    Status.CONTRADICTING_PUBLISHERS: Remedy(_CHANGED),
+    Status.NOT_FINITE: Remedy(_CHANGED),
+    Status.WRONG_SIZE: Remedy(_CHANGED),
+    Status.BAD_QUATERNION: Remedy(_CHANGED),
+    Status.WRONG_FRAME: Remedy(_CHANGED),
+    Status.UNKNOWN_JOINT: Remedy(_CHANGED),
+    Status.OUT_OF_RANGE: Remedy(_CHANGED),
+    Status.UNSUPPORTED: Remedy(_CHANGED),
+    Status.BAD_ROBOT: Remedy(_CHANGED),
+    Status.START_IN_PAST: Remedy(_CHANGED),
+    Status.UNKNOWN_PLAN: Remedy(_CHANGED),
+    Status.NO_ACTIVE_PLAN: Remedy(_LATER),
+    Status.PLAN_ENDING: Remedy(_CHANGED),
+    Status.GOAL_OUT_OF_REACH: Remedy(
+        _CHANGED, "goal", "out of reach", "within the arm's reach of where the chaser can be"
+    ),
+    Status.COLLISION: Remedy(_CHANGED, "scene", "in the way", "room for the robot on its way"),
+    Status.LIMIT_VIOLATED: Remedy(_CHANGED, "limits", "violated", "a motion within them"),
+    Status.SINGULAR: Remedy(
+        _CHANGED, "goal", "only through a singularity", "another parametrisation"
+    ),
+    Status.CHECK_FAILED: Remedy(_CHANGED, "goal", "no plan passes the check", "another goal"),
+    Status.TIMED_OUT: Remedy(_CHANGED, "search.time_budget", "used up", "a longer one"),
+    Status.TORQUE_TOO_HIGH: Remedy(_CHANGED, "duration", "too short", "a longer one"),
+    Status.TOO_LATE: Remedy(_LATER, "start_time", "over", "later than the answer"),
+    Status.CONTROLLER_CONSTRAINT: Remedy(
+        _CHANGED, "controller", "refuses the plan", "what a joint_trajectory_controller takes"
+    ),
+    Status.STATE_MOVED: Remedy(_CHANGED, "plan_id", "begins elsewhere", "a new plan"),
+    Status.INTERNAL_ERROR: Remedy(_LATER, "planner", "failed", "please report it"),
+    Status.SOLVER_DIED: Remedy(_LATER, "solver", "died", "a new one runs"),
+    Status.BUSY: Remedy(_LATER, "when_busy", "reject", "one request at a time, or preempt"),
+    Status.CANCELLED: Remedy(_LATER, "on_cancel", "discard", "best keeps the best plan until then"),
+    Status.PREEMPTED: Remedy(_LATER, "when_busy", "preempt", "reject keeps the older request"),
+    Status.NOT_ACTIVE: Remedy(_LATER, "lifecycle state", "not active", "active"),
+    Status.SHUT_DOWN: Remedy(_NEVER, "lifecycle state", "finalized", "active"),
+    Status.CLOCK_JUMPED: Remedy(_LATER, "/clock", "jumped back", "time that goes on"),
 }
 
 
 def retry_after(status: Status) -> Retry:
     """Return whether it makes sense to ask again after an answer of a status."""
-    if status is Status.SOLVED:
-        return Retry.NOTHING
-    if status is Status.SHUT_DOWN:
-        return Retry.NEVER
-    return Retry.LATER if status in _LATER else Retry.CHANGED
+    return REMEDIES[status].retry
 
 
 # Of what is wrong with an input [characters], so that a line with a command's name and a remark

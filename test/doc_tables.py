@@ -17,7 +17,7 @@ import ff_planner_ros
 from ff_planner_ros.bag.older_messages import ANSWER_FIELDS, REQUEST_FIELDS
 from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import places_in
-from ff_planner_ros.errors import Retry, Status, retry_after
+from ff_planner_ros.errors import REMEDIES, Retry, Status
 from ff_planner_ros.parameters import DECLARATIONS, default_values
 from ff_planner_ros.parameters.values import FORMER_NAMES
 from ff_planner_ros.planning.problem.approach import Approach
@@ -44,11 +44,12 @@ BLOCK = re.compile(
 
 
 def codes() -> Iterator[tuple[str, ...]]:
-    yield "code", "name", "cause", "retry"
+    yield "code", "name", "cause", "retry", "field"
     text = (MESSAGES / "PlanStatus.msg").read_text(encoding="utf-8")
     for name, number, cause in re.findall(r"^uint16 (\w+)=(\d+) *(?:# (.*))?$", text, re.MULTILINE):
-        retry = retry_after(Status(int(number)))
-        yield number, f"`{name}`", cause, f"`{retry.name}`" if retry else ""
+        retry, field, _, _ = REMEDIES[Status(int(number))]
+        named = f"`{field}`" if field else "the one at fault" if retry else ""
+        yield number, f"`{name}`", cause, f"`{retry.name}`" if retry else "", named
 
 
 def retries() -> Iterator[tuple[str, ...]]:

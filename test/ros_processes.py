@@ -57,6 +57,12 @@ EVENT_TOPIC = "/plan_trajectory/_service_event"
 REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
 
 
+ENDS_IN_MOTION = (
+    *("-p", "end_behaviour:=none"),
+    *("-p", "controller.allow_nonzero_velocity_at_trajectory_end:=true"),
+)
+
+
 class PlannerProcess:
     """A planner node in a process of its own; its bag and its log lie in a directory."""
 
@@ -68,7 +74,8 @@ class PlannerProcess:
                 [
                     *(sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args"),
                     *("-p", f"bag.directory:={self._bags}"),
-                    *("-p", "robot.geometry:=lines", *ros_arguments),  # the paper's capture
+                    # The paper's capture, of which the joints still move at the goal.
+                    *("-p", "robot.geometry:=lines", *ENDS_IN_MOTION, *ros_arguments),
                 ],
                 cwd=directory,
                 stderr=log,
@@ -146,9 +153,9 @@ class Client:
         self._refused = RefusedGoals(self.node)
         # After the other services: see `wait_for_planner`.
         self._probe = self.node.create_client(GetParameters, f"{planner}/get_parameters")
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        self._stop = spin_in_background(self._executor, self.node.get_logger())
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self._stop = spin_in_background(self.executor, self.node.get_logger())
 
     def close(self) -> None:
         self._stop()
@@ -160,6 +167,12 @@ class Client:
         self.received[topic] = []
         self.node.create_subscription(message_type, topic, self._keeper(topic), qos)
         return self.received[topic]
+
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Call a service and wait for its response."""
+        client = self.node.create_client(service_type, name)
+        assert client.wait_for_service(DEADLINE), f"no service {name}"
+        return ask(self.executor, lambda: client.call_async(request)).result(DEADLINE)
 
     def now_ns(self) -> int:
         return self.node.get_clock().now().nanoseconds
@@ -183,7 +196,7 @@ class Client:
         while time.monotonic() < give_up:
             with suppress(TimeoutError):
                 probe = partial(self._probe.call_async, GetParameters.Request())
-                ask(self._executor, probe).result(PROBE_INTERVAL)
+                ask(self.executor, probe).result(PROBE_INTERVAL)
                 return
         raise TimeoutError("the planner did not answer")
 
@@ -221,7 +234,7 @@ class Client:
 
         def answer() -> PlanAnswer:
             assert answered.wait(DEADLINE), "the planner did not answer"
-            return future.result().answer
+            return _told(future.result().answer)
 
         return answer
 
@@ -242,7 +255,7 @@ class Client:
         while not self._refused.can_hear:
             assert time.monotonic() < give_up
             time.sleep(0.01)
-        return Goal(self._executor, self._action, self._refused, request)
+        return Goal(self.executor, self._action, self._refused, request)
 
     def plan(self, request: PlanRequest) -> PlanAnswer:
         return self.send(request)()
@@ -253,7 +266,7 @@ class Client:
         told = {"plan_id": answer.plan_id, "publish_token": answer.publish_token}
         request = PublishPlan.Request(**told | fields)
         return (
-            ask(self._executor, lambda: self._publish_plan.call_async(request))
+            ask(self.executor, lambda: self._publish_plan.call_async(request))
             .result(DEADLINE)
             .status
         )
@@ -287,6 +300,14 @@ class Client:
         return keep
 
 
+def _told(answer: PlanAnswer) -> PlanAnswer:
+    """An answer, which tells programs of its refusal if it is one, whatever it refuses."""
+    status = answer.status
+    said = [bool(one) for one in (status.field, status.value, status.allowed, status.retry)]
+    assert all(said) if status.code else not any(said), status
+    return answer
+
+
 class Goal:
     """A goal of the planner's action."""
 
@@ -315,7 +336,7 @@ class Goal:
     def result(self) -> tuple[int, PlanAnswer]:
         """Wait for the goal's final state (`action_msgs/GoalStatus`) and its answer."""
         response = self._asked(self._handle.get_result_async)
-        return response.status, response.result.answer
+        return response.status, _told(response.result.answer)
 
     @property
     def _handle(self) -> Any:

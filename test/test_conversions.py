@@ -25,6 +25,8 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import (
+    REMEDIES,
+    Failure,
     FfPlannerError,
     InvalidInput,
     NoPlanFound,
@@ -164,6 +166,17 @@ def test_each_status_says_whether_it_makes_sense_to_ask_again() -> None:
     assert set.union(*RETRIES.values()) == set(Status)
 
 
+def test_a_refusal_that_names_no_field_is_of_a_code_that_does() -> None:
+    """1xx and 2xx beside those of a start are values of messages: InvalidInput names the field."""
+    unnamed = {status for status in Status if not REMEDIES[status].field}
+    starts = {Status.START_IN_COLLISION, Status.START_OUTSIDE_LIMITS, Status.START_SINGULAR}
+    values = {one for one in Status if one < Status.GOAL_OUT_OF_REACH} - starts
+    assert unnamed == values
+    for status in set(Status) - unnamed:
+        told = answer_of_error(FfPlannerError(status, "so"), "run.1", 0.0).status
+        assert all((told.field, told.value, told.allowed, told.retry)), status
+
+
 def test_an_answer_holds_the_plan_row_by_row(plan: Plan, answer: PlanAnswer) -> None:
     (written,) = answer.plans
     motion, trajectory = plan.trajectory, written.joint_trajectory
@@ -231,7 +244,32 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
     [
         (
             NoPlanFound(Status.COLLISION, "c1 is in the way"),
-            PlanStatus(code=301, message="c1 is in the way", retry=PlanStatus.CHANGED),
+            PlanStatus(
+                code=301,
+                message="c1 is in the way",
+                field="scene",
+                value="c1 is in the way",
+                allowed="room for the robot on its way",
+                retry=PlanStatus.CHANGED,
+            ),
+        ),
+        (
+            NoPlanFound(
+                Status.LIMIT_VIOLATED,
+                "in the best of 20 attempts joint_5 is too fast, and joint_6 too far",
+                failures=(
+                    Failure(Status.LIMIT_VIOLATED, "joint_5 is too fast", ("a longer duration",)),
+                    Failure(Status.LIMIT_VIOLATED, "joint_6 is too far", ()),
+                ),
+            ),
+            PlanStatus(
+                code=302,
+                message="in the best of 20 attempts joint_5 is too fast, and joint_6 too far",
+                field="limits",
+                value="joint_5 is too fast",
+                allowed="a longer duration",
+                retry=PlanStatus.CHANGED,
+            ),
         ),
         (
             InvalidInput(Status.OUT_OF_RANGE, "duration", -1.0, "it must be greater than 0"),
@@ -257,7 +295,14 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
         ),
         (
             FfPlannerError(Status.BUSY, "ask again"),
-            PlanStatus(code=500, message="ask again", retry=PlanStatus.LATER),
+            PlanStatus(
+                code=500,
+                message="ask again",
+                field="when_busy",
+                value="reject",
+                allowed="one request at a time, or preempt",
+                retry=PlanStatus.LATER,
+            ),
         ),
     ],
 )
@@ -276,9 +321,9 @@ def test_the_best_attempt_tells_its_metrics_and_not_its_motion(plan: Plan) -> No
     assert answer.solver.solve_time == 0.5
     for item in fields(SolverReport):
         assert getattr(answer.solver, item.name) == getattr(plan.solver, item.name)
-    status = PlanStatus(code=PlanStatus.COLLISION, message="blocked", retry=PlanStatus.CHANGED)
+    assert (answer.status.code, answer.status.message) == (PlanStatus.COLLISION, "blocked")
     assert answer == PlanAnswer(
-        status=status, plan_id="run.3", metrics=[metrics], solver=answer.solver
+        status=answer.status, plan_id="run.3", metrics=[metrics], solver=answer.solver
     )
 
 

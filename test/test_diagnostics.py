@@ -9,14 +9,16 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.outputs.controller_health import ControllerHealth
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest, NodeHealth, diagnostics
+from ff_planner_ros.ros.outputs.execution import Event
 from ff_planner_ros.ros.outputs.prediction import TrackingError
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PARTS = (
     *("chaser state", "obstacles", "target body", "last request", "requests", "solver"),
-    *("solve time", "other planners", "recorder", "tracking", "clock"),
+    *("solve time", "other planners", "recorder", "tracking", "controller", "clock"),
 )
 
 
@@ -43,6 +45,11 @@ WELL = NodeHealth(
     tracking=TrackingError(position=0.004, angle=0.01),
     tracking_max_position=0.02,
     tracking_max_angle=0.02,
+)
+
+
+SENT = ControllerHealth(
+    action="arm/follow", last=("run.7", Event.STARTED, "now"), furthest=("wrist", 0.002)
 )
 
 
@@ -176,6 +183,27 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             "leaves the plan: 0.0 mm and 1.15 deg",
         ),
         ("tracking", {"tracking": TrackingError(float("nan"), 0.0)}, WARN, "leaves the plan"),
+        ("controller", {}, OK, "plans go out on the topic joint_trajectory"),
+        ("controller", {"controller": SENT}, OK, "plans are sent to arm/follow; run.7: STARTED"),
+        ("controller", {"controller": replace(SENT, is_there=False)}, WARN, "at arm/follow"),
+        (
+            "controller",
+            {"controller": replace(SENT, last=("run.7", Event.ABORTED, "PATH_TOLERANCE"))},
+            ERROR,
+            "run.7: ABORTED: PATH_TOLERANCE",
+        ),
+        (
+            "controller",
+            {"controller": replace(SENT, from_node="/arm")},
+            WARN,
+            "/arm has not answered",
+        ),
+        (
+            "controller",
+            {"controller": replace(SENT, complaint="its joints are a, and plans move b")},
+            ERROR,
+            "it takes no plan: its joints are a",
+        ),
         ("clock", {}, OK, "the system's"),
         ("clock", {"clock_still_for": 1.9}, OK, "simulated: /clock ticks"),
         ("clock", {"clock_still_for": 2.1}, WARN, "/clock has not ticked for 2.1 s"),
@@ -226,6 +254,12 @@ def test_the_figures_are_there_for_machines() -> None:
         "worst [s]": "1.500",
         "answers": "3",
     }
+
+
+def test_the_controllers_figures_are_there_for_machines() -> None:
+    figures = part(replace(WELL, controller=SENT), "controller")[2]
+    told = {"plan id": "run.7", "event": "STARTED", "joint": "wrist", "off by [rad]": "0.002000"}
+    assert figures == {"hand-over": "action"} | told
 
 
 def test_percentiles_are_those_of_a_list_that_everybody_can_sort() -> None:

@@ -74,7 +74,7 @@ def all_at_once(
         answered.set()
 
     with frozen(planner):
-        client._executor.create_task(send)
+        client.executor.create_task(send)
         assert answered.wait(DEADLINE)
     for number in range(many):
         assert missing.acquire(timeout=DEADLINE), f"{many - number} of {many} got no answer"
@@ -145,13 +145,11 @@ def test_so_is_every_one_of_many_goals(
         assert action.wait_for_server(DEADLINE)
         goal = PlanTrajectoryAction.Goal(request=PlanRequest(duration=-1.0))
         with frozen(planner):
-            sent = [
-                ask(client._executor, lambda: action.send_goal_async(goal)) for _ in range(many)
-            ]
+            sent = [ask(client.executor, lambda: action.send_goal_async(goal)) for _ in range(many)]
         handles = [one.result(DEADLINE) for one in sent]
         assert len(handles) == many
         taken = [handle for handle in handles if handle.accepted]  # the others were refused: BUSY
-        results = [ask(client._executor, handle.get_result_async) for handle in taken]
+        results = [ask(client.executor, handle.get_result_async) for handle in taken]
         codes = Counter(one.result(DEADLINE).result.answer.status.code for one in results)
         assert taken
         assert codes.keys() == {Status.NO_STATE}

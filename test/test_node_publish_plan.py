@@ -5,15 +5,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanRequest, PlanStatus
+from ff_planner_msgs.msg import ChaserState, Goal, PlanAnswer, PlanRequest, PlanStatus
+from ff_planner_msgs.srv import Describe
 from lifecycle_msgs.msg import Transition
 from managed_node import Manager
 from quick_capture import resting_capture
+from rclpy.parameter import Parameter
+from robots import LEMUR_URDF
 from ros_processes import (
+    FRAME,
     RESPONSE_SENT,
     Client,
     PlannerProcess,
@@ -30,6 +35,9 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.task.digest import digest_of
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.model import load_robot
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.runs.recorded_run import recorded_run
@@ -223,6 +231,41 @@ def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
     assert nothing.status.code == Status.NO_ACTIVE_PLAN
     assert (nothing.status.field, nothing.status.retry) == ("replan_active", PlanStatus.LATER)
     assert third.plan_id in nothing.status.message
+
+
+def test_it_describes_what_it_can_be_asked_for(client: Client) -> None:
+    """Asked by a stranger who knows the messages alone; compared with the robot itself."""
+    told = client.call(Describe, "/ff_planner/describe", Describe.Request())
+    robot = load_robot(LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.LINES)
+    assert (told.state, told.inertial_frame) == ("active", FRAME)
+    assert (told.version, told.messages_version) == (version("ff_planner_ros"),) * 2
+    assert told.goal_kinds == ["POSE", "CAPTURE", "JOINTS", "AT_REST"]
+    assert told.orientations == ["FIXED", "FREE", "ABOUT_AXIS"]
+    assert all(getattr(Goal, name) == value for value, name in enumerate(told.goal_kinds))
+    assert told.obstacles == ["box", "sphere", "cylinder", "cone", "capsule", "mesh"]
+    assert told.objectives == ["joint_path_length", "chaser_attitude", "duration"]
+    assert told.end_behaviours == ["none", "hold_end_effector", "stop_joints"]
+    arm = told.robot
+    assert (arm.name, arm.base, arm.base_link, arm.tip_link) == (
+        "lemur",
+        "free_flyer",
+        "chaser",
+        "end_effector",
+    )
+    assert arm.joint_names == list(robot.joint_names)
+    assert arm.lower_position_limits.tolist() == robot.lower_position_limits.tolist()
+    assert arm.upper_position_limits.tolist() == robot.upper_position_limits.tolist()
+    assert arm.velocity_limits.tolist() == robot.velocity_limits.tolist()
+    assert arm.effort_limits.tolist() == robot.effort_limits.tolist()
+    assert np.isinf(arm.acceleration_limits).all()
+    assert not any([*arm.continuous, *arm.prismatic])
+    values = {one.name: Parameter.from_parameter_msg(one).value for one in told.parameters}
+    assert values["start_horizon"] == 3600.0
+    assert values["end_behaviour"] == "stop_joints"
+    assert not [name for name in values if name.startswith(("robot.", "bag.", "qos."))]
+    assert arm.geometry == "lines"
+    other = load_robot(LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.SHAPES)
+    assert arm.model_hash == digest_of(robot) != digest_of(other)
 
 
 def test_the_bag_has_every_publication_and_who_asked_for_it(

@@ -39,7 +39,7 @@ from ros_processes import (
 from shape_msgs.msg import SolidPrimitive
 
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.errors import Status
+from ff_planner_ros.errors import REMEDIES, Status
 from ff_planner_ros.ros.qos import LATCHED_QOS
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Replayed, Verdict, replay
@@ -140,13 +140,6 @@ def _too_fast(request: PlanRequest) -> None:
     request.start_time.sec = int(time.time()) + 5
 
 
-# What messages have a place for, and no plan can have yet, by its place.
-NOT_YET: dict[str, Any] = {
-    "then": [Phase()],
-    "limits.grasp_force": [1.0],
-    "limits.grasp_torque": [1.0],
-    "limits.capture_impulse": [1.0],
-}
 CASES = {
     "state of an hour ago": Case(
         Status.STATE_TOO_OLD, ("start_state.header.stamp", "state_max_age"), _age(3600.0)
@@ -376,12 +369,14 @@ CASES = {
     "a posture without joints": Case(
         Status.UNKNOWN_JOINT, ("goal.joints.name", "missing"), _set("goal.kind", Goal.JOINTS)
     ),
-    **{
-        f"{place}, which no plan has yet": Case(
-            Status.UNSUPPORTED, (f"{place.replace('.0', '')} is",), _set(place, value)
-        )
-        for place, value in NOT_YET.items()
-    },
+    "a phase that says nothing": Case(
+        Status.WRONG_FRAME, ("then[0].goal.pose.header.frame_id",), _set("then", [Phase()])
+    ),
+    "a grasp that takes no force": Case(
+        Status.OUT_OF_RANGE,
+        ("limits.grasp_force", "greater than 0 N"),
+        _set("limits.grasp_force", [0.0]),
+    ),
 }
 
 
@@ -536,11 +531,11 @@ def test_a_refusal_is_empty_but_for_its_cause_its_sources_and_the_worth_of_the_b
 def test_a_refused_value_is_told_to_programs_and_whether_to_ask_again(run: Run) -> None:
     for name, answer in run.refusals.items():
         status = answer.status
-        if status.field:
+        if status.code < Status.GOAL_OUT_OF_REACH:
             assert status.message == f"{status.field} is {status.value}: {status.allowed}", name
         else:
-            assert status.code >= Status.GOAL_OUT_OF_REACH, name
-            assert (status.value, status.allowed) == ("", ""), name
+            assert status.field == REMEDIES[Status(status.code)].field, name
+            assert status.value in status.message, name
     late = run.refusals["a negative duration"].status
     assert (late.field, late.value) == ("duration", "-10.0")
     assert late.allowed.startswith("it must be greater than 0")

@@ -152,14 +152,36 @@ def test_an_override_by_a_number_of_rounds_is_a_depth() -> None:
 
 
 def test_overrides_of_ros_itself_are_left_alone() -> None:
-    node = Node(
-        "test",
-        parameter_overrides=[
-            Parameter("use_sim_time", value=True),
-            Parameter("qos_overrides./chaser_state.subscription.depth", value=3),
-        ],
-    )
-    assert declare_parameters(node).points == 50
+    own = {"use_sim_time": True, "qos_overrides./clock.subscription.depth": 3}
+    assert declare_parameters(_overridden(own)).points == 50
+
+
+def _overridden(values: dict[str, Any]) -> Node:
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    return Node("test", namespace="/one", parameter_overrides=overrides)
+
+
+def test_ros_own_words_for_a_quality_of_service_stand_for_ours() -> None:
+    overrides = {
+        "qos_overrides./one/chaser_state.subscription.depth": 3,
+        "qos_overrides./one/joint_trajectory.publisher.reliability": "best_effort",
+    }
+    qos = declare_parameters(_overridden(overrides)).qos
+    assert (qos.chaser_state.depth, qos.joint_trajectory.reliability) == (3, "best_effort")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "/chaser_state.subscription.depth",  # in another namespace
+        "/one/chaser_state.publisher.depth",
+        "/one/chaser_state.subscription.deadline",
+        "/one/markers.publisher.depth",
+    ],
+)
+def test_an_override_that_nobody_would_read_is_refused(name: str) -> None:
+    with pytest.raises(InvalidInput, match=rf"^qos_overrides\.{name} is given: it must be of a"):
+        declare_parameters(_overridden({f"qos_overrides.{name}": 1}))
 
 
 def test_a_change_at_run_time_counts_from_the_next_plan_on() -> None:
@@ -259,8 +281,8 @@ def _other_values(name: str) -> tuple[Any, Any]:
         return "none", None
     if name == "limits.acceleration":
         return None, [0.4]
-    if default is True:  # allow_nonzero_velocity_at_trajectory_end
-        return None, False
+    if default is False:  # allow_nonzero_velocity_at_trajectory_end
+        return True, None
     if name in OF_ONE_NUMBER:
         return None, 0.4
     if default == 0.0:  # of planner.robust, and of what navigation leaves at a capture

@@ -16,7 +16,7 @@ from rclpy.lifecycle import LifecycleNode
 from robots import random_state
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.problems import tumbling
@@ -32,7 +32,7 @@ LAST = START + round(DURATION * NANOSECONDS)
 class Output:
     """An output whose publishers keep what is published, by topic, and whose clock is set."""
 
-    def __init__(self) -> None:
+    def __init__(self, robot: Robot, parameters: NodeParameters | None = None) -> None:
         self.now_ns, self.heard = START, dict[str, list[Any]]()
         node = Mock(spec=LifecycleNode)
         node.get_clock.return_value.now = lambda: SimpleNamespace(
@@ -44,8 +44,8 @@ class Output:
             return SimpleNamespace(publish=kept.append)
 
         node.create_lifecycle_publisher.side_effect = publisher
-        parameters = replace(load_parameters(), inertial_frame="inertial")
-        self.output = PlanOutput(node, "chaser", parameters)
+        parameters = replace(parameters or load_parameters(), inertial_frame="inertial")
+        self.output = PlanOutput(node, robot, parameters)
 
     def publish(
         self,
@@ -63,8 +63,8 @@ class Output:
 
 
 @pytest.fixture
-def output() -> Output:
-    return Output()
+def output(lemur: Robot) -> Output:
+    return Output(lemur)
 
 
 @pytest.fixture
@@ -165,7 +165,7 @@ def test_a_state_is_held_against_where_the_plan_had_the_chaser_when_it_was_measu
     assert output.output.tracking is None, "the plan did not run then"
     output.output.stream(None)
     assert len(output.heard["tracking_error"]) == 1
-    output.output.forget()
+    output.output.forget("the clock jumped")
     output.output.stream(Snapshot(state, measured_ns, "chaser_state"))
     assert len(output.heard["predicted_chaser_pose"]) == 3
     assert len(output.heard["tracking_error"]) == 1
@@ -174,7 +174,7 @@ def test_a_state_is_held_against_where_the_plan_had_the_chaser_when_it_was_measu
 def test_of_a_capture_the_way_of_the_body_and_the_way_to_the_grasp_are_told(lemur: Robot) -> None:
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
-    output, plan = Output(), drawn_plan(lemur, seed=4)
+    output, plan = Output(lemur), drawn_plan(lemur, seed=4)
     output.publish(plan, "run.1", body=body)
     assert len(output.heard["predicted_target_path"]) == 1
     output.now_ns = START + round(float(plan.trajectory.time[9]) * NANOSECONDS)
@@ -188,7 +188,7 @@ def test_of_a_capture_the_way_of_the_body_and_the_way_to_the_grasp_are_told(lemu
 
 
 def test_what_the_wheels_should_hold_and_give_now_is_told_while_a_plan_runs(lemur: Robot) -> None:
-    output, plan = Output(), drawn_plan(lemur, seed=4)
+    output, plan = Output(lemur), drawn_plan(lemur, seed=4)
     time = plan.trajectory.time
     # A momentum that is a cubic of the time is met between the points, too.
     momenta, torques = time[:, None] ** 3 * [1.0, -2.0], 3.0 * time[:, None] ** 2 * [1.0, -2.0]

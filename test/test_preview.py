@@ -14,6 +14,7 @@ from rclpy.lifecycle import LifecycleNode
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
@@ -54,7 +55,7 @@ def test_it_goes_through_the_whole_plan_at_its_rate(plan: Plan, rate: float, sta
 
 
 def test_every_state_is_on_the_planned_motion(lemur: Robot, plan: Plan) -> None:
-    states = preview_joint_states(plan, rate=7.0)
+    states = [one.joints for one in preview_joint_states(plan, rate=7.0)]
     times = [*(np.arange(70) / 7.0), DURATION]
     for row, name in zip(coefficients(lemur.joints), lemur.joint_names, strict=True):
         curve = np.polynomial.Polynomial(row)
@@ -65,16 +66,19 @@ def test_every_state_is_on_the_planned_motion(lemur: Robot, plan: Plan) -> None:
 
 
 def test_it_names_the_joints_and_claims_no_effort(lemur: Robot, plan: Plan) -> None:
-    for state in preview_joint_states(plan, rate=1.0):
+    for _, state in preview_joint_states(plan, rate=1.0):
         assert tuple(state.name) == lemur.joint_names
         assert len(state.effort) == 0
 
 
-def test_it_is_played_again_and_again_and_only_the_first_time_is_new(plan: Plan) -> None:
+def test_it_is_played_again_and_again_and_only_the_first_time_is_new(
+    lemur: Robot, plan: Plan
+) -> None:
     """A node would play it to whoever looks; the recorder needs it once."""
     node = Mock(spec=LifecycleNode)
-    node.get_clock.return_value.now.return_value.to_msg.return_value = Time()
-    played = PlanOutput(node, "chaser", load_parameters())
+    now = node.get_clock.return_value.now.return_value
+    now.to_msg.return_value, now.nanoseconds = Time(), 0
+    played = PlanOutput(node, lemur, replaced(load_parameters(), "tf.preview_prefix", ""))
     states = node.create_lifecycle_publisher.return_value
     for number in range(2):
         with pytest.MonkeyPatch.context() as patch:

@@ -23,6 +23,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import plan_message
@@ -68,6 +69,7 @@ class World:
         scene = scene_of(self.problem)
         return MadePlan(
             *(plan_id, self.plan, start_ns, "none", self.problem.robot, scene, self.parameters),
+            made_ns=self.now_ns,
             token=token(plan_id),
         )
 
@@ -316,6 +318,62 @@ def test_a_state_that_the_request_brings_goes_before_the_latest(world: World) ->
     fitting = Scene(world.problem).state(START)
     world.parameters = replace(world.parameters, state_future_tolerance=1.0)
     assert world.ask(start_state=[fitting]).code == Status.SOLVED
+
+
+def test_a_refusal_names_each_joint_that_is_off_and_by_how_much(world: World) -> None:
+    off = np.zeros(7)
+    off[[1, 5]] = 0.031, -0.052
+    world.state = _moved("joint_positions", off)(world.state)
+    status = world.ask()
+    assert status.code == Status.STATE_MOVED
+    second, sixth = (world.problem.robot.joint_names[joint] for joint in (1, 5))
+    assert f"{second}'s position by 0.031 rad, more than publication.max_joint" in status.message
+    assert f"{sixth}'s position by 0.052 rad" in status.message
+    assert status.message.count("'s position") == 2
+
+
+@pytest.mark.parametrize(("what", "unit"), [("positions", "rad"), ("velocities", "rad/s")])
+def test_a_joint_may_have_a_tolerance_of_its_own(world: World, what: str, unit: str) -> None:
+    name, sound = world.problem.robot.joint_names[3], world.state
+    others = np.eye(7)[2]
+
+    def ask(joint: Any, off: float, most: float) -> PlanStatus:
+        parameter = f"publication.joint_{what}"
+        world.parameters = replaced(load_parameters(), parameter, f"{name}: {most}")
+        world.state = _moved(f"joint_{what}", off * joint)(sound)
+        return world.ask()
+
+    refused = ask(JOINT, 0.006, 0.005)
+    assert refused.code == Status.STATE_MOVED
+    assert f"more than publication.joint_{what}, 0.005 {unit}" in refused.message
+    assert f"{name}'s" in refused.message
+    assert ask(others, 0.03, 0.1).code == Status.STATE_MOVED  # the usual one holds for others
+    assert ask(JOINT, 0.03, 0.1).code == Status.SOLVED
+
+
+def test_a_continuous_joint_is_where_it_was_a_turn_ago(world: World) -> None:
+    """Its encoder may have counted another turn; a joint with limits is elsewhere then."""
+    sound, robot = world.state, world.problem.robot
+    world.state = _moved("joint_positions", -2.0 * np.pi * JOINT)(sound)
+    assert world.ask().code == Status.STATE_MOVED
+    widest = np.where(JOINT > 0.0, TURN_OF_CONTINUOUS, robot.upper_position_limits)
+    endless = replace(robot, lower_position_limits=-widest, upper_position_limits=widest)
+    world.problem = replace(world.problem, robot=endless)
+    world.state = _moved("joint_positions", (0.03 - 2.0 * np.pi) * JOINT)(sound)
+    refused = world.ask()
+    assert refused.code == Status.STATE_MOVED
+    assert f"{robot.joint_names[3]}'s position by 0.03 rad" in refused.message
+    world.state = _moved("joint_positions", -2.0 * np.pi * JOINT)(sound)
+    assert world.ask().code == Status.SOLVED
+
+
+def test_an_old_plan_is_not_published_whatever_its_start(world: World) -> None:
+    world.parameters = replaced(world.parameters, "publication.max_age", 0.4)
+    world.publication.keep(world.made("run.2", NOW + 60 * NANOSECONDS))
+    world.now_ns += round(0.41 * NANOSECONDS)
+    status = world.ask("run.2")
+    assert (status.code, status.retry) == (Status.CHECK_FAILED, PlanStatus.CHANGED)
+    assert "run.2 was made 0.41 s ago, longer than publication.max_age, 0.4 s" in status.message
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters.values import value_of
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.messages.to_messages import answer_of_error, time_message
 from ff_planner_ros.ros.requests.reading import Provenance
@@ -104,6 +105,17 @@ def test_a_bag_without_requests_is_refused(
         world.run()
     assert main(["replay", str(tmp_path / "bag")]) == 2
     assert "holds no request to a planner" in capsys.readouterr().err
+
+
+def test_a_bag_that_does_not_say_how_plans_end_is_of_a_time_when_they_ended_in_motion(
+    world: World,
+) -> None:
+    world.ask(START, refused(START))
+    (request,) = world.run().requests
+    task = request.read_request().task
+    assert task.end_behaviour is EndBehaviour.NONE
+    assert task.controller is not None
+    assert task.controller.allow_nonzero_velocity_at_trajectory_end
 
 
 def test_a_bag_without_parameters_is_refused(world: World) -> None:

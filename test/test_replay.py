@@ -165,6 +165,7 @@ def _set(client: Client, name: str, value: object) -> None:
 OF_EVENTS = {
     recorded_name(name): name
     for name in (
+        "ff_planner_msgs/srv/Describe_Event",
         "ff_planner_msgs/srv/PlanTrajectory_Event",
         "ff_planner_msgs/srv/PublishPlan_Event",
         "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event",

@@ -37,7 +37,7 @@ def test_only_the_operator_sets_parameters_and_drives_the_lifecycle() -> None:
         for enclave in ElementTree.parse(POLICY).iter("enclave")
     }
     assert may_ask["/operator"] >= of_operators
-    assert may_ask["/executive"] == {"plan_trajectory", "publish_plan"}
+    assert may_ask["/executive"] == {"describe", "plan_trajectory", "publish_plan"}
     for path, services in may_ask.items():
         assert path == "/operator" or not services & of_operators, path
     served = {rule.name.rpartition("/")[2] for rule in profiles()[NODE] if rule.what == REPLY}

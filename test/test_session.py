@@ -37,7 +37,12 @@ class Configured:
         robot, self.scene = problem.robot, Scene(problem)
         self.states = StateInput(robot, FRAME, "chaser_state", PARAMETERS.odometry)
         self.scenes = SceneInput(FRAME, lambda: NOW)
-        self.output, self.service, self.node = Mock(tracking=None), Mock(last=None), Mock()
+        self.output, self.service, self.node = (
+            Mock(tracking=None, execution=Mock(last=None, controller=None)),
+            Mock(last=None),
+            Mock(),
+        )
+        self.output.execution = Mock(last=None, controller=None)
         self.service.solve_times = []
         self.node.get_clock.return_value.now.return_value = SimpleNamespace(
             nanoseconds=NOW, to_msg=lambda: time_message(NOW)
@@ -56,6 +61,7 @@ class Configured:
             _service=self.service,
             _recorder=Mock(),
             _diagnostics=Mock(),
+            _controller=Mock(read=None, controller="", complaint=""),
             _namesakes=[],
             _publishers=Mock(heard=lambda _: ["/mapper"], unheard=lambda _: []),
         )
@@ -157,7 +163,7 @@ def test_when_the_clock_jumps_states_plans_and_requests_are_forgotten_but_not_th
     health = configured.diagnosed()
     assert health.state_age is None
     assert health.obstacles is not None
-    configured.output.forget.assert_called_once_with()
+    configured.output.forget.assert_called_once_with(f"the node's clock {words}")
     status, message = configured.service.give_up.call_args.args
     assert status is Status.CLOCK_JUMPED
     assert words in message

@@ -10,6 +10,8 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 
 PACKAGE = "ff_planner_ros"
 PACKAGE_SCHEME = "package://"
+# Below a prefix: packages that msg_defs builds where they are not installed.
+STAND_INS = "share/ff_planner_msgs/stand_ins"
 
 
 def share_directory() -> Path:
@@ -57,10 +59,11 @@ def installation_prefixes() -> list[Path]:
     """List what packages are installed below, in the order of search.
 
     The sourced workspaces come first, then the environment of this Python: pip installs into it,
-    and the ament path does not hold it.
+    and the ament path does not hold it. Last come packages that stand in for missing ones.
     """
     sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return [Path(prefix) for prefix in (*sourced, sys.prefix) if prefix]
+    prefixes = [Path(prefix) for prefix in (*sourced, sys.prefix) if prefix]
+    return [*prefixes, *filter(Path.is_dir, (prefix / STAND_INS for prefix in prefixes))]
 
 
 def package_directory(package: str) -> Path | None:

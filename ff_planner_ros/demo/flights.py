@@ -66,11 +66,11 @@ class Testbed(NamedTuple):
 
 
 TESTBEDS: Mapping[str, Testbed] = {
-    "lemur": Testbed("The paper's capture", "lemur_capture_bodies.yaml", "planner.yaml"),
+    "lemur": Testbed("The paper's capture", "lemur_capture_bodies.yaml", "ends_in_motion.yaml"),
     "lines": Testbed(
         "The paper's capture, of which the centre lines are kept clear",
         "lemur_capture.yaml",
-        "planner.yaml",
+        "ends_in_motion.yaml",
     ),
     "planar": Testbed(
         "A capture on an air-bearing table", "planar_capture.yaml", "planar_testbed.yaml"
@@ -78,7 +78,7 @@ TESTBEDS: Mapping[str, Testbed] = {
     "tumbling": Testbed(
         "The capture of a body that tumbles",
         "lemur_tumbling.yaml",
-        "planner.yaml",
+        "ends_in_motion.yaml",
         {
             SHORTEST: _BOTH_OBJECTIVES[SHORTEST],
             SOONER: Flight(
@@ -98,7 +98,7 @@ TESTBEDS: Mapping[str, Testbed] = {
     "following": Testbed(
         "The paper's capture by a testbed that is not as its model",
         "lemur_capture.yaml",
-        "planner.yaml",
+        "ends_in_motion.yaml",
         {
             OPEN_LOOP: Flight("open_loop", ("--rate", "0"), {}, "follower"),
             REPLANNED: Flight("replanned", ("--rate", "5"), {}, "follower"),

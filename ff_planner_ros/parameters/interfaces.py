@@ -123,6 +123,24 @@ class RateParameters:
 
 
 @dataclass(frozen=True)
+class TransformParameters:
+    """Which frames the node publishes on /tf, in the inertial frame."""
+
+    measured: bool = tunable(
+        "Whether the root link of the chaser is published as measured, at rates.predicted_pose: "
+        "only where nobody else does"
+    )
+    predicted_prefix: str = tunable(
+        "In front of the frames of the root link, the end effector and the target as predicted "
+        "for now, while a plan runs; empty: none of them"
+    )
+    preview_prefix: str = tunable(
+        "In front of the frames of the root link and the target in the preview, which "
+        "planned_joint_states are of; empty: none of them"
+    )
+
+
+@dataclass(frozen=True)
 class BagParameters:
     """Where everything is recorded, and how.
 

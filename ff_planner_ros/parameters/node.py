@@ -8,18 +8,20 @@ from functools import cached_property
 
 from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.yaml_file import yaml_document
+from ff_planner_ros.parameters.controller import ControllerParameters
 from ff_planner_ros.parameters.interfaces import (
     BagParameters,
     OdometryParameters,
     QosParameters,
     RateParameters,
+    TransformParameters,
 )
 from ff_planner_ros.parameters.published_plans import (
     PublicationParameters,
     ReplanningParameters,
     TrackingParameters,
 )
-from ff_planner_ros.parameters.robot import ControllerParameters, LimitParameters, RobotParameters
+from ff_planner_ros.parameters.robot import LimitParameters, RobotParameters
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.problem import MAX_POINTS, MIN_POINTS
 from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW, PlannerSettings, tunable
@@ -54,6 +56,7 @@ class NodeParameters:
     publication: PublicationParameters
     replanning: ReplanningParameters
     rates: RateParameters
+    tf: TransformParameters
     library: str = tunable(  # `planner.library`: scenarios know all else of that group
         "Library of plans, a file or the directory that library.npz is in: the nearest plan is "
         "tried first; empty: none"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters.robot import of_joints
 from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW, tunable
 
 
@@ -24,7 +27,11 @@ class TrackingParameters:
 
 @dataclass(frozen=True)
 class PublicationParameters:
-    """How far from a plan's first point the system may be then, if the plan is published later."""
+    """How far from a plan's first point the system may be then, if the plan is published later.
+
+    Raises:
+        InvalidInput: Tolerances of joints that are none.
+    """
 
     max_position: float = tunable(
         "Of the chaser, carried forward from the latest state to the start of a plan that "
@@ -51,6 +58,38 @@ class PublicationParameters:
     max_joint_velocity: float = tunable(
         "Of each joint likewise: difference of the rates", 0.0, None, "rad/s", STRICT_IF_LOW
     )
+    joint_positions: str = tunable(
+        "Joints for which another tolerance than max_joint_position holds [rad]: `wrist: 0.005`"
+    )
+    joint_velocities: str = tunable("Likewise beside max_joint_velocity [rad/s]")
+    max_age: float = tunable(
+        "An older plan is not published any more", 0.0, None, "s", STRICT_IF_LOW
+    )
+
+    def __post_init__(self) -> None:
+        """Check the texts."""
+        for name in ("joint_positions", "joint_velocities"):
+            for joint, most in self.of_joints(name).items():
+                if most < 0.0:
+                    allowed = f"it must not be negative ({joint})"
+                    value = getattr(self, name)
+                    raise InvalidInput(Status.OUT_OF_RANGE, f"publication.{name}", value, allowed)
+
+    def of_joints(self, name: str) -> dict[str, float]:
+        """Return the tolerances of some joints, by the name of their parameter."""
+        return of_joints(f"publication.{name}", getattr(self, name))
+
+    def require_joints(self, joints: Sequence[str]) -> None:
+        """Refuse a tolerance of a joint that the robot does not have.
+
+        Raises:
+            InvalidInput: The joint is named.
+        """
+        for name in ("joint_positions", "joint_velocities"):
+            for joint in self.of_joints(name):
+                if joint not in joints:
+                    allowed = f"the joints are {', '.join(joints)}"
+                    raise InvalidInput(Status.UNKNOWN_JOINT, f"publication.{name}", joint, allowed)
 
 
 @dataclass(frozen=True)

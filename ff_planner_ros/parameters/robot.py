@@ -1,4 +1,4 @@
-"""Parameters of the robot, its limits and the controller of its arm."""
+"""Parameters of the robot and its limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from ff_planner_ros.planning.problem.settings import (
     strict_if,
     tunable,
 )
-from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import SLIDE_WEIGHTS, Base, Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.wheels import Wheels
@@ -137,15 +136,24 @@ def locked_joints_of(text: str) -> dict[str, float]:
     Raises:
         InvalidInput: It is no such text.
     """
-    held_at: dict[str, float] = {}
+    return of_joints("robot.locked_joints", text)
+
+
+def of_joints(field: str, text: str) -> dict[str, float]:
+    """Return a number for each of some joints, from a text with commas.
+
+    Raises:
+        InvalidInput: It is no such text; the error names the field.
+    """
+    found: dict[str, float] = {}
     for word in filter(None, map(str.strip, text.split(","))):
         name, _, at = word.partition(":")
         try:
-            held_at[name.strip()] = finite_number("robot.locked_joints", float(at))
+            found[name.strip()] = finite_number(field, float(at))
         except ValueError:
-            allowed = "it must be names and positions: `rail: 0.2, hand: -1.0`"
-            raise InvalidInput(Status.OUT_OF_RANGE, "robot.locked_joints", text, allowed) from None
-    return held_at
+            allowed = "it must be names and numbers: `rail: 0.2, hand: -1.0`"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, text, allowed) from None
+    return found
 
 
 @dataclass(frozen=True)
@@ -221,23 +229,3 @@ class LimitParameters:
             joint_torques=FROM_URDF.read("limits.effort", self.effort),
             **{name: getattr(self, name) or math.inf for name in OF_ONE_NUMBER},
         )
-
-
-@dataclass(frozen=True)
-class ControllerParameters:
-    """How the arm's joint_trajectory_controller is set up: it must take every plan."""
-
-    allow_nonzero_velocity_at_trajectory_end: bool = tunable(
-        "Its parameter of this name; if false, only plans whose end_behaviour is stop_joints are "
-        "published",
-        strictness=strict_if(False),
-    )
-    effort_interface: bool = tunable(
-        "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
-        "torques; responses always do"
-    )
-
-    def of(self, joints: tuple[str, ...]) -> Controller:
-        """Return the controller of an arm."""
-        allowed = self.allow_nonzero_velocity_at_trajectory_end
-        return Controller(joints, allowed, self.effort_interface)

@@ -7,7 +7,9 @@ nor have the process read or write where it was not told to.
 from __future__ import annotations
 
 import math
-from typing import Any
+import threading
+from collections.abc import Mapping
+from typing import Any, get_type_hints
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -22,6 +24,7 @@ from rclpy.parameter import Parameter
 from ff_planner_ros.common.declared import DeclaredField
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
+from ff_planner_ros.parameters.interfaces import PublisherQos, QosParameters, SubscriptionQos
 from ff_planner_ros.parameters.values import (
     FORMER_NAMES,
     allowed_values,
@@ -34,11 +37,17 @@ from ff_planner_ros.parameters.values import (
 
 # What is loaded, recorded or connected when the node is configured.
 _WHILE_CONFIGURED = (
-    *("robot.", "bag.", "qos.", "odometry.", "rates."),
+    *("robot.", "bag.", "qos.", "odometry.", "rates.", "tf."),
+    *("controller.from_node", "controller.hand_over", "controller.action"),
+    *("controller.path_tolerance", "controller.goal_t", "publication.joint_"),
     *("inertial_frame", "state_source", "planner.library", "planner.plugins"),
 )
 # Their time is over when the node is there.
 _AT_START = ("autostart", "allow_remote_paths")
+# Of topics that rclpy makes itself, some of them later; it reads no other overrides.
+_QOS_OVERRIDES = "qos_overrides."
+_QOS_OF_ROS = ("qos_overrides./clock.", "qos_overrides./parameter_events.")
+_KINDS_OF_TOPICS = {PublisherQos: "publisher", SubscriptionQos: "subscription"}
 _PATHS = ("robot.urdf", "robot.srdf", "bag.directory", "planner.library")
 _TRANSITIONS = "lifecycle transitions deactivate and cleanup"
 
@@ -57,8 +66,26 @@ class LiveParameters:
         """
         self.current = _declared(node)
         self.configured = False  # whether a robot is loaded, by what the parameters are now
+        self._node = node
+        # The thread that takes over what the controller says; None: nobody does
+        self._learner: int | None = None
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._take)
+
+    def learn(self, values: Mapping[str, Any]) -> None:
+        """Take over what the controller says of itself, looser values too, and tell of it.
+
+        Raises:
+            InvalidInput: A value that makes no sense.
+        """
+        self._learner = threading.get_ident()
+        try:
+            changes = [Parameter(name, value=value) for name, value in values.items()]
+            told = self._node.set_parameters_atomically(changes)
+        finally:
+            self._learner = None
+        if not told.successful:
+            raise InvalidInput(Status.OUT_OF_RANGE, ", ".join(values), "refused", told.reason)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
         """Refuse changes that make no sense; types and ranges of numbers are checked already."""
@@ -78,7 +105,7 @@ class LiveParameters:
                 "the start it may be set while the node is unconfigured"
             )
             raise InvalidInput(Status.OUT_OF_RANGE, name, repr(value), allowed)
-        if not self.configured:
+        if not self.configured or self._learner == threading.get_ident():
             return
         if name.startswith(_WHILE_CONFIGURED):
             raise FfPlannerError(
@@ -132,6 +159,7 @@ def _declared(node: Node) -> NodeParameters:
         value = str(checked(name, given.value)) if is_word else given.value
         present = Parameter(name, value=value) if is_word else Parameter(name, given.type_, value)
         overrides.setdefault(name, present)
+    _take_qos_overrides(node, overrides)
     values: dict[str, Any] = {}
     for name, declaration in DECLARATIONS.items():
         descriptor = _descriptor(name, declaration)
@@ -147,11 +175,29 @@ def _declared(node: Node) -> NodeParameters:
     unknown = [
         name
         for name in sorted(overrides)
-        if not node.has_parameter(name) and not name.startswith("qos_overrides.")
+        if not node.has_parameter(name) and not name.startswith(_QOS_OF_ROS)
     ]
     if unknown:
         raise unknown_parameter(unknown[0])
     return parameters
+
+
+def _take_qos_overrides(node: Node, overrides: dict[str, Parameter]) -> None:
+    """Let ROS's own words for a topic's quality of service, `qos_overrides.*`, stand for ours."""
+    topics = {
+        (node.resolve_topic_name(name), _KINDS_OF_TOPICS[kind]): name
+        for name, kind in get_type_hints(QosParameters).items()
+    }
+    for given in list(overrides):
+        if not given.startswith(_QOS_OVERRIDES) or given.startswith(_QOS_OF_ROS):
+            continue
+        topic, _, rest = given.removeprefix(_QOS_OVERRIDES).partition(".")
+        kind, _, policy = rest.partition(".")
+        name = f"qos.{topics.get((topic, kind))}.{policy}"
+        if name not in DECLARATIONS:
+            allowed = "it must be of a topic that parameters qos.* are of, and of one of these"
+            raise InvalidInput(Status.UNSUPPORTED, given, "given", allowed)
+        overrides.setdefault(name, Parameter(name, value=overrides.pop(given).value))
 
 
 def _value(parameter: Parameter) -> Any:

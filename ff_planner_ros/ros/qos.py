@@ -11,6 +11,9 @@ LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STREAM_QOS = QoSProfile(depth=10)
 STATE_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 EVENT_QOS = QoSProfile(depth=100)
+TF_QOS = QoSProfile(depth=100)
+# Those who come late hear what became of the last plans.
+PLAN_EVENTS_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Requests that wait at each service and at the action; the middleware drops the oldest of more, and
 # nobody answers those. More than a fleet's executives ask at once, and little where none wait.
 MOST_REQUESTS = 1000

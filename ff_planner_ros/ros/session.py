@@ -25,12 +25,15 @@ from ff_planner_ros.ros.inputs.listener import Listener
 from ff_planner_ros.ros.inputs.publishers import Publishers
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
+from ff_planner_ros.ros.outputs.controller_health import controller_health
+from ff_planner_ros.ros.outputs.controller_settings import ControllerSettings
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import MOST_REQUESTS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorded_topics import recording
 from ff_planner_ros.ros.recorder.recording_services import recording_services
+from ff_planner_ros.ros.requests.description import description_service
 from ff_planner_ros.ros.requests.namesakes import namesakes
 from ff_planner_ros.ros.requests.planning_service import PlanningService
 from ff_planner_ros.ros.requests.worker import Worker
@@ -59,6 +62,7 @@ class Session:
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
         robot = now.robot.load(self._description, urdf.parent)
+        now.publication.require_joints(robot.joint_names)
         for note in robot.notes:
             node.get_logger().warning(f"robot.urdf: {in_log(note)}")
         library = None
@@ -82,7 +86,12 @@ class Session:
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
             stack.enter_context(recording_services(node, self._recorder))
-            self._output = stack.enter_context(closing(PlanOutput(node, robot.base_link, now)))
+            stack.enter_context(
+                description_service(
+                    node, robot, lambda: parameters.current, lambda: self._service.is_active
+                )
+            )
+            self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
             # Nobody learns more from a preview by reading it twice.
             preview = node.resolve_topic_name("planned_joint_states")
             self._recorder.leave_out(preview, self._output.is_repeated)
@@ -99,6 +108,13 @@ class Session:
                         self._output,
                         run_name=self._bag.name,
                         guesses=library,
+                    )
+                )
+            )
+            self._controller = stack.enter_context(
+                closing(
+                    ControllerSettings(
+                        node, now.controller.from_node, robot.joint_names, parameters.learn
                     )
                 )
             )
@@ -135,6 +151,7 @@ class Session:
     def stop_planning(self, status: Status, message: str) -> None:
         """Take up no more requests, and give up the one that is."""
         self._service.deactivate(status, message, _LAST_ANSWER)
+        self._output.execution.withdraw(message)
 
     def close(self) -> None:
         """Disconnect, then close the bag."""
@@ -158,8 +175,9 @@ class Session:
     def _forget(self, jump: TimeJump) -> None:
         """Forget states and plans: the clock jumped back, or became another one."""
         self._states.clear()
-        self._output.forget()
-        message = f"the node's clock {_what_happened(jump)}: states and plans of before"
+        happened = f"the node's clock {_what_happened(jump)}"
+        self._output.forget(happened)
+        message = f"{happened}: states and plans of before"
         self._node.get_logger().warning(f"{message} are forgotten")
         self._service.give_up(Status.CLOCK_JUMPED, f"{message} are void; ask again")
 
@@ -182,6 +200,7 @@ class Session:
 
     def _diagnose(self) -> None:
         self._output.look_for_viewers(_RECORDERS)
+        self._controller.look()
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""
         try:
@@ -224,6 +243,7 @@ class Session:
             unheard=self._unheard(),
             obstacles_are_published=bool(self._publishers.heard(OBSTACLES.name)),
             target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
+            controller=controller_health(self._output.execution, self._controller),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
             most_waiting=self._service.most_waiting,

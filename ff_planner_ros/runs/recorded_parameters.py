@@ -19,6 +19,7 @@ from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs.installed import as_installed
 
 _ATTACHED = "parameters.yaml"
+NOT_AT_END = "allow_nonzero_velocity_at_trajectory_end"
 # Where a message has the value of a parameter, by its type; rclpy, which knows this too, loads a
 # middleware.
 _FIELD_OF_TYPE = {
@@ -75,8 +76,10 @@ class RecordedParameters:
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
         # Where `ff-planner plan --bag` of earlier versions attached none, plans start at once; and
         # obstacles that moved were of any age; and joints that slide were held.
-        before = {"planning_lead_time": 0.0, "obstacles_max_age": ANY_AGE}
+        before: dict[str, Any] = {"planning_lead_time": 0.0, "obstacles_max_age": ANY_AGE}
         before["robot.slide_weight"] = 0.0
+        # And plans ended at their goal, which until version 0.3 was the default.
+        before |= {"end_behaviour": "none", f"controller.{NOT_AT_END}": True}
         assumed = dict(default_values()) | before
         unknown = [name for name in values if name not in assumed]
         if unknown:

@@ -1,8 +1,8 @@
 """A whole capture in MuJoCo: robot and target are two free bodies until a weld holds them together.
 
 The joints are controlled: the plan's torques, and a correction by how far each joint is off.
-Nothing else acts. At the grasp the weld is switched on where the two are then; a model of its own for what
-is held is never used.
+Nothing else acts. At the grasp the weld is switched on where the two are then: nothing here knows a
+robot with a payload, but for the torques.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from rosidl_parser.definition import NamespacedType
 
 SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
-PUBLISH_PLAN = "~/publish_plan"
+PUBLISH_PLAN, DESCRIBE = "~/publish_plan", "~/describe"
 SEND_GOAL = PlanTrajectoryAction.Impl.SendGoalService
 GET_RESULT = PlanTrajectoryAction.Impl.GetResultService
 

@@ -6,11 +6,14 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ff_planner_ros.common.arrays import finite_vector
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 
 if TYPE_CHECKING:
     from ff_planner_msgs.msg import Goal
@@ -22,6 +25,13 @@ GOAL_JOINTS = {
     f"target.joints.{ours}": f"goal.joints.{theirs}"
     for ours, theirs in (("position", "position"), ("velocity", "velocity"))
 }
+
+
+def turns_without_end(robot: Robot) -> Array:
+    """Tell which joints are continuous: positions a turn apart are the same. Shape (joints,)."""
+    widest = np.minimum(-robot.lower_position_limits, robot.upper_position_limits)
+    turns = ~robot.joint_slides.any(axis=1)
+    return np.asarray(turns & (widest >= TURN_OF_CONTINUOUS))
 
 
 def posture_in(goal: Goal, robot: Robot) -> Posture | None:

@@ -39,12 +39,12 @@ from ff_planner_ros.common.shown import shortened, shown
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import (
     LONGEST_MESSAGE,
+    REMEDIES,
     FfPlannerError,
     InvalidInput,
     NoPlanFound,
     Retry,
     Status,
-    retry_after,
 )
 from ff_planner_ros.messages.obstacles import PRIMITIVES, primitive_sizes
 from ff_planner_ros.planning.motion.plan import Plan
@@ -232,18 +232,23 @@ def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> P
 
 def status_message(error: FfPlannerError) -> PlanStatus:
     """Return why there is no plan, in words and for programs."""
-    message = PlanStatus(
-        code=int(error.status), message=str(error), retry=int(retry_after(error.status))
-    )
+    retry, field, value, allowed = REMEDIES[error.status]
     if isinstance(error, InvalidInput):
-        if error.status is Status.STATE_TOO_OLD and error.field.startswith(_OWN_STATE):
-            message.retry = int(Retry.CHANGED)  # it only becomes older
-        message.field = shortened(error.field, LONGEST_MESSAGE)
-        message.value, message.allowed = (
-            shown(error.value),
-            shortened(error.allowed, LONGEST_MESSAGE),
-        )
-    return message
+        field, value, allowed = error.field, shown(error.value), error.allowed
+        if error.status is Status.STATE_TOO_OLD and field.startswith(_OWN_STATE):
+            retry = Retry.CHANGED  # it only becomes older
+    elif isinstance(error, NoPlanFound):
+        value = error.failures[0].finding if error.failures else error.constraint
+        if error.failures and error.failures[0].advice:
+            allowed = "; ".join(error.failures[0].advice)
+    return PlanStatus(
+        code=int(error.status),
+        message=str(error),
+        field=shortened(field, LONGEST_MESSAGE),
+        value=shortened(value, LONGEST_MESSAGE),
+        allowed=shortened(allowed, LONGEST_MESSAGE),
+        retry=int(retry),
+    )
 
 
 def time_message(time_ns: int) -> Time:

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.outputs.controller_health import ControllerHealth, controller_part
 from ff_planner_ros.ros.outputs.prediction import TrackingError
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
@@ -71,6 +72,7 @@ class NodeHealth:
     obstacle_bodies: int = 0  # in the scene, beside the spheres
     # Whether whoever published the obstacles may be there still
     obstacles_are_published: bool = True
+    controller: ControllerHealth = field(default_factory=ControllerHealth)
     clock_still_for: float | None = (
         None  # simulated time stands still [s]; None: it is the system's
     )
@@ -89,6 +91,7 @@ def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
         "other planners": _other_planners(health),
         "recorder": _recorder(health),
         "tracking": _tracking(health),
+        "controller": controller_part(health.controller),
         "clock": _clock(health),
     }
     return DiagnosticArray(

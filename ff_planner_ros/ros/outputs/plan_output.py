@@ -31,8 +31,10 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs import prediction
+from ff_planner_ros.ros.outputs.execution import Execution
 from ff_planner_ros.ros.outputs.markers import plan_markers
-from ff_planner_ros.ros.outputs.preview import preview_joint_states
+from ff_planner_ros.ros.outputs.preview import Previewed, preview_joint_states
+from ff_planner_ros.ros.outputs.transforms import Transforms
 from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS, qos_profile
 
 
@@ -71,18 +73,25 @@ class PublishedPlan:
 class PlanOutput:
     """Publishes while the node is active, and remembers the last plan."""
 
-    def __init__(self, node: LifecycleNode, base_link: str, parameters: NodeParameters) -> None:
+    def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
         """Create the publishers, which are silent until the node is active."""
-        self._base_link, self._frame = base_link, parameters.inertial_frame
+        self._base_link, self._frame = robot.base_link, parameters.inertial_frame
+        self.transforms = Transforms(node, robot, parameters)
+        self.execution = Execution(node, parameters.controller, self._forget_plan)
         self._rates, qos = parameters.rates, parameters.qos
         self._clock = node.get_clock()
         self.published: PublishedPlan | None = None  # the last plan that went out
         self.tracking: prediction.TrackingError | None = None  # None while no plan runs
         self.published_one: Callable[[], None] = lambda: None  # called after a plan has gone out
-        self._preview: Iterator[JointState] = iter(())
+        self._preview: Iterator[Previewed] = iter(())
+        self._previewed: tuple[Trajectory, TargetBody | None] | None = None
         self._repeated_since_ns: int | None = None  # None while it is played for the first time
         self._viewers = 1  # of the preview, when they were last counted
-        self._node, self._publishers = node, list[LifecyclePublisher]()
+        self._node = node
+        self._publishers: list[LifecyclePublisher] = [
+            *self.transforms.publishers,
+            *self.execution.publishers,
+        ]
         self._trajectory, self._path, self._pose = (
             self._publisher(kind, name, qos_profile(getattr(qos, name)))
             for kind, name in (
@@ -116,6 +125,7 @@ class PlanOutput:
     def describe_robot(self, urdf: str) -> None:
         """Publish the text of the robot's URDF file; to be called when the node becomes active."""
         self._description.publish(String(data=urdf))
+        self.transforms.describe()
 
     def publish(
         self,
@@ -155,22 +165,29 @@ class PlanOutput:
         self.published = PublishedPlan(
             plan_id, plan.trajectory, start_ns, body, plan.duration, before, plan.wheels
         )
+        goal_ns = start_ns + round(self.published.seconds_to_goal * NANOSECONDS)
+        self.execution.published(plan_id, start_ns, goal_ns, for_controller)
+        self.transforms.published(body)
         self.published_one()
 
     @property
     def is_streamed(self) -> bool:
-        """Whether a plan runs, or will; no tracking is told of one that is over."""
+        """Whether a plan runs, or will, or the chaser is told of as measured.
+
+        No tracking is told of a plan that is over.
+        """
         published, now_ns = self.published, self._clock.now().nanoseconds
         runs = published is not None and (
             now_ns <= published.start_ns or published.at(now_ns) is not None
         )
         if not runs:
             self.tracking = None
-        return runs
+        return runs or self.transforms.measures
 
     def show(self, robot: Robot, plan: Plan, scene: Scene) -> None:
         """Publish what is drawn of a plan."""
         self._markers.publish(plan_markers(robot, plan, scene, self._frame))
+        self._previewed = plan.trajectory, scene.target_body
         self._preview = self._played(preview_joint_states(plan, self._rates.preview))
         self._timer.reset()
 
@@ -183,6 +200,8 @@ class PlanOutput:
     def stream(self, measured: Snapshot | None) -> None:
         """Publish where the chaser should be by now, and how far from there it was measured."""
         running, self.tracking = self.published, None
+        if measured is not None:
+            self.transforms.measured(measured.state, measured.stamp_ns)
         if running is None:
             return
         motion, start_ns = running.trajectory, running.start_ns
@@ -190,6 +209,7 @@ class PlanOutput:
         pose = prediction.predicted_chaser_pose(motion, start_ns, now_ns, self._frame)
         if pose is not None:
             self._pose.publish(pose)
+        self.transforms.predicted(motion, start_ns, now_ns, running.target_body)
         if running.target_body is not None:
             relative = prediction.predicted_relative_pose(
                 motion, start_ns, now_ns, running.target_body
@@ -216,26 +236,34 @@ class PlanOutput:
                 )
             )
 
-    def forget(self) -> None:
+    def forget(self, why: str) -> None:
         """Forget the last plan: its time is no longer the clock's."""
         self.published = self.tracking = None
+        self.execution.forget(why)
 
     def close(self) -> None:
         """Remove timer and publishers from the node."""
         self._node.destroy_timer(self._timer)
+        self.execution.close()
         for publisher in self._publishers:
             self._node.destroy_lifecycle_publisher(publisher)
 
+    def _forget_plan(self, plan_id: str) -> None:
+        """Take a plan that the controller does not bring to its end for none that runs."""
+        if self.published is not None and self.published.plan_id == plan_id:
+            self.published = self.tracking = None
+
     def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
-        self._publishers.append(self._node.create_lifecycle_publisher(kind, topic, qos))
-        return self._publishers[-1]
+        publisher: LifecyclePublisher = self._node.create_lifecycle_publisher(kind, topic, qos)
+        self._publishers.append(publisher)
+        return publisher
 
     def is_repeated(self, received_ns: int) -> bool:
         """Tell whether the preview had been played once before a time of the host [ns]."""
         since_ns = self._repeated_since_ns
         return since_ns is not None and received_ns >= since_ns
 
-    def _played(self, states: Sequence[JointState]) -> Iterator[JointState]:
+    def _played(self, states: Sequence[Previewed]) -> Iterator[Previewed]:
         self._repeated_since_ns = None
         yield from states
         self._repeated_since_ns = time.time_ns()
@@ -244,9 +272,12 @@ class PlanOutput:
     def _play_preview(self) -> None:
         # The first time it is played for the bag, too, which repeats nothing.
         is_seen = self._repeated_since_ns is None or self._viewers > 0
-        state = next(self._preview, None) if is_seen else None
-        if state is None:
+        shown = next(self._preview, None) if is_seen else None
+        if shown is None or self._previewed is None:
             self._timer.cancel()
             return
-        state.header.stamp = self._clock.now().to_msg()
-        self._joint_states.publish(state)
+        now = self._clock.now()
+        shown.joints.header.stamp = now.to_msg()
+        motion, body = self._previewed
+        self.transforms.preview(motion, shown.time, now.nanoseconds, body)
+        self._joint_states.publish(shown.joints)

@@ -11,8 +11,8 @@ import yaml
 from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import PublishedPlan, TrackingError, WheelState
-from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
+from ff_planner_msgs.msg import PlanEvent, PublishedPlan, TrackingError, WheelState
+from ff_planner_msgs.srv import Describe, PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import TransitionEvent
 from nav_msgs.msg import Path as PathMsg
@@ -35,18 +35,28 @@ from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.parameters.controller import HandOver
 from ff_planner_ros.parameters.values import document_of
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, read_urdf
 from ff_planner_ros.ros.inputs.input_topics import heard_with
+from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, TFMessage
 from ff_planner_ros.ros.messages.interfaces import (
     ACTION,
+    DESCRIBE,
     GET_RESULT,
     PUBLISH_PLAN,
     SEND_GOAL,
     SERVICE,
 )
-from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STREAM_QOS, qos_profile
+from ff_planner_ros.ros.qos import (
+    EVENT_QOS,
+    LATCHED_QOS,
+    PLAN_EVENTS_QOS,
+    STREAM_QOS,
+    TF_QOS,
+    qos_profile,
+)
 from ff_planner_ros.ros.recorder.recorder import Recorder
 from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
 
@@ -128,6 +138,9 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
         ("predicted_relative_pose", PoseStamped, qos_profile(qos.predicted_chaser_pose)),
         ("predicted_wheel_momentum", WheelState, qos_profile(qos.predicted_chaser_pose)),
         ("tracking_error", TrackingError, STREAM_QOS),
+        ("plan_events", PlanEvent, PLAN_EVENTS_QOS),
+        ("/tf", TFMessage, TF_QOS),
+        ("/tf_static", TFMessage, LATCHED_QOS),
         ("markers", MarkerArray, LATCHED_QOS),
         ("planned_joint_states", JointState, STREAM_QOS),
         ("robot_description", String, LATCHED_QOS),
@@ -136,20 +149,28 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
         ("/rosout", Log, _ROSOUT_QOS),
         ("/parameter_events", ParameterEvent, qos_profile_parameter_events),
     ]
+    if parameters.controller.hand_over == HandOver.ACTION:
+        controller = f"{parameters.controller.action}/_action"
+        feedback = FollowJointTrajectory.Impl.FeedbackMessage
+        topics += [
+            (f"{controller}/feedback", feedback, STREAM_QOS),
+            (f"{controller}/status", GoalStatusArray, LATCHED_QOS),
+        ]
     if node.get_parameter("use_sim_time").value:
         topics.append(("/clock", Clock, _CLOCK_QOS))
     recorded = [
         RecordedTopic(node.resolve_topic_name(name), message_type, topic_qos)
         for name, message_type, topic_qos in topics
     ]
-    service, publication, action = (
-        node.resolve_service_name(name) for name in (SERVICE, PUBLISH_PLAN, ACTION)
+    service, publication, description, action = (
+        node.resolve_service_name(name) for name in (SERVICE, PUBLISH_PLAN, DESCRIBE, ACTION)
     )
     feedback = PlanTrajectoryAction.Impl.FeedbackMessage
     return [
         *recorded,
         RecordedTopic(f"{service}{SERVICE_EVENTS}", PlanTrajectory.Event, EVENT_QOS),
         RecordedTopic(f"{publication}{SERVICE_EVENTS}", PublishPlan.Event, EVENT_QOS),
+        RecordedTopic(f"{description}{SERVICE_EVENTS}", Describe.Event, EVENT_QOS),
         RecordedTopic(f"{action}{GOAL_EVENTS}", SEND_GOAL.Event, EVENT_QOS),
         RecordedTopic(f"{action}{RESULT_EVENTS}", GET_RESULT.Event, EVENT_QOS),
         RecordedTopic(f"{action}/_action/feedback", feedback, STREAM_QOS),

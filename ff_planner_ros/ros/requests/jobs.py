@@ -75,6 +75,11 @@ class Jobs:
         self._refusal: FfPlannerError | None = None
         self.close(Status.NOT_ACTIVE, "the planner is not active yet")
 
+    @property
+    def is_open(self) -> bool:
+        """Whether requests are taken up."""
+        return self._refusal is None
+
     def open(self) -> None:
         """Take up requests from now on."""
         with self._change:

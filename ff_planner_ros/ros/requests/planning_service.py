@@ -127,6 +127,11 @@ class PlanningService:
         """How many requests waited at once at most, by service."""
         return {SERVICE: self._queue.most, PUBLISH_PLAN: self._publication.queue.most}
 
+    @property
+    def is_active(self) -> bool:
+        """Whether requests are taken up."""
+        return self._jobs.is_open
+
     def activate(self) -> None:
         """Take up requests from now on."""
         self._publication.open()
@@ -316,6 +321,7 @@ class PlanningService:
             scene_of(lasting(asked.task.problem, plan.duration)),
             parameters,
             asked.provenance.previous_plan_id,
+            self._clock.now().nanoseconds,
             secrets.token_hex(_TOKEN_BYTES) if asked.plan_only else "",
         )
         answer.publish_token = made.token

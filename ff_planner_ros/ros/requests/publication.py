@@ -37,6 +37,7 @@ from ff_planner_ros.ros.requests.waiting_plan import (
     MadePlan,
     require_same_rules,
     require_same_start,
+    require_young,
 )
 
 # Plans that wait to be published; one of 10,000 points takes 5 MB. A newer one takes the place of
@@ -152,6 +153,7 @@ class Publication:
             requester = requester_named(request.requester, PUBLISH_PLAN)
             made, knowledge = self._waiting_plan(request), self._knowledge()
             self._require_in_time(made, knowledge.now_ns)
+            require_young(made, knowledge)
             require_same_rules(made, knowledge.parameters)
             require_same_start(made, request.start_state, knowledge)
         # Thousands of points take a second, in which others may publish or forget.

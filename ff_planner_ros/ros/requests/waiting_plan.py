@@ -13,11 +13,13 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.parameters.published_plans import PublicationParameters
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.joint_names import turns_without_end
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
 
@@ -37,6 +39,7 @@ class MadePlan:
     scene: Scene  # that it was made among, at its first point
     parameters: NodeParameters  # that it was checked by
     previous_plan_id: str = ""  # that the joints follow until it begins; empty: none
+    made_ns: int = 0  # when it was ready [ns]
     token: str = ""  # that whoever publishes it must know; empty: it is published at once
 
 
@@ -59,6 +62,22 @@ def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
         )
 
 
+def require_young(made: MadePlan, knowledge: Knowledge) -> None:
+    """Refuse a plan that nobody approved of for too long.
+
+    Raises:
+        NoPlanFound: It is too old (CHECK_FAILED).
+    """
+    age = (knowledge.now_ns - made.made_ns) / NANOSECONDS
+    most = knowledge.parameters.publication.max_age
+    if age > most:
+        raise NoPlanFound(
+            Status.CHECK_FAILED,
+            f"{made.plan_id} was made {age:.3g} s ago, longer than publication.max_age, {most:g} "
+            "s; ask for a new plan",
+        )
+
+
 def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Knowledge) -> None:
     """Refuse a plan if the system, carried forward as for a new plan, will be elsewhere.
 
@@ -75,14 +94,13 @@ def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Kn
     # of a plan that begins at once.
     ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
     there = carried_forward(made.robot, measured.state, ahead, running)
-    allowed = knowledge.parameters.publication
     off = [
         f"{what} by {found:.3g} {unit}, more than publication.{name}, {limit:g} {unit}"
-        for what, name, found, unit in _differences(
-            there, made.plan.trajectory, knowledge.robot.joint_weights
+        for what, name, found, limit, unit in _differences(
+            there, made.plan.trajectory, knowledge.robot, knowledge.parameters.publication
         )
         # Written so that NaN is refused.
-        if not found <= (limit := getattr(allowed, name))
+        if not found <= limit
     ]
     if off:
         raise NoPlanFound(
@@ -93,15 +111,15 @@ def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Kn
 
 
 def _differences(
-    state: SystemState, motion: Trajectory, weights: Array
-) -> Iterator[tuple[str, str, float, str]]:
-    """Yield how far a state is from a plan's first point: what, parameter's name, by how much."""
+    state: SystemState, motion: Trajectory, robot: Robot, allowed: PublicationParameters
+) -> Iterator[tuple[str, str, float, float, str]]:
+    """Yield how far a state is from a plan's first point.
+
+    What, name of the parameter, by how much, how much is allowed, and the unit of both.
+    """
 
     def distance(a: Array, b: Array) -> float:
         return float(np.linalg.norm(a - b))
-
-    def largest(a: Array, b: Array) -> float:
-        return float(np.abs(a - b).max())
 
     attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
     planned = Rotation.from_quat(motion.chaser_quaternions_xyzw[0])
@@ -112,11 +130,23 @@ def _differences(
     turning = distance(
         state.angular_velocity_chaser_in_inertial, motion.chaser_angular_velocities[0]
     )
-    joints = largest(weights * state.joint_positions, weights * motion.joint_positions[0])
-    rates = largest(weights * state.joint_velocities, weights * motion.joint_velocities[0])
-    yield "the chaser's position", "max_position", position, "m"
-    yield "its attitude", "max_angle", float((planned.inv() * attitude).magnitude()), "rad"
-    yield "its velocity", "max_velocity", velocity, "m/s"
-    yield "its angular velocity", "max_angular_velocity", turning, "rad/s"
-    yield "a joint's position", "max_joint_position", joints, "rad"
-    yield "a joint's rate", "max_joint_velocity", rates, "rad/s"
+    angle = float((planned.inv() * attitude).magnitude())
+    yield "the chaser's position", "max_position", position, allowed.max_position, "m"
+    yield "its attitude", "max_angle", angle, allowed.max_angle, "rad"
+    yield "its velocity", "max_velocity", velocity, allowed.max_velocity, "m/s"
+    most = allowed.max_angular_velocity
+    yield "its angular velocity", "max_angular_velocity", turning, most, "rad/s"
+    aside = state.joint_positions - motion.joint_positions[0]
+    # A continuous joint is where it was a turn ago.
+    whole = 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
+    aside = aside - np.where(turns_without_end(robot) & np.isfinite(aside), whole, 0.0)
+    rates = state.joint_velocities - motion.joint_velocities[0]
+    for what, single, general, off, unit in (
+        ("position", "joint_positions", "max_joint_position", aside, "rad"),
+        ("rate", "joint_velocities", "max_joint_velocity", rates, "rad/s"),
+    ):
+        own = allowed.of_joints(single)
+        for name, found in zip(robot.joint_names, np.abs(robot.joint_weights * off), strict=True):
+            parameter = single if name in own else general
+            most = own.get(name, getattr(allowed, general))
+            yield f"{name}'s {what}", parameter, float(found), most, unit

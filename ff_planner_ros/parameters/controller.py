@@ -1,0 +1,74 @@
+"""Parameters of the arm's controller, and of how plans are handed over to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ff_planner_ros.common.forms import a_word
+from ff_planner_ros.planning.problem.settings import strict_if, tunable
+from ff_planner_ros.planning.task.controller_rules import Controller
+
+
+class HandOver(StrEnum):
+    """How a plan comes to the controller."""
+
+    TOPIC = "topic"
+    ACTION = "action"
+
+
+@dataclass(frozen=True)
+class ControllerParameters:
+    """How the arm's joint_trajectory_controller is set up: it must take every plan.
+
+    Raises:
+        InvalidInput: A word that is not known.
+    """
+
+    allow_nonzero_velocity_at_trajectory_end: bool = tunable(
+        "Its parameter of this name; if false, only plans whose end_behaviour is stop_joints are "
+        "published",
+        strictness=strict_if(False),
+    )
+    effort_interface: bool = tunable(
+        "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
+        "torques; responses always do"
+    )
+    from_node: str = tunable(
+        "Name of the controller's node: the two parameters above are read from it once it is "
+        "there, and count as it says; empty: as they are here"
+    )
+    hand_over: str = tunable(
+        "topic: a plan goes out on joint_trajectory alone; action: it is sent to the controller's "
+        "action, too, just before its start, and watched"
+    )
+    action: str = tunable("Name of that action, control_msgs/action/FollowJointTrajectory")
+    hand_over_lead: float = tunable(
+        "With action, a plan is sent so long before its start: the controller drops the plan that "
+        "runs when it gets it",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
+    path_tolerance: float = tunable(
+        "With action, how far a joint may be from the plan on its way; 0.0: as the controller's "
+        "constraints say; -1.0: any",
+        minimum=-1.0,
+        unit="rad",
+    )
+    goal_tolerance: float = tunable("With action, likewise at its end", minimum=-1.0, unit="rad")
+    goal_time_tolerance: float = tunable(
+        "With action, how long after its end it may get there; 0.0: as the controller's "
+        "constraints say; -1.0: for ever",
+        minimum=-1.0,
+        unit="s",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the word."""
+        a_word(HandOver).read("controller.hand_over", self.hand_over)
+
+    def of(self, joints: tuple[str, ...]) -> Controller:
+        """Return the controller of an arm."""
+        allowed = self.allow_nonzero_velocity_at_trajectory_end
+        return Controller(joints, allowed, self.effort_interface)

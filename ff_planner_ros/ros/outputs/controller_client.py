@@ -1,0 +1,148 @@
+"""The planner as a client of a joint_trajectory_controller: its action, and its parameters."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Duration
+from rclpy.action import ActionClient
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from trajectory_msgs.msg import JointTrajectory
+
+from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.parameters.controller import ControllerParameters
+from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, JointTolerance
+
+_RESULT = FollowJointTrajectory.Result
+_ERRORS = {
+    getattr(_RESULT, name): name
+    for name in (
+        *("INVALID_GOAL", "INVALID_JOINTS", "OLD_HEADER_TIMESTAMP"),
+        *("PATH_TOLERANCE_VIOLATED", "GOAL_TOLERANCE_VIOLATED"),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a goal ended."""
+
+    words: str
+    succeeded: bool = False
+    error_code: int = 0  # of the result; zero without one
+    # Whether the controller may have ended it because it got another one
+    is_replaced: bool = False
+
+
+class ControllerClient:
+    """Sends plans to the controller's action and listens to what becomes of them."""
+
+    def __init__(self, node: Node, settings: ControllerParameters) -> None:
+        """Look for the action from now on."""
+        self._settings, self._logger = settings, node.get_logger()
+        self._lock = threading.Lock()
+        self._handle: Any = None  # of the goal that was accepted last; None: none
+        self.furthest: tuple[str, float] | None = None  # joint off its plan most, and how far [rad]
+        self._client = ActionClient(
+            node,
+            FollowJointTrajectory,
+            settings.action,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
+
+    @property
+    def action(self) -> str:
+        """Name of the action."""
+        return self._settings.action
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the action can be reached."""
+        return bool(self._client.server_is_ready())
+
+    def send(
+        self,
+        trajectory: JointTrajectory,
+        accepted: Callable[[], None],
+        ended: Callable[[Ended], None],
+    ) -> None:
+        """Send a plan; the controller drops what it runs when it accepts it.
+
+        Args:
+            accepted: Is called when the controller has taken it.
+            ended: Is called once, when it refuses the plan or the plan is over.
+        """
+        if not self.is_there:
+            ended(Ended(f"no controller answers at the action {self._settings.action}"))
+            return
+        sent = self._client.send_goal_async(
+            goal_of(trajectory, self._settings), lambda told: self._keep(told.feedback)
+        )
+
+        def answer(future: Any) -> None:
+            handle = future.result()
+            if not handle.accepted:
+                ended(Ended("the controller refused it: its log says why"))
+                return
+            with self._lock:
+                self._handle, self.furthest = handle, None
+            accepted()
+            handle.get_result_async().add_done_callback(
+                lambda result: ended(ended_by(result.result()))
+            )
+
+        sent.add_done_callback(answer)
+
+    def cancel(self) -> None:
+        """Cancel the goal that the controller has, if any."""
+        with self._lock:
+            handle, self._handle = self._handle, None
+        if handle is not None:
+            handle.cancel_goal_async()
+
+    def close(self) -> None:
+        """Remove the client from the node; the controller goes on."""
+        self._client.destroy()
+
+    def _keep(self, feedback: Any) -> None:
+        errors = [abs(error) for error in feedback.error.positions]
+        if errors:
+            joint = errors.index(max(errors))
+            self.furthest = feedback.joint_names[joint], errors[joint]
+
+
+def goal_of(trajectory: JointTrajectory, settings: ControllerParameters) -> Any:
+    """Return the goal that asks a controller to follow a trajectory as the parameters say."""
+    nanoseconds = round(settings.goal_time_tolerance * NANOSECONDS)
+    return FollowJointTrajectory.Goal(
+        trajectory=trajectory,
+        path_tolerance=_tolerances(trajectory, settings.path_tolerance),
+        goal_tolerance=_tolerances(trajectory, settings.goal_tolerance),
+        goal_time_tolerance=Duration(
+            sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS
+        ),
+    )
+
+
+def ended_by(response: Any) -> Ended:
+    """Return how a goal ended, by the response to the request for its result."""
+    code, said = response.result.error_code, response.result.error_string
+    if response.status == GoalStatus.STATUS_SUCCEEDED:
+        return Ended(f"the controller: {said or 'done'}", succeeded=True)
+    if response.status == GoalStatus.STATUS_CANCELED:
+        return Ended("the controller's goal was cancelled", error_code=code)
+    name = _ERRORS.get(code, f"error {code}")
+    words = f"the controller aborted it: {name}{': ' if said else ''}{said}"
+    return Ended(words, error_code=code, is_replaced=code == _RESULT.INVALID_GOAL)
+
+
+def _tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:
+    """Return the same tolerance of every joint; zero says nothing, and so does no entry."""
+    if not position:
+        return []
+    return [JointTolerance(name=name, position=position) for name in trajectory.joint_names]

@@ -1,0 +1,66 @@
+"""How the controller takes plans, for `/diagnostics`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from ff_planner_ros.ros.outputs.controller_settings import ControllerSettings
+from ff_planner_ros.ros.outputs.execution import Event, Execution
+
+
+@dataclass(frozen=True)
+class ControllerHealth:
+    """What is known of the controller; all defaults: plans go out on the topic alone."""
+
+    action: str = ""  # name of its action; empty: it has none that is asked
+    is_there: bool = True  # whether the action can be reached
+    last: tuple[str, Event, str] | None = None  # of the last plan: id, event, words
+    furthest: tuple[str, float] | None = None  # joint off its plan most, and how far [rad]
+    from_node: str = ""  # name of the node that is asked for its parameters; empty: none
+    read: Mapping[str, Any] | None = field(default=None)  # what it said; None: nothing yet
+    complaint: str = ""  # why it takes no plan; empty: nothing is known against that
+
+
+def controller_health(execution: Execution, settings: ControllerSettings) -> ControllerHealth:
+    """Return what is known of the controller by now."""
+    client = execution.controller
+    return ControllerHealth(
+        action="" if client is None else client.action,
+        is_there=client is None or client.is_there,
+        last=execution.last,
+        furthest=None if client is None else client.furthest,
+        from_node=settings.controller,
+        read=settings.read,
+        complaint=settings.complaint,
+    )
+
+
+def controller_part(health: ControllerHealth) -> tuple[bytes, str, Mapping[str, str]]:
+    """Return level, sentence and figures of the diagnostics' part on the controller."""
+    values = {"hand-over": "action" if health.action else "topic"}
+    if health.last is not None:
+        plan_id, event, words = health.last
+        values |= {"plan id": plan_id, "event": event.name}
+    if health.furthest is not None:
+        joint, error = health.furthest
+        values |= {"joint": joint, "off by [rad]": f"{error:.6f}"}
+    values |= {name: str(value) for name, value in sorted((health.read or {}).items())}
+    level, message = DiagnosticStatus.OK, "plans go out on the topic joint_trajectory"
+    if health.action:
+        message = f"plans are sent to {health.action}"
+    if health.last is not None:
+        message += f"; {plan_id}: {event.name}: {words}"
+    if health.from_node and health.read is None:
+        level, message = DiagnosticStatus.WARN, f"{health.from_node} has not answered; {message}"
+    if not health.is_there:
+        level = DiagnosticStatus.WARN
+        message = f"nobody answers at {health.action}: does the controller run? {message}"
+    if health.complaint:
+        level, message = DiagnosticStatus.ERROR, f"it takes no plan: {health.complaint}"
+    elif health.last is not None and event is Event.ABORTED:
+        level = DiagnosticStatus.ERROR
+    return level, message, values

@@ -1,0 +1,115 @@
+"""What the controller's own parameters say, where the planner is told to ask its node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+NOT_AT_END = "allow_nonzero_velocity_at_trajectory_end"
+INTERFACES, JOINTS = "command_interfaces", "joints"
+_EFFORT = "effort"
+_CONSTRAINTS = ("constraints.goal_time", "constraints.stopped_velocity_tolerance")
+_LIMITS = ("trajectory", "goal")  # of each joint
+# In front of the planner's own names.
+_OWN = "controller."
+
+
+class ControllerSettings:
+    """Asks a controller's node for its parameters until it answers."""
+
+    def __init__(
+        self,
+        node: Node,
+        controller: str,
+        joints: Sequence[str],
+        learn: Callable[[Mapping[str, Any]], None],
+    ) -> None:
+        """Ask from now on, whenever `look` is called.
+
+        Args:
+            controller: Name of its node; empty: nobody is asked.
+            joints: That plans move.
+            learn: Takes values of the planner's parameters that the controller's say.
+        """
+        self._node, self._logger, self._learn = node, node.get_logger(), learn
+        self.controller, self._joints = controller, joints
+        # What was read, by name; None: nothing yet
+        self.read: Mapping[str, Any] | None = None
+        self._is_asked = False
+        self._client = (
+            node.create_client(
+                GetParameters,
+                f"{controller}/get_parameters",
+                callback_group=MutuallyExclusiveCallbackGroup(),
+            )
+            if controller
+            else None
+        )
+
+    @property
+    def complaint(self) -> str:
+        """What keeps the controller from taking any plan, in words; empty: nothing."""
+        joints = (self.read or {}).get(JOINTS)
+        if joints is None or set(joints) == set(self._joints):
+            return ""
+        return f"its joints are {', '.join(joints)}, and plans move {', '.join(self._joints)}"
+
+    def look(self) -> None:
+        """Ask, if the controller's node is there and has not answered yet."""
+        client = self._client
+        if client is None or self._is_asked or not client.service_is_ready():
+            return
+        self._is_asked = True
+        constraints = [f"constraints.{joint}.{what}" for joint in self._joints for what in _LIMITS]
+        self._ask([NOT_AT_END, INTERFACES, JOINTS], self._taken)
+        self._ask([*_CONSTRAINTS, *constraints], self._add)
+
+    def close(self) -> None:
+        """Remove the client from the node."""
+        if self._client is not None:
+            self._node.destroy_client(self._client)
+
+    def _ask(self, names: list[str], then: Callable[[dict[str, Any]], None]) -> None:
+        def answer(future: Any) -> None:
+            values = future.result().values
+            if len(values) != len(names):  # rclcpp tells nothing if it lacks one of them
+                self._logger.warning(f"{self.controller} has not all of {', '.join(names)}")
+                return
+            then(
+                {
+                    name: value
+                    for name, one in zip(names, values, strict=True)
+                    if (value := Parameter.from_parameter_msg(_named(name, one)).value) is not None
+                }
+            )
+
+        if self._client is not None:
+            future = self._client.call_async(GetParameters.Request(names=names))
+            future.add_done_callback(answer)
+
+    def _taken(self, values: dict[str, Any]) -> None:
+        told: dict[str, Any] = {}
+        if NOT_AT_END in values:
+            told[f"{_OWN}{NOT_AT_END}"] = values[NOT_AT_END]
+        if INTERFACES in values:
+            told[f"{_OWN}effort_interface"] = _EFFORT in values[INTERFACES]
+        self._add(values)
+        self._learn(told)
+        said = ", ".join(f"{name}: {value}" for name, value in told.items())
+        self._logger.info(f"{self.controller} says {said}")
+        if self.complaint:
+            self._logger.error(f"{self.controller} takes no plan: {self.complaint}")
+
+    def _add(self, values: dict[str, Any]) -> None:
+        self.read = {**(self.read or {}), **values}
+
+
+def _named(name: str, value: ParameterValue) -> ParameterMessage:
+    return ParameterMessage(name=name, value=value)

@@ -1,0 +1,227 @@
+"""What becomes of published plans: handed over to the controller, where asked, and told of."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+from ff_planner_msgs.msg import PlanEvent
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory
+
+from ff_planner_ros.common.shown import in_log
+from ff_planner_ros.parameters.controller import ControllerParameters, HandOver
+from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.outputs.controller_client import ControllerClient, Ended
+from ff_planner_ros.ros.qos import PLAN_EVENTS_QOS
+
+# Of a timer that is set anew before it runs [s].
+_ANY_PERIOD = 1.0
+_SOON_NS = 1_000_000
+
+
+class Event(IntEnum):
+    """What can become of a plan; as in `ff_planner_msgs/PlanEvent`."""
+
+    PUBLISHED = PlanEvent.PUBLISHED
+    STARTED = PlanEvent.STARTED
+    AT_GOAL = PlanEvent.AT_GOAL
+    ABORTED = PlanEvent.ABORTED
+    SUPERSEDED = PlanEvent.SUPERSEDED
+
+
+@dataclass(eq=False)
+class _Plan:
+    """A plan from its publication to its end."""
+
+    plan_id: str
+    start_ns: int
+    goal_ns: int
+    trajectory: JointTrajectory
+    is_sent: bool = False  # to the action
+    is_taken: bool = False  # by the controller, or by all that is known
+    has_started: bool = False
+
+
+class Execution:
+    """Follows plans by the node's clock and, with the action, by what the controller says."""
+
+    def __init__(
+        self,
+        node: LifecycleNode,
+        settings: ControllerParameters,
+        aborted: Callable[[str], None],
+    ) -> None:
+        """Create publisher and client.
+
+        Args:
+            aborted: Is told the id of a plan that the joints do not follow any more.
+        """
+        self._clock, self._logger = node.get_clock(), node.get_logger()
+        self._lead_ns = round(settings.hand_over_lead * 1e9)
+        self._aborted = aborted
+        self._lock = threading.RLock()
+        self._plans: list[_Plan] = []  # as published
+        self.last: tuple[str, Event, str] | None = None  # plan, event and words, for diagnostics
+        self._events: LifecyclePublisher = node.create_lifecycle_publisher(
+            PlanEvent, "plan_events", PLAN_EVENTS_QOS
+        )
+        self.publishers = (self._events,)
+        self.controller: ControllerClient | None = None  # None: plans go out on the topic alone
+        # Time is the plan's: where it stands still, no plan begins.
+        group = MutuallyExclusiveCallbackGroup()
+        self._node, self._timer = node, node.create_timer(_ANY_PERIOD, self.look, group)
+        self._timer.cancel()  # until there is a plan
+        if settings.hand_over == HandOver.ACTION:
+            self.controller = ControllerClient(node, settings)
+
+    def published(
+        self, plan_id: str, start_ns: int, goal_ns: int, trajectory: JointTrajectory
+    ) -> None:
+        """Follow a plan that has just gone out; times of its first point and of its goal [ns]."""
+        with self._lock:
+            taken = self.controller is None
+            plan = _Plan(plan_id, start_ns, goal_ns, trajectory, is_taken=taken)
+            self._plans.append(plan)
+            self._tell(plan, Event.PUBLISHED, "published")
+            self._arm()
+
+    def look(self) -> None:
+        """Tell of all that has happened until now, in its order, and send what is due."""
+        with self._lock:
+            now_ns = self._clock.now().nanoseconds
+            for plan in list(self._plans):
+                if self.controller is not None:
+                    self._hand_over(plan, self.controller, now_ns)
+            while due := [one for one in self._due() if one[0] <= now_ns]:
+                _, plan = min(due, key=lambda one: one[0])
+                if plan.has_started:
+                    self._end(plan, Event.AT_GOAL, "its time at the goal has come")
+                else:
+                    self._start(plan)
+            self._arm()
+
+    def withdraw(self, why: str) -> None:
+        """Give up plans that were not handed over yet; the controller goes on with what it has."""
+        with self._lock:
+            for plan in [one for one in self._plans if not one.is_sent and self.controller]:
+                self._end(plan, Event.ABORTED, f"not handed over: {why}")
+            self._arm()
+
+    def forget(self, why: str) -> None:
+        """Give up every plan, and cancel the goal that the controller has."""
+        with self._lock:
+            if self.controller is not None:
+                self.controller.cancel()
+            for plan in list(self._plans):
+                self._end(plan, Event.ABORTED, why)
+            self._arm()
+
+    def close(self) -> None:
+        """Remove timer and client from the node."""
+        self._node.destroy_timer(self._timer)
+        if self.controller is not None:
+            self.controller.close()
+
+    def _arm(self) -> None:
+        """Let the clock be looked at when something is due next, and not before."""
+        waits = [one for one in self._plans if not one.is_sent and self.controller is not None]
+        silent = [one for one in self._plans if one.is_sent and not one.is_taken]
+        times = [
+            *(time_ns for time_ns, _ in self._due()),
+            *(one.start_ns - self._lead_ns for one in waits),
+            *(one.goal_ns + _SOON_NS for one in silent),
+        ]
+        if not times:
+            self._timer.cancel()
+            return
+        until = min(times) - self._clock.now().nanoseconds
+        self._timer.timer_period_ns = max(until, _SOON_NS)
+        self._timer.reset()
+        if self._node.executor is not None:
+            self._node.executor.wake()
+
+    def _due(self) -> list[tuple[int, _Plan]]:
+        """Return when what the clock alone decides happens next, plan by plan [ns]."""
+        starts = [(one.start_ns, one) for one in self._plans if not one.has_started]
+        # The controller says itself when it has brought a plan to its end.
+        goals = [
+            (one.goal_ns, one) for one in self._plans if one.has_started and not self.controller
+        ]
+        return [one for one in starts if one[1].is_taken] + goals
+
+    def _start(self, plan: _Plan) -> None:
+        plan.has_started = True
+        for other in [one for one in self._plans if one is not plan]:
+            # A plan that was published later and has not begun waits; all others give way.
+            if other.has_started or self._plans.index(other) < self._plans.index(plan):
+                self._supersede(other, plan)
+        self._tell(plan, Event.STARTED, "its start time has come")
+
+    def _supersede(self, plan: _Plan, successor: _Plan) -> None:
+        words = f"{successor.plan_id} has taken its place"
+        self._end(plan, Event.SUPERSEDED, words, successor.plan_id)
+
+    def _hand_over(self, plan: _Plan, controller: ControllerClient, now_ns: int) -> None:
+        if not plan.is_sent and now_ns >= plan.start_ns - self._lead_ns:
+            plan.is_sent = True
+            controller.send(
+                plan.trajectory,
+                lambda: self._accepted(plan),
+                lambda ended: self._ended(plan, ended),
+            )
+        elif not plan.is_taken and now_ns > plan.goal_ns:
+            self._ended(plan, Ended("the controller did not say whether it takes it"))
+
+    def _accepted(self, plan: _Plan) -> None:
+        with self._lock:
+            plan.is_taken = True
+            self._arm()
+
+    def _ended(self, plan: _Plan, ended: Ended) -> None:
+        with self._lock:
+            if plan not in self._plans:
+                return
+            if ended.succeeded:
+                if not plan.has_started:
+                    self._start(plan)
+                self._end(plan, Event.AT_GOAL, ended.words)
+                return
+            later = self._plans[self._plans.index(plan) + 1 :]
+            successor = next((one for one in later if one.is_sent), None)
+            if successor is not None and ended.is_replaced:
+                self._supersede(plan, successor)
+            else:
+                self._end(plan, Event.ABORTED, ended.words, error_code=ended.error_code)
+
+    def _end(
+        self, plan: _Plan, event: Event, words: str, successor: str = "", error_code: int = 0
+    ) -> None:
+        self._plans.remove(plan)
+        self._tell(plan, event, words, successor, error_code)
+        if event is Event.ABORTED:
+            self._aborted(plan.plan_id)
+
+    def _tell(
+        self, plan: _Plan, event: Event, words: str, successor: str = "", error_code: int = 0
+    ) -> None:
+        self.last = plan.plan_id, event, words
+        said = f"{plan.plan_id}: {event.name}: {in_log(words)}"
+        if event is Event.ABORTED:
+            self._logger.error(said)
+        elif event is not Event.PUBLISHED:  # of that the answer's line tells
+            self._logger.info(said)
+        self._events.publish(
+            PlanEvent(
+                header=Header(stamp=time_message(self._clock.now().nanoseconds)),
+                plan_id=plan.plan_id,
+                event=int(event),
+                successor=successor,
+                error_code=error_code,
+                message=words,
+            )
+        )

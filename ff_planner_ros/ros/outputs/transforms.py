@@ -1,0 +1,158 @@
+"""Transforms for whoever looks frames up: where the chaser is, will be, and what is fixed to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pinocchio as pin
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import Header
+
+from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.foreign import TFMessage
+from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.outputs.prediction import GRASP_FRAME, FramePose, predicted_pose
+from ff_planner_ros.ros.qos import LATCHED_QOS, TF_QOS
+
+# What the URDF has no link for: the origin of the chaser's states and predictions.
+CENTER_OF_MASS = "_center_of_mass"
+_TARGET = "target"
+
+
+class Transforms:
+    """Publishes `/tf` and `/tf_static` while the node is active."""
+
+    def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
+        """Create the publishers, which are silent until the node is active."""
+        self._robot, self._frame = robot, parameters.inertial_frame
+        self._root, self._settings = root_link(robot), parameters.tf
+        self._told_ns: dict[str, int] = {}  # newest stamp of each frame
+        self._static = self._fixed_to_chaser(parameters)
+        self._moving: LifecyclePublisher = node.create_lifecycle_publisher(TFMessage, "/tf", TF_QOS)
+        self._fixed: LifecyclePublisher = node.create_lifecycle_publisher(
+            TFMessage, "/tf_static", LATCHED_QOS
+        )
+        self.publishers = self._moving, self._fixed
+
+    @property
+    def measures(self) -> bool:
+        """Whether the measured chaser is published."""
+        return self._settings.measured
+
+    def describe(self) -> None:
+        """Publish what is fixed to the chaser; to be called when the node becomes active."""
+        self._fixed.publish(TFMessage(transforms=list(self._static.values())))
+
+    def measured(self, state: SystemState, stamp_ns: int) -> None:
+        """Publish where the chaser was measured, where a parameter asks for it."""
+        if self._settings.measured:
+            attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+            chaser = FramePose(state.position_chaser_in_inertial, attitude)
+            self._publish(stamp_ns, [(self._root, root_pose(self._robot, chaser))])
+
+    def predicted(
+        self, motion: Trajectory, start_ns: int, time_ns: int, body: TargetBody | None
+    ) -> None:
+        """Publish where chaser, end effector and target should be at a time [ns]."""
+        prefix, time = self._settings.predicted_prefix, (time_ns - start_ns) / NANOSECONDS
+        chaser, ee = (predicted_pose(motion, frame, time) for frame in ("chaser", "ee"))
+        if not prefix or chaser is None or ee is None:
+            return
+        frames = [
+            (f"{prefix}{self._root}", root_pose(self._robot, chaser)),
+            (f"{prefix}{self._robot.tip_link}", ee),
+        ]
+        if body is not None:
+            frames.append((f"{prefix}{_TARGET}", target_pose(body, time)))
+        self._publish(time_ns, frames)
+
+    def preview(
+        self, motion: Trajectory, time: float, time_ns: int, body: TargetBody | None
+    ) -> None:
+        """Publish, as of a time [ns], chaser and target of a plan at a time from its start [s]."""
+        prefix, chaser = self._settings.preview_prefix, predicted_pose(motion, "chaser", time)
+        if not prefix or chaser is None:
+            return
+        frames = [(f"{prefix}{self._root}", root_pose(self._robot, chaser))]
+        if body is not None:
+            frames.append((f"{prefix}{_TARGET}", target_pose(body, time)))
+        self._publish(time_ns, frames)
+
+    def published(self, body: TargetBody | None) -> None:
+        """Tell where the grasp is in a target body that a published plan captures."""
+        prefix = self._settings.predicted_prefix
+        if body is None or not prefix:
+            return
+        zero = np.zeros(1)
+        there, grasp = target_pose(body, 0.0), body.grasp(zero)
+        turn = there.rotation.inv()
+        pose = FramePose(
+            turn.apply(grasp.positions[0] - there.position),
+            turn * Rotation.from_matrix(grasp.rotations[0]),
+        )
+        self._static[GRASP_FRAME] = _transform(f"{prefix}{_TARGET}", GRASP_FRAME, pose, 0)
+        self.describe()
+
+    def _fixed_to_chaser(self, parameters: NodeParameters) -> dict[str, TransformStamped]:
+        """Return the frames that no link has, by name."""
+        to_root = self._robot.rotation_chaser_to_base
+        center = FramePose(self._robot.position_chaser_in_base, Rotation.from_matrix(to_root))
+        fixed = {f"{self._robot.base_link}{CENTER_OF_MASS}": center}
+        sensor = parameters.odometry
+        if parameters.state_source == "odometry" and not self._robot.model.existFrame(
+            sensor.child_frame_id
+        ):
+            turn = Rotation.from_quat(sensor.sensor_quaternion_in_chaser_xyzw)
+            position = center.position + to_root @ sensor.sensor_position_in_chaser
+            fixed[sensor.child_frame_id] = FramePose(position, center.rotation * turn)
+        return {name: _transform(self._root, name, pose, 0) for name, pose in fixed.items()}
+
+    def _publish(self, stamp_ns: int, frames: Iterable[tuple[str, FramePose]]) -> None:
+        """Publish frames in the inertial frame; whoever buffers transforms minds repeated ones."""
+        new = [(name, pose) for name, pose in frames if self._told_ns.get(name, -1) != stamp_ns]
+        self._told_ns |= dict.fromkeys((name for name, _ in new), stamp_ns)
+        if new:
+            told = [_transform(self._frame, name, pose, stamp_ns) for name, pose in new]
+            self._moving.publish(TFMessage(transforms=told))
+
+
+def root_link(robot: Robot) -> str:
+    """Return the link that carries all others: the only one that a transform may move."""
+    frames = (frame for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
+    return next(str(frame.name) for frame in frames if frame.parentJoint == 1)
+
+
+def root_pose(robot: Robot, chaser: FramePose) -> FramePose:
+    """Return where the root link is, by the chaser's centre of mass and axes of its base link."""
+    rotation = chaser.rotation * Rotation.from_matrix(robot.rotation_chaser_to_base).inv()
+    return FramePose(
+        chaser.position - rotation.as_matrix() @ robot.position_chaser_in_base,
+        rotation,
+    )
+
+
+def target_pose(body: TargetBody, time: float) -> FramePose:
+    """Return where a target body's centre of mass and axes are, a time after its own [s]."""
+    there = body.motion(np.zeros(3), np.array([time]))
+    return FramePose(there.positions[0], Rotation.from_matrix(there.rotations[0]))
+
+
+def _transform(parent: str, child: str, pose: FramePose, stamp_ns: int) -> TransformStamped:
+    x, y, z = map(float, pose.position)
+    turn_x, turn_y, turn_z, turn_w = map(float, pose.rotation.as_quat())
+    return TransformStamped(
+        header=Header(stamp=time_message(stamp_ns), frame_id=parent),
+        child_frame_id=child,
+        transform=Transform(
+            translation=Vector3(x=x, y=y, z=z),
+            rotation=Quaternion(x=turn_x, y=turn_y, z=turn_z, w=turn_w),
+        ),
+    )

@@ -1,0 +1,279 @@
+"""What becomes of published plans, by the clock and by what a controller says, without a node."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import pytest
+from action_msgs.msg import GoalStatus
+from ff_planner_msgs.msg import PlanEvent
+from rclpy.lifecycle import LifecycleNode
+from trajectory_msgs.msg import JointTrajectory
+
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.parameters.values import replaced
+from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory
+from ff_planner_ros.ros.outputs import execution
+from ff_planner_ros.ros.outputs.controller_client import Ended, ended_by, goal_of
+from ff_planner_ros.ros.outputs.execution import Event, Execution
+
+PUBLISHED, STARTED, AT_GOAL, ABORTED, SUPERSEDED = Event
+REPLACED = Ended("the controller has another goal", error_code=-1, is_replaced=True)
+LEAD = load_parameters().controller.hand_over_lead
+
+
+class Controller:
+    """A controller that is told everything and says what the test wants."""
+
+    furthest = None
+
+    def __init__(self, *_: Any) -> None:
+        self.sent: list[tuple[str, Any, Any]] = []
+        self.cancelled = 0
+
+    def send(self, trajectory: JointTrajectory, accepted: Any, ended: Any) -> None:
+        self.sent.append((trajectory.joint_names[0], accepted, ended))
+
+    def cancel(self) -> None:
+        self.cancelled += 1
+
+
+class World:
+    """An execution whose clock is set, and whose events are kept."""
+
+    def __init__(self, hand_over: str, patch: pytest.MonkeyPatch) -> None:
+        self.now, self.heard = 0.0, list[Any]()
+        node = Mock(spec=LifecycleNode)
+        node.get_clock.return_value.now = lambda: SimpleNamespace(
+            nanoseconds=round(self.now * NANOSECONDS)
+        )
+        node.create_lifecycle_publisher.return_value.publish = self.heard.append
+        patch.setattr(execution, "ControllerClient", Controller)
+        self.lost: list[str] = []
+        parameters = replaced(load_parameters(), "controller.hand_over", hand_over)
+        self.execution = Execution(node, parameters.controller, self.lost.append)
+        self.timer = node.create_timer.return_value
+
+    @property
+    def controller(self) -> Any:
+        return self.execution.controller
+
+    def publish(self, plan_id: str, start: float, goal: float) -> None:
+        trajectory = JointTrajectory(joint_names=[plan_id])  # by which it is known
+        times = (round(time * NANOSECONDS) for time in (start, goal))
+        self.execution.published(plan_id, *times, trajectory)
+
+    def look(self, now: float) -> None:
+        self.now = now
+        self.execution.look()
+
+    @property
+    def events(self) -> list[tuple[str, Event]]:
+        return [(one.plan_id, Event(one.event)) for one in self.heard]
+
+
+@pytest.fixture
+def by_topic(monkeypatch: pytest.MonkeyPatch) -> World:
+    return World("topic", monkeypatch)
+
+
+@pytest.fixture
+def by_action(monkeypatch: pytest.MonkeyPatch) -> World:
+    return World("action", monkeypatch)
+
+
+def test_the_events_are_those_of_the_message() -> None:
+    assert {one.name: int(one) for one in Event} == {
+        name: getattr(PlanEvent, name)
+        for name in ("PUBLISHED", "STARTED", "AT_GOAL", "ABORTED", "SUPERSEDED")
+    }
+
+
+def test_a_plan_on_the_topic_is_published_starts_and_is_at_its_goal(by_topic: World) -> None:
+    by_topic.publish("run.1", start=5.0, goal=15.0)
+    for now in (4.999, 5.0, 10.0, 14.999, 15.0, 20.0):
+        by_topic.look(now)
+    assert by_topic.events == [("run.1", PUBLISHED), ("run.1", STARTED), ("run.1", AT_GOAL)]
+    stamps = [nanoseconds(one.header.stamp) / NANOSECONDS for one in by_topic.heard]
+    assert stamps == [0.0, 5.0, 15.0]
+    by_topic.timer.cancel.assert_called()  # nobody looks at the clock for nothing
+
+
+def test_a_plan_that_takes_over_supersedes_the_one_that_runs_when_it_starts(
+    by_topic: World,
+) -> None:
+    by_topic.publish("run.1", start=1.0, goal=9.0)
+    by_topic.look(2.0)
+    by_topic.publish("run.2", start=4.0, goal=9.0)
+    by_topic.look(3.9)
+    assert by_topic.events[-1] == ("run.2", PUBLISHED)
+    by_topic.look(4.0)
+    assert by_topic.events[-2:] == [("run.1", SUPERSEDED), ("run.2", STARTED)]
+    assert by_topic.heard[-2].successor == "run.2"
+    by_topic.look(9.0)
+    assert by_topic.events[-1] == ("run.2", AT_GOAL)
+
+
+def test_however_late_the_clock_is_looked_at_things_are_told_in_their_order(
+    by_topic: World,
+) -> None:
+    by_topic.publish("run.1", start=1.0, goal=2.0)
+    by_topic.publish("run.2", start=3.0, goal=4.0)
+    by_topic.look(9.0)
+    assert by_topic.events[2:] == [
+        *(("run.1", STARTED), ("run.1", AT_GOAL)),
+        *(("run.2", STARTED), ("run.2", AT_GOAL)),
+    ]
+
+
+def test_a_goal_is_sent_just_in_time_and_the_controller_says_when_it_is_over(
+    by_action: World,
+) -> None:
+    by_action.publish("run.1", start=5.0, goal=15.0)
+    by_action.look(5.0 - LEAD - 0.001)
+    assert not by_action.controller.sent
+    by_action.look(5.0 - LEAD)
+    by_action.look(5.0)  # once
+    ((sent, accepted, ended),) = by_action.controller.sent
+    assert sent == "run.1"
+    assert by_action.events == [("run.1", PUBLISHED)]  # nobody has taken it
+    accepted()
+    by_action.look(5.01)
+    assert by_action.events[-1] == ("run.1", STARTED)
+    by_action.look(30.0)
+    assert by_action.events[-1] == ("run.1", STARTED)
+    ended(Ended("done", succeeded=True))
+    assert by_action.events[-1] == ("run.1", AT_GOAL)
+    assert not by_action.lost
+
+
+def test_a_refused_and_an_aborted_goal_are_no_plan_that_runs(by_action: World) -> None:
+    by_action.publish("run.1", start=1.0, goal=2.0)
+    by_action.look(1.0)
+    by_action.controller.sent[0][2](Ended("refused"))
+    by_action.publish("run.2", start=3.0, goal=9.0)
+    by_action.look(3.0)
+    _, accepted, ended = by_action.controller.sent[1]
+    accepted()
+    by_action.look(3.1)
+    ended(Ended("path tolerance", error_code=-4))
+    assert by_action.events[1:] == [
+        ("run.1", ABORTED),
+        *(("run.2", PUBLISHED), ("run.2", STARTED), ("run.2", ABORTED)),
+    ]
+    assert (by_action.heard[-1].error_code, by_action.heard[-1].message) == (-4, "path tolerance")
+    assert by_action.lost == ["run.1", "run.2"]
+
+
+@pytest.mark.parametrize("first", ["the result", "the start"])
+def test_the_controller_drops_the_running_goal_for_a_new_one(by_action: World, first: str) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0)
+    by_action.controller.sent[0][1]()
+    by_action.look(1.1)
+    by_action.publish("run.2", start=4.0, goal=9.0)
+    by_action.look(4.0)
+    by_action.controller.sent[1][1]()
+    if first == "the result":
+        by_action.controller.sent[0][2](REPLACED)
+    by_action.look(4.1)
+    if first == "the start":
+        by_action.controller.sent[0][2](REPLACED)
+    assert by_action.events[3:] == [("run.1", SUPERSEDED), ("run.2", STARTED)]
+    assert by_action.heard[3].successor == "run.2"
+    assert not by_action.lost
+
+
+def test_a_goal_that_somebody_else_replaces_is_aborted(by_action: World) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0)
+    by_action.controller.sent[0][1]()
+    by_action.look(1.1)
+    by_action.controller.sent[0][2](REPLACED)
+    assert by_action.events[-1] == ("run.1", ABORTED)
+
+
+def test_a_goal_that_fails_just_when_a_new_one_is_sent_is_aborted(by_action: World) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0)
+    by_action.controller.sent[0][1]()
+    by_action.look(1.1)
+    by_action.publish("run.2", start=4.0, goal=9.0)
+    by_action.look(4.0 - LEAD)
+    by_action.controller.sent[0][2](Ended("path tolerance", error_code=-4))
+    assert by_action.events[-1] == ("run.1", ABORTED)
+
+
+def test_a_controller_that_does_not_answer_has_not_taken_it(by_action: World) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0)
+    by_action.look(9.1)
+    assert by_action.events == [("run.1", PUBLISHED), ("run.1", ABORTED)]
+
+
+def test_a_node_that_is_deactivated_hands_nothing_over_and_leaves_what_runs(
+    by_action: World,
+) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0)
+    by_action.controller.sent[0][1]()
+    by_action.publish("run.2", start=5.0, goal=9.0)
+    by_action.execution.withdraw("the planner is not active any more")
+    by_action.look(6.0)
+    assert len(by_action.controller.sent) == 1
+    assert by_action.events[2:] == [("run.2", ABORTED), ("run.1", STARTED)]
+    assert by_action.lost == ["run.2"]
+    assert not by_action.controller.cancelled
+
+
+def test_plans_of_before_a_jump_of_the_clock_are_void(by_action: World) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0)
+    by_action.controller.sent[0][1]()
+    by_action.execution.forget("the clock jumped")
+    assert by_action.events[-1] == ("run.1", ABORTED)
+    assert by_action.controller.cancelled == 1
+    by_action.controller.sent[0][2](Ended("cancelled"))
+    assert by_action.events[-1] == ("run.1", ABORTED)
+    assert len(by_action.heard) == 2
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "ended"),
+    [
+        (GoalStatus.STATUS_SUCCEEDED, 0, Ended("the controller: so", succeeded=True)),
+        (GoalStatus.STATUS_CANCELED, 0, Ended("the controller's goal was cancelled")),
+        (
+            GoalStatus.STATUS_ABORTED,
+            FollowJointTrajectory.Result.PATH_TOLERANCE_VIOLATED,
+            Ended("the controller aborted it: PATH_TOLERANCE_VIOLATED: so", error_code=-4),
+        ),
+        (
+            GoalStatus.STATUS_ABORTED,
+            FollowJointTrajectory.Result.INVALID_GOAL,
+            Ended("the controller aborted it: INVALID_GOAL: so", False, -1, is_replaced=True),
+        ),
+    ],
+)
+def test_a_result_is_told_in_the_actions_words(status: int, code: int, ended: Ended) -> None:
+    result = SimpleNamespace(error_code=code, error_string="so")
+    assert ended_by(SimpleNamespace(status=status, result=result)) == ended
+
+
+def test_tolerances_that_are_not_given_are_the_controllers() -> None:
+    trajectory = JointTrajectory(joint_names=["shoulder", "elbow"])
+    silent = goal_of(trajectory, load_parameters().controller)
+    assert silent == FollowJointTrajectory.Goal(trajectory=trajectory)
+    settings = load_parameters()
+    for name, value in (("path", 0.05), ("goal", -1.0), ("goal_time", -1.0)):
+        settings = replaced(settings, f"controller.{name}_tolerance", value)
+    told = goal_of(trajectory, settings.controller)
+    for tolerances, value in ((told.path_tolerance, 0.05), (told.goal_tolerance, -1.0)):
+        assert [one.name for one in tolerances] == ["shoulder", "elbow"]
+        assert {one.position for one in tolerances} == {value}
+        assert {(one.velocity, one.acceleration) for one in tolerances} == {(0.0, 0.0)}
+    # As the controller reads it: seconds and nanoseconds together.
+    assert told.goal_time_tolerance.sec + told.goal_time_tolerance.nanosec / 1e9 == -1.0

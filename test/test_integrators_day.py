@@ -1,0 +1,99 @@
+"""An integrator's day from docs/integrating.md: its parameters, its order, and what it promises."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanStatus
+from ff_planner_msgs.srv import Describe
+from pages import SOURCE_TREE
+from ros_processes import read_bag
+from test_node_hand_over import SCENE, Arm, arm
+
+from ff_planner_ros.cli import main
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.ros.messages.foreign import TFMessage
+from ff_planner_ros.ros.messages.from_messages import plan_from_answer
+from ff_planner_ros.ros.messages.to_messages import state_message, time_message
+from ff_planner_ros.ros.outputs.execution import Event
+
+PAGE = SOURCE_TREE / "docs" / "integrating.md"
+LEAD = 1.0  # from a request to where its plan takes over [s]
+
+
+def along(at: Arm, made: PlanAnswer) -> ChaserState:
+    """The state that navigation measures now, while a plan is executed."""
+    motion, problem = plan_from_answer(made).trajectory, SCENE.problem
+    now_ns = at.client.now_ns()
+    since = (now_ns - nanoseconds(made.plans[0].joint_trajectory.header.stamp)) / NANOSECONDS
+    state = carried_forward(problem.robot, problem.start, since, joint_motion(motion))
+    return state_message(state, problem.robot.joint_names, now_ns, "inertial")
+
+
+def frames(heard: list[TFMessage]) -> dict[str, str]:
+    """Parents of frames."""
+    return {one.child_frame_id: one.header.frame_id for told in heard for one in told.transforms}
+
+
+@pytest.mark.ci
+def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (parameters,) = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "mine.yaml").write_text(parameters, encoding="utf-8")
+    limits = {"constraints.joint_1.goal": 0.01}
+    with arm(tmp_path, "--params-file", str(tmp_path / "mine.yaml"), **limits) as at:
+        client, controller = at.client, at.controller
+        transforms = client.hear(TFMessage, "/tf")
+        client.wait_until(lambda: at.figure("constraints.goal_time"), "its parameters")
+        # 3. what it can do
+        told = client.call(Describe, "/ff_planner/describe", Describe.Request())
+        assert list(controller.joints) == told.robot.joint_names
+        # 4. looked at before it goes out
+        client.publish_obstacles(SCENE.obstacles())
+        client.publish_state(SCENE.state(client.now_ns()))
+        made = at.plan(4.0, plan_only=True)
+        assert at.of(made) == []
+        wrong = client.publish_plan(made, publish_token="guessed")
+        assert (wrong.field, wrong.retry) == ("publish_token", PlanStatus.CHANGED)
+        client.publish_state(SCENE.state(client.now_ns()))
+        approved = client.publish_plan(made, start_state=[SCENE.state(client.now_ns())])
+        assert approved.code == Status.SOLVED, approved
+        # 5. execution
+        at.wait_for(made, Event.STARTED)
+        client.publish_state(along(at, made))
+        wanted = {"chaser", "preview/chaser", "predicted/chaser", "predicted/end_effector"}
+        client.wait_until(lambda: set(frames(transforms)) >= wanted, "frames")
+        assert {frames(transforms)[name] for name in wanted} == {"inertial"}
+        # 6. again on the way
+        start = time_message(client.now_ns() + round(LEAD * NANOSECONDS))
+        request = at.request(replan_active=True, duration=0.0, start_time=start)
+        request.start_state = [along(at, made)]
+        again = client.plan(request)
+        assert again.status.code == Status.SOLVED, again.status
+        assert again.inputs.previous_plan_id == made.plan_id
+        assert at.wait_for(made, Event.SUPERSEDED).successor == again.plan_id
+        taken = controller.trajectories[-1].points[0].positions
+        there = joint_motion(plan_from_answer(made).trajectory).at(
+            np.array([again.inputs.splice_time])
+        )
+        np.testing.assert_allclose(taken, there[0][0], atol=1e-9)
+        # 7. something goes wrong
+        at.wait_for(again, Event.STARTED)
+        controller.off = 0.2
+        assert at.wait_for(again, Event.ABORTED).error_code == -4
+        client.wait_until(lambda: at.told("PATH_TOLERANCE_VIOLATED"), "the diagnostics")
+        request.start_time = time_message(0)  # as soon as may be
+        request.start_state = [SCENE.state(client.now_ns())]
+        nothing = client.plan(request)
+        assert Status(nothing.status.code) is Status.NO_ACTIVE_PLAN
+        assert at.planner.stop() == 0
+    # 8. afterwards
+    assert main(["replay", str(at.planner.bag)]) == 0
+    assert "3 identical" in capsys.readouterr().out
+    recorded = frames(read_bag(at.planner.bag)["/tf"])
+    assert wanted <= set(recorded)
