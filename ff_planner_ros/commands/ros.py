@@ -60,6 +60,10 @@ def add_ask(add: Add) -> None:
     ask.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
 
 
+# Of the demonstrations, the one that goes on after the grasp.
+_WHOLE = "whole_capture"
+
+
 def ask_node(options: Namespace) -> int:
     """Ask a running node for a plan, and print its answer as `plan` does."""
     from ff_planner_ros.analysis.plan_json import received_dictionary, refusal_dictionary
@@ -125,6 +129,14 @@ def add_demo(add: Add) -> None:
         show_demo,
         "plan the paper's capture over ROS, show the result",
     )
+    demo.add_argument(
+        "what",
+        nargs="?",
+        choices=("capture", _WHOLE),
+        default="capture",
+        help="capture: one of the testbeds below, flown in real time (default); whole_capture: "
+        "approach, grasp, stop and stow in one request, flown in MuJoCo",
+    )
     testbed = demo.add_argument(
         "--testbed",
         choices=("lemur", "lines", "planar", "tumbling", "following"),
@@ -142,6 +154,10 @@ def show_demo(options: Namespace) -> int:
     """Plan the paper's capture over ROS."""
     import rclpy  # noqa: F401 (the processes of the demo need it: said before they start)
 
+    if options.what == _WHOLE:
+        from ff_planner_ros.demo.whole_capture import run_whole_capture
+
+        return run_whole_capture(options.output)
     from ff_planner_ros.demo.run import run_demo
 
     return run_demo(options.output, testbed=options.testbed)

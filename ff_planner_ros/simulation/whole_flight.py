@@ -29,9 +29,9 @@ from ff_planner_ros.simulation.feed_forward import feed_forward
 
 # Steps of MuJoCo [s], and how stiff the weld is: it gives way within so many of them.
 _STEP, _STIFF = 1e-3, 2.0
-# How fast the control of a joint brings back what the arm alone weighs [rad/s]: to MuJoCo the weld
-# is no part of a joint's inertia, and a control that is stiffer for a light wrist runs away.
-_CONTROL = 20.0
+# How fast the control brings joints back [rad/s], and after how many steps it knows their inertia
+# anew.
+_CONTROL, _RENEWED = 20.0, 20
 _STEPS_PER_POINT = 40  # of the torques
 _BODY = "captured body"
 
@@ -42,8 +42,7 @@ class Reached:
 
     end_effector: tuple[float, float]  # [m], [rad]
     chaser: tuple[float, float]  # [m], [rad]
-    # Of the end effector from the grasp of the body, in any phase; None: there is no body
-    grasp: tuple[float, float] | None  # [m], [rad]
+    grasp: tuple[float, float]  # of the end effector from the grasp of the body [m], [rad]
 
 
 def fly(task: PlanningTask, plan: Plan) -> list[Reached]:
@@ -92,7 +91,6 @@ class _Flight:
         joints = [self._model.joint(name) for name in robot.joint_names]
         self._positions = np.array([joint.qposadr[0] for joint in joints])
         self._rates = np.array([joint.dofadr[0] for joint in joints])
-        self._stiffness = _CONTROL**2 * _inertias(robot, start.joint_positions)
         state = self._engine.state(start)
         own = self._engine.model
         self._data.qpos[: own.nq], self._data.qvel[: own.nv] = state[: own.nq], state[own.nq :]
@@ -129,9 +127,11 @@ class _Flight:
         positions, rates, _ = joints.at(time)
         data = self._data
         for k in range(steps):
-            off = positions[k] - data.qpos[self._positions]
-            slow = rates[k] - data.qvel[self._rates]
-            control = self._stiffness * (off + 2.0 / _CONTROL * slow)
+            joints_now = data.qpos[self._positions]
+            if k % _RENEWED == 0:
+                inertia = _joint_inertia(robot, joints_now)
+            off, slow = positions[k] - joints_now, rates[k] - data.qvel[self._rates]
+            control = inertia @ (_CONTROL**2 * off + 2.0 * _CONTROL * slow)
             data.qfrc_applied[self._rates] = torques[k] + control
             mujoco.mj_step(self._model, data)
         mujoco.mj_forward(self._model, data)
@@ -160,11 +160,13 @@ class _Flight:
         )
 
 
-def _inertias(robot: Robot, positions: Array) -> Array:
-    """Return what each joint moves by itself. Shape (joints,) [kg m2, kg]."""
+def _joint_inertia(robot: Robot, positions: Array) -> Array:
+    """Return what torques of the joints accelerate while the base is free: (joints, joints)."""
     q = np.concatenate([np.zeros(6), [1.0], positions])
-    mass = pin.crba(robot.model, robot.model.createData(), q)
-    return np.asarray(np.diag(mass)[6:], np.float64)
+    upper = np.triu(pin.crba(robot.model, robot.model.createData(), q))
+    mass = upper + np.triu(upper, 1).T
+    free: Array = mass[6:, 6:] - mass[6:, :6] @ np.linalg.solve(mass[:6, :6], mass[:6, 6:])
+    return free
 
 
 def _apart(one: tuple[Array, Rotation], other: tuple[Array, Rotation]) -> tuple[float, float]:
