@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bench.captured import measurement
+from ff_planner_ros.bench.captures import captured_measurement
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import scene_of
@@ -58,7 +58,7 @@ def test_a_plan_is_found_comes_true_and_replays(kind: str, number: int, tmp_path
 
 @pytest.mark.ci
 def test_the_benchmark_plans_all_kinds() -> None:
-    found = measurement(1, SETTINGS)
+    found = captured_measurement(1, SETTINGS)
     assert len(found.results) == len(captured.KINDS)
     assert not found.remarks
     assert {row[0] for row in found.tables[0].rows} == set(captured.KINDS)

@@ -12,10 +12,12 @@ from ros_processes import Scene, connected_client, private_domain, read_bag, run
 
 from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.ros.messages.phases import phase_message
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 from ff_planner_ros.runs.recorded_run import recorded_run
@@ -28,7 +30,9 @@ LEAD = 20.0  # from the request to the first point [s]
 PARAMETERS = ("-p", f"planning_lead_time:={LEAD}", "-p", "robot.geometry:=shapes")
 
 
-def test_one_request_plans_the_whole_capture(tmp_path: Path) -> None:
+def test_one_request_plans_the_whole_capture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     task = load_task(SCENARIO, Defaults(load_parameters().planner))
     # Chaser and arm rest until the start; the body was elsewhere before.
     start = replace(
@@ -80,6 +84,11 @@ def test_one_request_plans_the_whole_capture(tmp_path: Path) -> None:
     (told,) = (one for one in read_plans(planner.bag) if one.plan_id == solved.plan_id)
     assert told.trajectory is not None
     assert len(told.trajectory.time) == len(sent.points)
+    assert main(["verify", str(planner.bag)]) == 0
+    assert capsys.readouterr().out.count("verdict: passed") == 3
+    (drawn,) = (one for one in report_of_bag(planner.bag, 1).requests if one.plan is not None)
+    assert drawn.plan is not None
+    assert "the first of 3 phases" in drawn.plan.remarks[-2] + drawn.plan.remarks[-1]
     with open_bag(planner.bag) as opened:
         for recorded in recorded_run(opened).requests:
             assert replay(recorded).verdict is Verdict.IDENTICAL

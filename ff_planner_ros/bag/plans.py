@@ -17,7 +17,13 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import BagError, InvalidInput, Status
-from ff_planner_ros.messages.trajectories import begin_of, poses_in, trajectory_of, twists_in
+from ff_planner_ros.messages.trajectories import (
+    begin_of,
+    poses_in,
+    trajectory_in,
+    trajectory_of,
+    twists_in,
+)
 from ff_planner_ros.messages.wheels import wheels_of
 from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
@@ -76,6 +82,8 @@ class RecordedPlan:
 
     wheels: WheelMotion | None = None  # None: the chaser has none, or none are told
     sliding: frozenset[str] = frozenset()  # joints that slide, as the bag's URDF tells
+    # Of each phase of a sequence, its time from its own first point on; empty: there is one phase
+    phases: tuple[Trajectory, ...] = ()
 
     def row(self) -> dict[str, Cell]:
         """Return the answer as a row of a table, with units in the names of its columns.
@@ -226,7 +234,13 @@ def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
         duration=None if plan is None else _duration(answer),
         target_body={} if plan is None else _target_body(plan),
         wheels=None if plan is None else wheels_of(answer),
+        phases=() if plan is None else _phases(answer),
     )
+
+
+def _phases(answer: Any) -> tuple[Trajectory, ...]:
+    """Return the motion of each phase of a sequence; of a plan by itself: nothing."""
+    return tuple(map(trajectory_in, answer.plans)) if len(answer.plans) > 1 else ()
 
 
 def _duration(answer: Any) -> float | None:

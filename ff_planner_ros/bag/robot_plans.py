@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,9 +25,10 @@ from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.messages.payloads import payload_in
 from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Limits
+from ff_planner_ros.planning.problem.problem import Limits, carried
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
+from ff_planner_ros.planning.task.following import held_body
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
@@ -37,7 +38,10 @@ _ANGLES = ("chaser_attitude", "chaser_rotation")  # of the chaser, that have lim
 
 @dataclass(frozen=True, eq=False)
 class RobotPlans:
-    """The plans of a bag, whether the node recorded it or `ff-planner plan --bag` wrote it."""
+    """The plans of a bag, whether the node recorded it or `ff-planner plan --bag` wrote it.
+
+    Of a sequence each phase is a plan, by the plan's id and the phase's number.
+    """
 
     robots: Mapping[str, Robot]  # by plan id, with what they hold
     motions: Mapping[str, Trajectory]  # by plan id, in the order of the requests
@@ -100,17 +104,52 @@ def robot_plans(bag: Path) -> RobotPlans:
         for exchange in found
         if exchange.response is not None
     }
+    for exchange in found:
+        if exchange.request is None or exchange.response is None or not exchange.response[0].phases:
+            continue
+        name, then = exchange.response[0].plan_id, exchange.request[3]
+        scene, robot = scenes.pop(name, Scene()), robots.pop(name)
+        del motions[name]
+        kept, measured = limits.pop(name), metrics[name]
+        for number, phase in enumerate(_phases(exchange.response[0].phases, robot, scene, then), 1):
+            key = f"{name}, phase {number}"
+            motions[key], robots[key], scenes[key] = phase
+            limits[key], metrics[key] = kept, measured
     return RobotPlans(robots, motions, metrics, scenes, limits, _uncertainty(parameters), notes)
 
 
-def _asked(request: Any) -> tuple[AskedScene, Mapping[str, float], Payload | None]:
-    """Return a request's scene, angles that it limits, by name, zero: any, and payload."""
+def _phases(
+    motions: Sequence[Trajectory], robot: Robot, scene: Scene, then: Sequence[Payload | None]
+) -> Iterator[tuple[Trajectory, Robot, Scene]]:
+    """Yield each phase of a sequence with the robot, what it holds, and what is around.
+
+    Args:
+        then: What the request says that later phases hold; None: what was held, or captured.
+    """
+    begin, body = 0.0, scene.target_body
+    touching = [pair.partition("/")[0] for pair in scene.allowed_collisions]
+    for motion, given in zip(motions, (None, *then), strict=False):
+        if begin > 0.0:
+            held = given or (None if body is None else held_body(body, robot))
+            if held is not None:
+                robot = with_payload(robot, held, touching)
+            free = [one for one in scene.obstacles if one.body is None]
+            scene, body = Scene(obstacles=carried(free, begin)), None
+        yield motion, robot, scene
+        begin = float(motion.time[-1])
+
+
+def _asked(
+    request: Any,
+) -> tuple[AskedScene, Mapping[str, float], Payload | None, Sequence[Payload | None]]:
+    """Return a request's scene, angles that it limits, zero: any, payload and later payloads."""
     angles = {name: float(value_at(request, f"limits.{name}[0]", 0.0)) for name in _ANGLES}
     try:
         payload = payload_in(request)
+        then = [payload_in(phase) for phase in value_at(request, "then", ())]
     except InvalidInput:
-        payload = None  # it was refused
-    return asked_scene(request), angles, payload
+        payload, then = None, []  # it was refused
+    return asked_scene(request), angles, payload, then
 
 
 def _uncertainty(parameters: Mapping[str, Any]) -> Uncertainty:

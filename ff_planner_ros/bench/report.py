@@ -22,7 +22,6 @@ from ff_planner_ros.bench import (
     all_features,
     attitude,
     beliefs,
-    captured,
     captures,
     families,
     geometries,
@@ -112,7 +111,7 @@ def _measurements(
     yield "prices", scaling.price_measurement(settings, quick=quick)
     yield "shapes", success.shapes_measurement(scenarios, settings)
     yield "joint goals", success.joint_goals_measurement(scenarios, settings)
-    yield "captured", captured.measurement(some(_CAPTURES), settings)
+    yield "captured", captures.captured_measurement(some(_CAPTURES), settings)
     yield "captures", captures.measurement(some(_CAPTURES), settings)
     yield "free moments", captures.fastest_measurement(some(_FASTEST), settings, quick=quick)
     yield "all features", all_features.measurement(some(_EVERYTHING), settings, quick=quick)

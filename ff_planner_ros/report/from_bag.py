@@ -21,6 +21,7 @@ from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.messages.payloads import robot_holding
+from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.goal_words import GoalKind
@@ -205,7 +206,11 @@ def _plan(exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]) -> 
     answer = exchange.response
     if answer is None or not answer.plans:
         raise BagError("the bag holds no plan of it")
-    plan = plan_from_answer(answer)
+    plan, remarks = plan_from_answer(answer), []
+    if len(answer.plans) > 1:
+        motion = trajectory_in(answer.plans[0])
+        plan = replace(plan, trajectory=motion, duration=answer.plans[0].duration)
+        remarks = [f"It is the first of {len(answer.plans)} phases: the others are not drawn."]
     if plan.joint_names != robot.joint_names:
         names, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)
         allowed = f"the robot of the bag has {wanted}"
@@ -226,7 +231,8 @@ def _plan(exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]) -> 
     obstacles = obstacles_at_start(request, answer, received)
     if obstacles is not None and body is not None:
         obstacles = with_attached(obstacles, body)
-    return reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told, plan.wheels)
+    drawn = reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told, plan.wheels)
+    return replace(drawn, remarks=(*drawn.remarks, *remarks))
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:

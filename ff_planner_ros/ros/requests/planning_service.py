@@ -24,7 +24,6 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.node import PREEMPT
-from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.planning.problem.problem import lasting
@@ -35,7 +34,6 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.from_messages import metrics_from_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN, SERVICE
 from ff_planner_ros.ros.messages.phases import (
     bodies_of,
@@ -48,6 +46,7 @@ from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
+from ff_planner_ros.ros.requests.in_words import clearances_in_words, solved_in_words
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
 from ff_planner_ros.ros.requests.lead_times import Deadline, LeadTimes, Stages, deadline_of
 from ff_planner_ros.ros.requests.plan_action import PlanAction
@@ -216,7 +215,7 @@ class PlanningService:
 
     def _tell_last(self, answer: PlanAnswer) -> None:
         status = Status(answer.status.code)
-        clearances = _clearances(answer) if status is Status.SOLVED else {}
+        clearances = clearances_in_words(answer) if status is Status.SOLVED else {}
         self.last = LastRequest(answer.plan_id, status, answer.status.message, clearances)
         self._answered = time.monotonic()
 
@@ -331,25 +330,6 @@ class PlanningService:
             self._publication.keep(made)
         else:
             self._publication.publish(made, written, for_controller, requester)
-        self._log_solved(total, answer, "asked for" if asked.plan_only else "published", requester)
+        what = "asked for" if asked.plan_only else "published"
+        self._logger.info(f"{solved_in_words(total, answer)}; {what} by {requester}")
         return answer
-
-    def _log_solved(self, plan: Plan, answer: PlanAnswer, what: str, requester: str) -> None:
-        metrics, solver, path = answer.metrics[0], answer.solver, plan.metrics.joint_path_length
-        robust = "" if plan.robust is None else f"{plan.robust.told(path)}, "
-        notes = "".join(f"{in_log(note)}, " for note in plan.notes)
-        near = ", ".join(f"{label} {words}" for label, words in _clearances(answer).items())
-        self._logger.info(
-            f"{answer.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
-            f"largest Euler angle {math.degrees(metrics.max_chaser_euler):.2f} deg, "
-            f"rotation {math.degrees(metrics.max_chaser_rotation):.2f} deg, "
-            f"{in_log(near)}, {robust}{notes}{solver.iterations} iterations, "
-            f"{solver.solve_time:.2f} s; {what} by {requester}"
-        )
-
-
-def _clearances(answer: PlanAnswer) -> dict[str, str]:
-    """Return how near a plan comes to obstacles and to itself, in words."""
-    metrics = metrics_from_message(answer.metrics[0])
-    names = ("min_clearance", "min_self_clearance")
-    return {METRIC_BY_NAME[name].label: metrics.told(name) for name in names}
