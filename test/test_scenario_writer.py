@@ -238,4 +238,4 @@ def test_what_a_scenario_does_not_say_is_the_formats_default_or_the_parameters(
     assert task.problem.limits == Limits(True, 0.3)
     assert (task.end_behaviour, task.tail) == (EndBehaviour.STOP_JOINTS, 1.25)
     assert task.settings == replace(SETTINGS, starts=3, max_iterations=9)
-    assert task.controller == Controller(task.problem.robot.joint_names, True, False)
+    assert task.controller == Controller(task.problem.robot.joint_names, False, False)

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from robots import CONFIG
 
+from ff_planner_ros.common.declared import declared
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.settings import PlannerSettings, RobustSettings
@@ -38,8 +39,8 @@ def test_the_ends_of_a_range_pass_and_what_lies_beyond_is_refused(name: str) -> 
     block, _, last = name.rpartition(".")
     if block:
         settings = load_parameters().planner.robust
-    metadata = next(item for item in fields(settings) if item.name == last).metadata
-    for bound, beyond in ((metadata["minimum"], -1), (metadata["maximum"], 1)):
+    schema = declared(type(settings))[last].form.schema()
+    for bound, beyond in ((schema.get("minimum"), -1), (schema.get("maximum"), 1)):
         if bound is None:
             continue
         assert getattr(replace(settings, **{last: bound}), last) == bound

@@ -261,7 +261,7 @@ _REST = {"position": [1.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
             "target_body.inertia",
         ),
         ({"grasp": {"position": [0.0, 0.0, 0.0]}}, "target_body.grasp.quaternion_xyzw"),
-        ({"mass": 3.0}, "target_body.mass"),
+        ({"mass": -3.0}, "target_body.mass"),
         ({"angular_velocity": [0.0, 0.0, 1e4]}, "target_body.angular_velocity"),
         (
             {"obstacles": [{"id": "a", "center": [9.0, 0.0, 0.0]}]},

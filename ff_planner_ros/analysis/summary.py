@@ -104,7 +104,7 @@ def phase_rows(plan: Plan) -> list[tuple[str, ...]]:
         near = min(metrics.min_clearance, metrics.min_self_clearance)
         force = [METRIC_BY_NAME[name].text(getattr(metrics, name)) for name in _OF_GRASP[:2]]
         impulse = METRIC_BY_NAME["capture_impulse"].text(metrics.capture_impulse)
-        takes = impulse if np.isnan(metrics.peak_grasp_force) else ", ".join(force)
+        takes = impulse if np.isinf(metrics.peak_grasp_force) else ", ".join(force)
         rows.append(
             (
                 str(number),
@@ -123,7 +123,7 @@ def _grasp_rows(metrics: Metrics) -> list[tuple[str, str]]:
     return [
         (METRIC_BY_NAME[name].label, metrics.told(name))
         for name in _OF_GRASP
-        if not np.isnan(getattr(metrics, name))
+        if np.isfinite(getattr(metrics, name))
     ]
 
 

@@ -17,6 +17,8 @@ _UNITS = {"mm": 1e3} | dict.fromkeys(("deg", "deg/s", "deg/s2"), 180.0 / np.pi)
 # What there is not where a metric is infinite, if not obstacles.
 _WITHOUT = {
     "max_view_angle": "no camera",
+    **dict.fromkeys(("peak_grasp_force", "peak_grasp_torque"), "no payload"),
+    **dict.fromkeys(("capture_impulse", "capture_angular_impulse"), "no mass"),
     "min_self_clearance": "no pairs",
     "min_acceleration_margin": "no limits",
     "min_torque_margin": "no limits",
@@ -123,13 +125,14 @@ class Metrics:
     peak_wheel_torques: tuple[float, ...] = _metric(
         "N m", "peak wheel torque", _TORQUE, "N m", ".4g", ()
     )
-    # Through the grasp of a payload at any time, exact to 5e-4; NaN: it holds none.
-    peak_grasp_force: float = _metric("N", "peak grasp force", _TORQUE, "N", ".4g", np.nan)
-    peak_grasp_torque: float = _metric("N m", "peak grasp torque", _TORQUE, "N m", ".4g", np.nan)
-    # Largest on a body that is captured, within the tolerances of the grasp; NaN: not known.
-    capture_impulse: float = _metric("N s", "capture impulse", _TORQUE, "N s", ".4g", np.nan)
+    # Through the grasp of a payload at any time, exact to 5e-4; infinite: it holds none.
+    peak_grasp_force: float = _metric("N", "peak grasp force", _TORQUE, "N", ".4g", np.inf)
+    peak_grasp_torque: float = _metric("N m", "peak grasp torque", _TORQUE, "N m", ".4g", np.inf)
+    # Largest on a body that is captured, within the tolerances of the grasp; infinite: none is, or
+    # its mass is not known.
+    capture_impulse: float = _metric("N s", "capture impulse", _TORQUE, "N s", ".4g", np.inf)
     capture_angular_impulse: float = _metric(
-        "N m s", "capture angular impulse", _TORQUE, "N m s", ".4g", np.nan
+        "N m s", "capture angular impulse", _TORQUE, "N m s", ".4g", np.inf
     )
     # Whose the clearances are, `body/obstacle` and `body/body`, and when [s]; empty, infinite:
     # nobody's.

@@ -56,9 +56,10 @@ def _metrics(each: Sequence[Metrics], begins: Sequence[float]) -> Metrics:
         elif isinstance(values[0], tuple):
             found[item.name] = tuple(np.max(values, axis=0).tolist())
         elif not item.name.endswith(("_pair", "_time")):
-            known = [value for value in values if not np.isnan(value)]
-            least = item.name.startswith("min_")
-            found[item.name] = (min if least else max)(known, default=np.nan)
+            if item.name.startswith("min_"):
+                found[item.name] = min(values)
+            else:  # infinite where a phase has no such thing
+                found[item.name] = max(filter(np.isfinite, values), default=values[0])
     for name in ("min_clearance", "min_self_clearance"):
         worst = int(np.argmin([getattr(one, name) for one in each]))
         found[f"{name}_pair"] = getattr(each[worst], f"{name}_pair")

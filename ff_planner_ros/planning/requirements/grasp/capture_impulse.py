@@ -50,7 +50,7 @@ class CaptureImpulse(Requirement):
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield that the impulse exceeds its limit."""
         found, limit = metrics.capture_impulse, samples.problem.limits.capture_impulse
-        if found > limit:
+        if samples.problem.target_body is not None and found > limit:
             yield Failure(
                 Status.LIMIT_VIOLATED,
                 f"capture_impulse is {found:.4g} N s within the tolerances of the grasp, the limit "
