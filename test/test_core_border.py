@@ -167,6 +167,12 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.smallest_singular_values,
             chain | {"joints": q[:, 7:], "rows": [0, 1, 5]},
         ),
+        "held_momenta": (
+            compiled.held_momenta,
+            chain
+            | {"q": q, "v": q[:, 1:], "accelerations": q[:, 7:], "q_by_x": by_q}
+            | {"v_by_x": by_q, "accelerations_by_x": by_q[:, 6:]},
+        ),
         "joint_path": (
             compiled.joint_path,
             {"v": q[:, 1:], "by_x": by_q, "step": 0.1, "slow": 0.1, "smoothing": 0.1},

@@ -36,8 +36,7 @@ from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.requirements.wheels import (
     WheelLimits,
-    _torques_with_derivatives,
-    momenta_with_derivatives,
+    loads_with_derivatives,
 )
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
@@ -150,7 +149,7 @@ def test_torques_that_are_near_their_limits_have_rows_with_derivatives() -> None
     sensitivity = family.sensitivity(motion)
     robot = problem.robot
     assert robot.wheels is not None
-    torques, by_x = _torques_with_derivatives(problem, robot.wheels, motion, sensitivity)
+    _, _, torques, by_x = loads_with_derivatives(problem, robot.wheels, motion, sensitivity)
     limit = 1.25 * float(np.abs(torques[1:]).max())
     near = replace(problem, robot=replace(robot, wheels=replace(FOUR, torque=(limit,))))
     rows = WheelLimits().rows(near, motion, sensitivity, 1e-3)
@@ -174,8 +173,7 @@ def test_what_wheels_and_bodies_have_of_angular_momentum_together_is_constant(
     robot = problem.robot
     assert robot.wheels is not None
     sensitivity = family.sensitivity(motion)
-    momenta, _ = momenta_with_derivatives(problem, robot.wheels, motion, sensitivity)
-    torques, _ = _torques_with_derivatives(problem, robot.wheels, motion, sensitivity)
+    momenta, _, torques, _ = loads_with_derivatives(problem, robot.wheels, motion, sensitivity)
     data, total = robot.model.createData(), []
     for q, v, held in zip(motion.q, motion.v, momenta, strict=True):
         about = pin.computeCentroidalMomentum(robot.model, data, q, v).angular

@@ -140,6 +140,25 @@ def clearances(
 ) -> tuple[Array, Array, Indices]:
     """Return what `planning.distance.clearance.clearance_rows` does."""
 
+def held_momenta(
+    chain: Chain,
+    q: Array,
+    v: Array,
+    accelerations: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    accelerations_by_x: Array,
+) -> tuple[Array, Array, Array, Array]:
+    """Return the angular momenta about the centre of mass of a base that does not turn.
+
+    Args:
+        accelerations: Of the joints. Shape (points, joints), their derivatives one axis more.
+
+    Returns:
+        Momenta, their derivatives by x, and likewise the torques that keep the base from turning,
+        which are the momenta's rates; in base axes. Shapes (points, 3) and (points, 3, variables).
+    """
+
 def smallest_singular_values(
     chain: Chain, joints: Array, rows: Sequence[int], interest: float = ...
 ) -> tuple[Array, Array]:

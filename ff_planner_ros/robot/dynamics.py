@@ -65,8 +65,11 @@ def joint_torques_by_x(
     Returns:
         Shape (points, joints, variables).
     """
-    of_x = q_by_x, v_by_x, joint_accelerations_by_x
-    joints: Array = _forces_by_x(robot, q, v, joint_accelerations, *of_x)[:, 6:]
+    moved = accelerations(robot, q, v, joint_accelerations)
+    of_x, by_x = (q_by_x, v_by_x, joint_accelerations_by_x), np.empty_like(q_by_x)
+    for i, (forces, mass, of_base) in enumerate(_base_by_x(robot, q, v, moved, *of_x)):
+        by_x[i] = forces + mass[:, robot.base.rows] @ of_base
+    joints: Array = by_x[:, 6:]
     return joints
 
 
@@ -79,24 +82,6 @@ def torques_on_base(robot: Robot, q: Array, v: Array, joint_accelerations: Array
     of_base, forces, _ = _pushed_by_nothing(robot, q, v, joint_accelerations, maps)
     torques: Array = forces[:, 3:6] + (maps[:, 3:, :6] @ of_base[:, :, None])[:, :, 0]
     return torques
-
-
-def torques_on_base_by_x(
-    robot: Robot,
-    q: Array,
-    v: Array,
-    joint_accelerations: Array,
-    q_by_x: Array,
-    v_by_x: Array,
-    joint_accelerations_by_x: Array,
-) -> Array:
-    """Return the exact derivatives of `torques_on_base`; the arguments as of `joint_torques_by_x`.
-
-    Shape (points, 3, variables).
-    """
-    of_x = q_by_x, v_by_x, joint_accelerations_by_x
-    base: Array = _forces_by_x(robot, q, v, joint_accelerations, *of_x)[:, 3:6]
-    return base
 
 
 def frame_wrenches(
@@ -204,23 +189,6 @@ def _base_by_x(
         of_q, of_v, mass = pin.computeRNEADerivatives(model, data, *sample)
         forces = of_q @ q_by_x[i] + of_v @ v_by_x[i] + mass[:, 6:] @ joint_accelerations_by_x[i]
         yield forces, mass, np.linalg.solve(mass[np.ix_(rows, rows)], -forces[rows])
-
-
-def _forces_by_x(
-    robot: Robot,
-    q: Array,
-    v: Array,
-    joint_accelerations: Array,
-    q_by_x: Array,
-    v_by_x: Array,
-    joint_accelerations_by_x: Array,
-) -> Array:
-    """Return the derivatives of all generalised forces. Shape (points, 6 + joints, variables)."""
-    moved = accelerations(robot, q, v, joint_accelerations)
-    of_x, by_x = (q_by_x, v_by_x, joint_accelerations_by_x), np.empty_like(q_by_x)
-    for i, (forces, mass, of_base) in enumerate(_base_by_x(robot, q, v, moved, *of_x)):
-        by_x[i] = forces + mass[:, robot.base.rows] @ of_base
-    return by_x
 
 
 def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:

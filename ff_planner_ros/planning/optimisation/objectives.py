@@ -20,7 +20,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.wheels import momenta_with_derivatives
+from ff_planner_ros.planning.requirements.wheels import loads_with_derivatives
 
 # So far turns the joint that rounds the joint path [rad]: it makes a path of 1 rad 0.05 % longer.
 _ROUNDING = 0.03
@@ -66,9 +66,9 @@ def terms(
         value = weight * value
         found.append(Term(value, weight * gradient, weight * hessian, nothing[0, :0], nothing[:0]))
     if weights.wheel_momentum > 0.0 and robot.wheels is not None:
-        momenta, by_x = momenta_with_derivatives(problem, robot.wheels, motion, sensitivity)
-        momenta = weights.wheel_momentum * momenta.ravel()
-        by_x = weights.wheel_momentum * by_x.reshape(-1, variables)
+        loads = loads_with_derivatives(problem, robot.wheels, motion, sensitivity)
+        momenta = weights.wheel_momentum * loads.momenta.ravel()
+        by_x = weights.wheel_momentum * loads.momenta_by_x.reshape(-1, variables)
         max_terms, jacobian = np.append(momenta, -momenta), np.concatenate([by_x, -by_x])
         return [*found, Term(0.0, nothing[0], nothing, max_terms, jacobian)]  # it does not turn
     weight = weights.chaser_attitude

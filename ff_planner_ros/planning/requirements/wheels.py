@@ -11,9 +11,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
@@ -35,9 +36,8 @@ from ff_planner_ros.planning.requirements.requirement import (
     within,
 )
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import torques_on_base, torques_on_base_by_x
+from ff_planner_ros.robot.dynamics import torques_on_base
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import momentum_maps
 from ff_planner_ros.robot.state import STORED, SystemState
 from ff_planner_ros.robot.wheels import Wheels, momenta_of
 
@@ -100,16 +100,9 @@ class WheelLimits(Requirement):
         wheels = problem.robot.wheels
         if wheels is None or not _is_limited(wheels):
             return None
-        of_momenta = _kept(
-            *momenta_with_derivatives(problem, wheels, motion, sensitivity),
-            wheels.momentum_limits,
-            margin,
-        )
-        of_torques = _kept(
-            *_torques_with_derivatives(problem, wheels, motion, sensitivity, _OF_INTEREST + margin),
-            wheels.torque_limits,
-            margin,
-        )
+        loads = loads_with_derivatives(problem, wheels, motion, sensitivity)
+        of_momenta = _kept(loads.momenta, loads.momenta_by_x, wheels.momentum_limits, margin)
+        of_torques = _kept(loads.torques, loads.torques_by_x, wheels.torque_limits, margin)
         return Rows(
             np.concatenate([of_momenta.values, of_torques.values]),
             np.concatenate([of_momenta.jacobian, of_torques.jacobian]),
@@ -191,54 +184,36 @@ def peaks_along(
     return wheel_peaks(robot, wheels, start, motion)
 
 
-def momenta_with_derivatives(
+class WheelLoads(NamedTuple):
+    """What each wheel holds and gives at the points of a path, and the derivatives of both."""
+
+    momenta: Array  # shape (points, wheels) [N m s]
+    momenta_by_x: Array  # shape (points, wheels, variables)
+    torques: Array  # likewise [N m]
+    torques_by_x: Array
+
+
+def loads_with_derivatives(
     problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
-) -> tuple[Array, Array]:
-    """Return what each wheel holds at the points, (points, wheels), and its derivatives by x.
-
-    L is the angular part of M(q) v about the centre of mass: about any point, where v is without
-    what the centre of mass drifts at. Inverse dynamics at rest, with v as acceleration, has the
-    derivatives of M(q) v.
-    """
-    robot, q = problem.robot, motion.q
-    model, data = robot.model, robot.model.createData()
-    maps, v, still = momentum_maps(robot, data, q), motion.v.copy(), np.zeros(model.nv)
-    v[:, :3] -= (maps[:, :3] @ v[:, :, None])[:, :, 0] / pin.computeTotalMass(model)
-    momenta = (maps[:, 3:] @ v[:, :, None])[:, :, 0]
-    of_q = np.empty((len(q), 3, model.nv))
-    for k, (at, moving) in enumerate(zip(q, v, strict=True)):
-        of_q[k] = pin.computeRNEADerivatives(model, data, at, still, moving)[0][3:6]
-    by_x = of_q @ sensitivity.q + maps[:, 3:] @ sensitivity.v
-    shares = _shares(robot, wheels)
-    held = momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T
-    return held, shares @ (by_x[0] - by_x)
-
-
-def _torques_with_derivatives(
-    problem: PlanningProblem,
-    wheels: Wheels,
-    motion: Motion,
-    sensitivity: Sensitivity,
-    interest: float = np.inf,
-) -> tuple[Array, Array]:
-    """Return what each wheel gives at the points, (points, wheels), and its derivatives by x.
-
-    Args:
-        interest: At points where all are further from their limits than by this part of them, the
-            derivatives are zero: they take most of the time.
-    """
+) -> WheelLoads:
+    """Return what the wheels take of the angular momentum of a chaser that they hold."""
     robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
-    accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
-    torques = _torques(robot, wheels, motion.q, motion.v, accelerated)
-    is_near = np.abs(torques) >= (1.0 - interest) * wheels.torque_limits
-    (near,) = np.nonzero(is_near.any(axis=1))
-    by_x = np.zeros((*torques.shape, sensitivity.variables))
-    if near.size:
-        of_rates = accelerations_by_x(motion, sensitivity, step)
-        rows = motion.q, motion.v, accelerated, sensitivity.q, sensitivity.v, of_rates
-        of_base = torques_on_base_by_x(robot, *(each[near] for each in rows))
-        by_x[near] = -_shares(robot, wheels) @ of_base
-    return torques, by_x
+    momenta, momenta_by_x, torques, torques_by_x = compiled.held_momenta(
+        chain_of(robot),
+        motion.q,
+        motion.v,
+        accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step),
+        sensitivity.q,
+        sensitivity.v,
+        accelerations_by_x(motion, sensitivity, step),
+    )
+    shares = _shares(robot, wheels)
+    return WheelLoads(
+        momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T,
+        shares @ (momenta_by_x[0] - momenta_by_x),
+        -torques @ shares.T,
+        -shares @ torques_by_x,
+    )
 
 
 def _torques(robot: Robot, wheels: Wheels, q: Array, v: Array, accelerations: Array) -> Array:
