@@ -5,8 +5,6 @@
 namespace ff {
 
 using ArmPoints = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxJoints + 1>;
-// Derivatives of a vector, a column a variable.
-using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
 
 // Joint origins, then the end effector, and what the joints turn about or slide along; inertial
 // frame.

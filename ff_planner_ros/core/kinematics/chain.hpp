@@ -18,6 +18,9 @@ using Matrix3J = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxJoints>;
 using Matrix6J = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kMaxJoints>;
 using MatrixJJ = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxJoints, kMaxJoints>;
 
+// Derivatives of a vector, a column a variable.
+using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
+
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 // Arrays that Python owns: a row, or a block of rows, a point.
 using Rows = Eigen::Map<const RowMajor>;

@@ -16,24 +16,24 @@ struct TurnStep {
   Stages<Vector3> rates, momenta;  // in base axes
 };
 
-// SO(3), and how its tangent steps change by a variable.
+// SO(3), and how its tangent steps change by the variables, a column each.
 struct Rotations {
-  bool is_duration;
+  bool has_duration;  // in the last column
   double duration;
 
   static void add_bracket(Vector3& u, double weight, const Vector3& a, const Vector3& b) {
     u += weight * a.cross(b);
   }
-  static void add_bracket_derivative(Vector3& du, double weight, const Vector3& a,
-                                     const Vector3& da, const Vector3& b, const Vector3& db) {
-    du += weight * (a.cross(db) - b.cross(da));
+  static void add_bracket_derivative(Matrix3X& du, double weight, const Vector3& a,
+                                     const Matrix3X& da, const Vector3& b, const Matrix3X& db) {
+    du += weight * (skew(a) * db - skew(b) * da);
   }
-  void stretch(Vector3& du, const Vector3& u) const {
-    if (is_duration) du += u / duration;
+  void stretch(Matrix3X& du, const Vector3& u) const {
+    if (has_duration) du.col(du.cols() - 1) += u / duration;
   }
-  void stretch(Vector3& du, const Vector3& u, double weight, const Vector3& a,
+  void stretch(Matrix3X& du, const Vector3& u, double weight, const Vector3& a,
                const Vector3& b) const {
-    if (is_duration) du += (u + weight * a.cross(b)) / duration;
+    if (has_duration) du.col(du.cols() - 1) += (u + weight * a.cross(b)) / duration;
   }
 };
 
@@ -42,7 +42,7 @@ struct Turning {
   Matrix3 back, of_by;
 
   explicit Turning(const Vector3& by) : back(turned_by(-by)), of_by(turned_by_derivative(by)) {}
-  Vector3 operator()(const Vector3& turn, const Vector3& change) const {
+  Matrix3X operator()(const Matrix3X& turn, const Matrix3X& change) const {
     return back * turn + of_by * change;
   }
 };
@@ -61,39 +61,47 @@ struct JointRows {
   bool has_duration() const { return angles_by_duration.size() > 0; }
   bool is_duration(int variable) const { return variable == joints * each(); }
 
-  // Of the angles, or of the rates, at a half step by a variable.
-  Joints of_angles(int half_step, int variable) const {
-    return change(angles, angles_by_duration, half_step, variable);
-  }
-  Joints of_rates(int half_step, int variable) const {
-    return change(rates, rates_by_duration, half_step, variable);
-  }
   Joints of_last_accelerations(int variable) const {
-    return change(last_acceleration, last_acceleration_by_duration, 0, variable);
+    if (is_duration(variable)) return last_acceleration_by_duration.row(0);
+    Joints changed = Joints::Zero(joints);
+    changed[variable / each()] = last_acceleration(0, variable % each());
+    return changed;
   }
-  // Of what depends on angles, or on rates, as columns say, one a joint.
+  // Writes the derivatives of the angles, or of the rates, at a half step: a row a joint.
+  template <typename Block>
+  void write_angles(int half_step, Block to) const {
+    write(angles, angles_by_duration, half_step, to);
+  }
+  template <typename Block>
+  void write_rates(int half_step, Block to) const {
+    write(rates, rates_by_duration, half_step, to);
+  }
+  // Subtracts the derivatives of what depends on angles, or on rates, as columns say, one a joint.
   template <typename Columns>
-  Vector3 along_angles(const Columns& columns, int half_step, int variable) const {
-    return along(columns, angles, angles_by_duration, half_step, variable);
+  void subtract_angles(const Columns& columns, int half_step, Matrix3X& from) const {
+    subtract(columns, angles, angles_by_duration, half_step, from);
   }
   template <typename Columns>
-  Vector3 along_rates(const Columns& columns, int half_step, int variable) const {
-    return along(columns, rates, rates_by_duration, half_step, variable);
+  void subtract_rates(const Columns& columns, int half_step, Matrix3X& from) const {
+    subtract(columns, rates, rates_by_duration, half_step, from);
   }
 
  private:
-  Joints change(const Rows& of_joint, const RowMajor& by_duration, int half_step,
-                int variable) const {
-    if (is_duration(variable)) return by_duration.row(half_step);
-    Joints changed = Joints::Zero(joints);
-    changed[variable / each()] = of_joint(half_step, variable % each());
-    return changed;
+  template <typename Block>
+  void write(const Rows& of_joint, const RowMajor& by_duration, int half_step, Block to) const {
+    to.setZero();
+    for (int j = 0; j < joints; ++j)
+      to.row(j).segment(j * each(), each()) = of_joint.row(half_step);
+    if (has_duration()) to.col(joints * each()) = by_duration.row(half_step).transpose();
   }
   template <typename Columns>
-  Vector3 along(const Columns& columns, const Rows& of_joint, const RowMajor& by_duration,
-                int half_step, int variable) const {
-    if (is_duration(variable)) return columns * by_duration.row(half_step).transpose();
-    return columns.col(variable / each()) * of_joint(half_step, variable % each());
+  void subtract(const Columns& columns, const Rows& of_joint, const RowMajor& by_duration,
+                int half_step, Matrix3X& from) const {
+    for (int j = 0; j < joints; ++j)
+      for (int axis = 0; axis < 3; ++axis)
+        from.row(axis).segment(j * each(), each()) -= columns(axis, j) * of_joint.row(half_step);
+    if (has_duration())
+      from.col(joints * each()) -= columns * by_duration.row(half_step).transpose();
   }
 };
 
@@ -133,65 +141,49 @@ class BaseTurn {
 
 // Derivatives of a base's turn by the variables, a column each.
 struct TurnDerivatives {
-  std::vector<Columns3> turns, half_way;  // of the attitude, in its own axes, at and between points
-  std::vector<Columns3> rates;            // of the base's rate, at the points
+  std::vector<Matrix3X> turns, half_way;  // of the attitude, in its own axes, at and between points
+  std::vector<Matrix3X> rates;            // of the base's rate, at the points
   std::vector<Columns6> by_joints;        // of both momenta at fixed velocities, at the points
 
   TurnDerivatives(const BaseTurn& base, const std::vector<SystemMomentum>& at,
                   const RowMajor& joint_rates, const JointRows& rows, double step,
                   double duration) {
-    const int variables = rows.variables();
-    turns.push_back(Columns3::Zero(3, variables));
+    const Rotations rotations{rows.has_duration(), duration};
+    turns.push_back(Matrix3X::Zero(3, rows.variables()));
     const auto by_joints_at = [&](int half_step, const Vector3& base_rate) {
       return at[half_step].by_joints(base_rate, joint_rates.row(half_step));
     };
     for (const TurnStep& now : base.steps) {
       const int i = 2 * static_cast<int>(half_way.size());
-      const Turning to_middle(ff::half_way(now.turns));
-      std::vector<Turning> to_next;
-      Stages<Columns6> by;
+      const Matrix3X& begin = turns.back();
+      Matrix3X turn = begin;
+      Stages<Matrix3X> d, du;
       for (int stage = 0; stage < 4; ++stage) {
-        to_next.emplace_back(now.turns[stage]);
-        by[stage] = by_joints_at(i + kHalfSteps[stage], now.rates[stage]);
+        const int half_step = i + kHalfSteps[stage];
+        const Columns6 by = by_joints_at(half_step, now.rates[stage]);
+        d[stage] = change(at[half_step], by, now.momenta[stage], turn, rows, half_step);
+        du[stage] = tangent_step_derivative(rotations, stage, step, now.rates, now.turns[stage], d);
+        turn = Turning(now.turns[stage])(begin, du[stage]);
+        if (stage == 0) by_joints.push_back(by);
       }
-      Columns3 first_rates(3, variables), middle(3, variables), next(3, variables);
-      for (int x = 0; x < variables; ++x) {
-        const Rotations rotations{rows.is_duration(x), duration};
-        const Vector3 begin = turns.back().col(x);
-        Vector3 turn = begin;
-        Stages<Vector3> d, du;
-        for (int stage = 0; stage < 4; ++stage) {
-          const int half_step = i + kHalfSteps[stage];
-          d[stage] = change(at[half_step], by[stage], now.momenta[stage], turn, rows, half_step, x);
-          du[stage] =
-              tangent_step_derivative(rotations, stage, step, now.rates, now.turns[stage], d);
-          turn = to_next[stage](begin, du[stage]);
-        }
-        first_rates.col(x) = d[0];
-        middle.col(x) = to_middle(begin, ff::half_way(du));
-        next.col(x) = turn;
-      }
-      rates.push_back(first_rates);
-      by_joints.push_back(by[0]);
-      half_way.push_back(middle);
-      turns.push_back(next);
+      rates.push_back(d[0]);
+      half_way.push_back(Turning(ff::half_way(now.turns))(begin, ff::half_way(du)));
+      turns.push_back(turn);
     }
     const int last = static_cast<int>(at.size()) - 1;
     by_joints.push_back(by_joints_at(last, base.rate));
-    rates.emplace_back(3, variables);
-    for (int x = 0; x < variables; ++x)
-      rates.back().col(x) =
-          change(at[last], by_joints.back(), base.momentum, turns.back().col(x), rows, last, x);
+    rates.push_back(change(at[last], by_joints.back(), base.momentum, turns.back(), rows, last));
   }
 
  private:
-  // Of the base's rate, Eq. (27), by one variable.
-  static Vector3 change(const SystemMomentum& at, const Columns6& by_joints,
-                        const Vector3& momentum, const Vector3& turn, const JointRows& rows,
-                        int half_step, int variable) {
-    return at.to_rate * (momentum.cross(turn) -
-                         rows.along_angles(by_joints.bottomRows<3>(), half_step, variable) -
-                         rows.along_rates(at.coupling, half_step, variable));
+  // Of the base's rate, Eq. (27).
+  static Matrix3X change(const SystemMomentum& at, const Columns6& by_joints,
+                         const Vector3& momentum, const Matrix3X& turn, const JointRows& rows,
+                         int half_step) {
+    Matrix3X changed = skew(momentum) * turn;
+    rows.subtract_angles(by_joints.bottomRows<3>(), half_step, changed);
+    rows.subtract_rates(at.coupling, half_step, changed);
+    return at.to_rate * changed;
   }
 };
 

@@ -137,30 +137,31 @@ class DrivenMotion {
 
   // Derivatives of a configuration: the base's step in its own axes, its turn, and the joints.
   void write_step(const JointRows& rows, int half_step, const Matrix3& rotation,
-                  const Columns3& turns, Block to) const {
+                  const Matrix3X& turns, Block to) const {
     const SystemMomentum& at = momenta_[half_step];
-    for (int x = 0; x < rows.variables(); ++x) {
-      const Vector3 turn = turns.col(x);
-      Vector3 way = at.center.cross(turn) - rows.along_angles(at.of_center, half_step, x);
-      // The centre of mass drifts for longer.
-      if (rows.is_duration(x))
-        way += half_step * step_ / (2 * duration_) * (rotation.transpose() * drift_);
-      to.col(x) << stack(on_table(way), turn), rows.of_angles(half_step, x);
-    }
+    Matrix3X way = skew(at.center) * turns;
+    rows.subtract_angles(at.of_center, half_step, way);
+    // The centre of mass drifts for longer.
+    if (rows.has_duration())
+      way.col(way.cols() - 1) +=
+          half_step * step_ / (2 * duration_) * (rotation.transpose() * drift_);
+    if (is_planar()) way.row(2).setZero();
+    to.topRows(3) = way;
+    to.middleRows(3, 3) = turns;
+    rows.write_angles(half_step, to.bottomRows(to.rows() - 6));
   }
 
   // Derivatives of a velocity.
   void write_change(const JointRows& rows, int point, const TurnDerivatives& of, Block to) const {
     const SystemMomentum& at = momenta_[2 * point];
-    const Vector3 drift = drift_at(point);
     const Columns3 of_momentum = of.by_joints[point].topRows<3>() / mass_;
-    for (int x = 0; x < rows.variables(); ++x) {
-      const Vector3 turn = of.turns[point].col(x), rate = of.rates[point].col(x);
-      const Vector3 linear = drift.cross(turn) + at.center.cross(rate) -
-                             rows.along_angles(of_momentum, 2 * point, x) -
-                             rows.along_rates(at.of_center, 2 * point, x);
-      to.col(x) << stack(on_table(linear), rate), rows.of_rates(2 * point, x);
-    }
+    Matrix3X linear = skew(drift_at(point)) * of.turns[point] + skew(at.center) * of.rates[point];
+    rows.subtract_angles(of_momentum, 2 * point, linear);
+    rows.subtract_rates(at.of_center, 2 * point, linear);
+    if (is_planar()) linear.row(2).setZero();
+    to.topRows(3) = linear;
+    to.middleRows(3, 3) = of.rates[point];
+    rows.write_rates(2 * point, to.bottomRows(to.rows() - 6));
   }
 
   // dv/dt:  d/dt (I omega + A theta') = -omega x R^T L, and likewise for P.

@@ -68,20 +68,23 @@ inline Changing axis_error(const Target& target, const Matrix3& rotation, const 
 inline Conditions end_conditions(const Target& target, const EndEffectorMotion& tip,
                                  const EndEffectorMotion::Change& by, const TargetChange& of_target,
                                  double duration, bool planar) {
-  const Vector3 x = Vector3::UnitX(), y = Vector3::UnitY(), z = Vector3::UnitZ();
-  const Directions all{x, y, z}, linear = planar ? Directions{x, y} : all;
-  const Directions angular = planar ? Directions{z} : all;
+  // Made once: the conditions are asked for along every variable.
+  static const Directions all{Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()},
+      in_plane{Vector3::UnitX(), Vector3::UnitY()}, about_normal{Vector3::UnitZ()};
+  const Directions &linear = planar ? in_plane : all, &angular = planar ? about_normal : all;
   const Matrix3& R = tip.rotation;
   const Vector3 turn = by.way.tail<3>();
   const Vector3 off_turn = turn - R.transpose() * of_target.way.tail<3>();  // seen from the target
   Conditions found;
+  found.values.reserve(18);
+  found.changes.reserve(18);
   found.add(linear, 1,
             {tip.position - target.position, R * by.way.head<3>() - of_target.way.head<3>()});
   if (target.orientation == Orientation::kFixed) {
     // In the target's axes, where it is the same vector as in the end effector's.
     const Vector3 off = turn_of(target.rotation.transpose() * R);
-    const Directions axes = planar ? Directions{target.rotation.row(2)} : all;
-    found.add(axes, 1, {off, turn_of_derivative(off) * off_turn});
+    const Changing missed{off, turn_of_derivative(off) * off_turn};
+    found.add(planar ? Directions{target.rotation.row(2)} : all, 1, missed);
   } else if (target.orientation == Orientation::kAboutAxis) {
     found.add(target.across, 1, axis_error(target, R, off_turn));
   }

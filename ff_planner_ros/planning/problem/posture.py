@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -115,6 +116,7 @@ def _goal_schema() -> Schema:
 GOAL = replace(part(Target), read=_goal, schema=_goal_schema, written=written_object)
 
 
+@lru_cache(maxsize=8)  # it is asked for at every duration of a problem
 def end_effector_at(robot: Robot, start: SystemState) -> Target:
     """Return where the end effector is in a state, its orientation free: for a goal of the joints.
 
