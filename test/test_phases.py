@@ -197,6 +197,7 @@ def test_a_written_scenario_is_the_same_task(task: PlanningTask, tmp_path: Path)
     assert len(again.then) == 2
 
 
+@pytest.mark.ci
 def test_its_bag_replays_to_the_last_bit(task: PlanningTask, plan: Plan, tmp_path: Path) -> None:
     record_answer(tmp_path / "bag", task, plan, 0.5)
     with open_bag(tmp_path / "bag") as bag:
@@ -208,6 +209,7 @@ def test_its_bag_replays_to_the_last_bit(task: PlanningTask, plan: Plan, tmp_pat
     assert len(replayed.answer.plans) == 3
 
 
+@pytest.mark.ci
 def test_the_json_has_the_whole_motion_and_each_phase(
     task: PlanningTask, plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
