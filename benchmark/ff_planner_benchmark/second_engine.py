@@ -18,6 +18,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import angular_momenta
+from ff_planner_ros.robot.urdf.payload import payload_frame
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
 try:
@@ -39,8 +40,9 @@ except ModuleNotFoundError:
 # Torques between two points of a plan are given so often, and are linear between; and how exact
 # the integration is, relative. Both leave less than a thousandth of a millimetre.
 _STEPS_PER_POINT, _ACCURACY = 60, 1e-10
-# What holds a base is a matter of accelerations, and those of a light wrist need more.
-_STEPS_OF_HELD = 960
+# What holds a base is a matter of accelerations, and those of a light wrist need more; so does an
+# arm that is light beside its payload, and runs away from the plan uncontrolled.
+_MORE_STEPS = 960
 # The longest step [s].
 _STEP = 0.01
 
@@ -76,7 +78,8 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
     slides = _slides(plant, base, turn) if is_held else []
     plant.Finalize()
     joints = [plant.GetJointByName(name) for name in robot.joint_names]
-    command = feed_forward(robot, trajectory, _STEPS_OF_HELD if is_held else _STEPS_PER_POINT)
+    needs_more = is_held or payload_frame(robot) is not None
+    command = feed_forward(robot, trajectory, _MORE_STEPS if needs_more else _STEPS_PER_POINT)
     forces = np.zeros((plant.num_velocities(), len(command.time)))
     for joint, torques in zip(joints, command.torques.T, strict=True):
         forces[joint.velocity_start()] = torques

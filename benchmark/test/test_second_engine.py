@@ -6,8 +6,9 @@ import pytest
 from ff_planner_benchmark import dataset
 from ff_planner_benchmark.flown import flown_rows
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import joint_goals
+from ff_planner_ros.problems import captured, joint_goals
 
 pytestmark = pytest.mark.ci
 
@@ -45,3 +46,20 @@ def test_wheels_rails_stows_and_stops_come_true_in_both_engines(kind, times):
         if problem.robot.wheels is not None:
             assert first.holding_torque_error < 1e-6
             assert second.holding_torque < 1e-6
+
+
+@pytest.mark.parametrize("kind", captured.KINDS)
+def test_what_follows_a_grasp_comes_true_in_both_engines(kind, times):
+    """With the body as a payload, which has shapes, of the robot."""
+    from ff_planner_benchmark.second_engine import flown_in_drake
+    from ff_planner_ros.simulation.verification import verify
+
+    for number in range(times(1, 5)):
+        task = captured.problem(kind, number).task(load_parameters().planner)
+        for one, plan in phase_tasks(task, perform(task)):
+            robot, motion = one.problem.robot, plan.trajectory
+            first, second = verify(robot, motion), flown_in_drake(robot, motion)
+            assert first.passed, number
+            assert second.position < 1e-4, number
+            assert second.orientation < np.deg2rad(0.01)
+            assert second.chaser < 1e-4
