@@ -14,6 +14,7 @@ ADDERS = (
     campaigns.add_campaign,
     files.add_check,
     planning.add_compare,
+    robot.add_console,
     ros.add_demo,
     doctor.add_doctor,
     bags.add_export,
