@@ -10,11 +10,13 @@ from threading import Event
 
 import numpy as np
 import pytest
+import viser
 
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import placed
 from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
 from ff_planner_ros.analysis.nearest import nearest
 from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.console import search
 from ff_planner_ros.console.changes import GOAL, lasting_for, movable, moved, weighted
 from ff_planner_ros.console.entries import Entry, entry_of, in_words, table_of
 from ff_planner_ros.console.faults import place_of_fault
@@ -240,11 +242,11 @@ def test_a_cancelled_search_ends_at_its_next_step(capture: PlanningTask) -> None
         begun.set()
         cancelled.wait()
 
-    search = Search(lasting_for(capture, 0.5, 0.5), told, answers.append)
+    running = Search(lasting_for(capture, 0.5, 0.5), told, answers.append)
     begun.wait()
-    search.cancel()
+    running.cancel()
     cancelled.set()
-    search.wait()
+    running.wait()
     (answer,) = answers
     assert answer.cancelled
     entry = entry_of("plan 1", answer)
@@ -291,6 +293,40 @@ def test_a_page_tells_a_change_that_is_refused_and_keeps_the_task(page: Page) ->
     page.move(GOAL, np.array([np.nan, 0.0, 0.0]), None)
     assert page.task is before
     assert "not changed: target.position" in page._progress.content
+
+
+def test_undo_goes_back_and_weights_alone_leave_the_picture(page: Page) -> None:
+    before, drawn = page.task, page._scene._drawn
+    assert before is not None
+    page.change(weighted(before, 1.0, 2.0), is_elsewhere=False)
+    assert page._scene._drawn is drawn
+    page.choose(page.chosen.name)
+    assert page.task is before
+
+
+def test_a_page_draws_at_most_one_motion_however_often_it_changes(page: Page) -> None:
+    assert page.task is not None
+    for _ in range(3):
+        page.change(page.task)
+    nodes = set(page._server.scene._handle_from_node_name)
+    page.change(page.task)
+    assert set(page._server.scene._handle_from_node_name) == nodes
+
+
+def test_no_public_address_is_asked_for(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viser._viser, "ViserTunnel", None)
+    assert page._server.request_share_url() is None
+
+
+def test_a_defect_ends_a_search_with_words(
+    capture: PlanningTask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(search, "perform", lambda *_: 1 // 0)
+    answers = list[Answer]()
+    Search(capture, lambda _: None, answers.append).wait()
+    assert answers[0].error is not None
+    assert answers[0].error.status is Status.INTERNAL_ERROR
+    assert "ZeroDivisionError" in str(answers[0].error)
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,8 @@ def test_every_request_of_a_bag_is_listed_with_its_answer(bag: str) -> None:
         else:
             assert request.status is not None
             assert entry.status == f"refused, {request.status.name}"
+            assert entry.error is not None
+            assert entry.error.status is request.status
 
 
 def test_what_was_recorded_can_be_planned_again(tmp_path: Path) -> None:

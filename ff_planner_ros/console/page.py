@@ -54,6 +54,7 @@ class Page:
             self._attitude = gui.add_slider("weight of attitude", 0.0, _WEIGHT, 0.1, 0.0)
             self._duration = gui.add_slider("duration [s]", 0.1, 1.0, 0.1, 1.0)
             self._range = gui.add_multi_slider("durations [s]", 0.1, 1.0, 0.1, (0.1, 1.0))
+            self._undo = gui.add_button("undo", disabled=True, hint="back to the answer shown")
         with gui.add_folder("Plan"):
             self._plan = gui.add_button("plan")
             self._cancel = gui.add_button("cancel", disabled=True)
@@ -73,6 +74,7 @@ class Page:
             one.on_update(lambda event: self._by_user(event, self._changed_by_sliders))
         self._plan.on_click(lambda _: self._locked(self.plan))
         self._cancel.on_click(lambda _: self._locked(self.cancel))
+        self._undo.on_click(lambda _: self.choose(self.chosen.name))
         self._choice.on_update(lambda event: self._by_user(event, self._chosen_by_name))
 
     def _locked(self, what: Any) -> None:
@@ -89,12 +91,18 @@ class Page:
         with self._lock:
             self._choose(next(one for one in self.entries if one.name == name))
 
-    def change(self, task: PlanningTask) -> None:
-        """Show a task that is not planned yet."""
+    def change(self, task: PlanningTask, is_elsewhere: bool = True) -> None:
+        """Take a task that is not planned yet.
+
+        Args:
+            is_elsewhere: Whether anything is at another place, or time: it is drawn then.
+        """
         with self._lock:
             self.task = task
+            self._undo.disabled = False
             self._progress.content = "changed: not planned yet"
-            self._draw(Entry("changed", task))
+            if is_elsewhere:
+                self._draw(Entry("changed", task))
 
     def plan(self) -> None:
         """Begin to plan the task as it is changed; not while another search runs."""
@@ -120,12 +128,13 @@ class Page:
             entry = entry_of(f"plan {self._planned}", answer)
             self.entries.append(entry)
             self._plan.disabled, self._cancel.disabled = False, True
-            self._progress.content = ""
             self._choice.options = tuple(one.name for one in self.entries)
             self._choose(entry)
 
     def _choose(self, entry: Entry) -> None:
         self.chosen, self.task = entry, entry.task
+        self._undo.disabled = True
+        self._progress.content = ""
         _set(self._choice, entry.name)
         self._words.content = in_words(entry)
         self._table.content = table_of(self.entries, entry)
@@ -183,12 +192,13 @@ class Page:
             durations = (float(self._range.value[0]), float(self._range.value[1]))
         try:
             task = weighted(self.task, float(self._path.value), float(self._attitude.value))
-            if durations != (task.problem.durations.minimum, task.problem.durations.maximum):
+            before = task.problem.durations
+            if is_other := durations != (before.minimum, before.maximum):
                 task = lasting_for(task, *durations)
         except FfPlannerError as error:
             self._refuse(error)
             return
-        self.change(task)
+        self.change(task, is_other)
 
     def _place_handle(self) -> None:
         """Put the handle on what is to be moved."""

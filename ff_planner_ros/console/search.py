@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Event, Thread
 
-from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime
+from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime, Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import SEARCHING, Progress, Watch
@@ -38,7 +38,7 @@ class Search:
 
         Args:
             told: Is given each progress in words.
-            done: Is given the answer, unless an error that is a defect ends the search.
+            done: Is given the answer; a defect of ours is a refusal, INTERNAL_ERROR.
         """
         self._task, self._done = task, done
         self._watch = _Watch(told)
@@ -60,6 +60,8 @@ class Search:
             plan = perform(self._task, self._watch)
         except FfPlannerError as refused:
             error = refused
+        except Exception as defect:  # whatever nobody thought of, so that the page goes on
+            error = FfPlannerError(Status.INTERNAL_ERROR, f"{type(defect).__name__}: {defect}")
         # What was found before the search was cancelled is a plan like any other.
         cancelled = self._watch.cancelled.is_set() and plan is None
         self._done(Answer(self._task, plan, error, cancelled))

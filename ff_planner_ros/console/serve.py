@@ -40,7 +40,7 @@ def serve(entries: Sequence[Entry], host: str, port: int) -> Served:
     """
     alone = is_loopback(host)
     with redirect_stdout(StringIO()):  # whose address the page has, is told below
-        inner = viser.ViserServer(
+        inner = _Server(
             host=_LOOPBACK, port=port if alone else port + 1, label=_LABEL, verbose=False
         )
     page = Page(inner, entries)
@@ -49,6 +49,13 @@ def serve(entries: Sequence[Entry], host: str, port: int) -> Served:
     token = secrets.token_urlsafe(24)
     gate = Gate(host, port, inner.get_port(), token)
     return Served(page, inner, f"http://{host}:{gate.port}/?token={token}")
+
+
+class _Server(viser.ViserServer):
+    """Never asks a server of others for a public address, whatever a browser sends."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002 (as viser's)
+        return None
 
 
 def is_loopback(host: str) -> bool:
