@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from threading import Event
@@ -27,6 +26,7 @@ from ff_planner_ros.console.serve import Served, is_loopback, serve
 from ff_planner_ros.console.stages import at_time, stages_of
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
@@ -216,14 +216,21 @@ def test_a_joint_beyond_its_limit_is_marked_where_and_when_it_is(
     task = replace(task, problem=replace(task.problem, limits=limits, obstacles=()))
     with pytest.raises(NoPlanFound) as refused:
         perform(task)
-    place = place_of_fault(task, refused.value)
+    place, attempt = place_of_fault(task, refused.value), refused.value.attempt
     assert place is not None
-    joint = place.words.partition(",")[0]
-    said = refused.value.failures[0].finding
-    assert f"joint {joint} " in said
-    at = re.search(r"t = ([\d.]+) s", said)
-    assert at is not None
-    assert place.time == pytest.approx(float(at[1]), abs=0.5 / (task.problem.points - 1))
+    assert isinstance(attempt, Plan)
+    robot, motion = task.problem.robot, attempt.trajectory
+    shares = {
+        "torques": np.abs(motion.joint_torques) / robot.effort_limits,
+        "velocities": np.abs(motion.joint_velocities) / robot.velocity_limits,
+    }[kept]
+    point = int(np.abs(motion.time - place.time).argmin())
+    joint = robot.joint_names.index(place.words)
+    assert shares[point, joint] > 1.0
+    assert shares[point, joint] > 0.95 * shares.max()
+    assert refused.value.failures[0].finding.startswith(f"joint {place.words} ")
+    origin = stages_of(task, attempt)[0].q[point]
+    assert place.points[0] == pytest.approx(arm_points(robot, origin[None])[0, joint], abs=1e-9)
 
 
 def test_a_search_gives_the_plan_that_the_task_has(capture: PlanningTask, plan: Plan) -> None:

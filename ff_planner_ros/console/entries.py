@@ -28,7 +28,7 @@ _STYLE = (
     "<style>.answers, .said {font-size: 12px; line-height: 1.3}"
     ".answers {border-collapse: collapse; width: 100%} .answers th {font-weight: normal}"
     ".answers th, .answers td {text-align: right; padding: 2px 4px; vertical-align: top}"
-    ".answers :is(th, td):first-child {text-align: left; overflow-wrap: anywhere}"
+    ".answers :is(th, td):first-child {text-align: left; overflow-wrap: anywhere; min-width: 8em}"
     ".answers .chosen {font-weight: bold; background: #00000012} .said {margin: 4px 12px}</style>"
 )
 
@@ -120,7 +120,7 @@ def _row(entry: Entry, is_chosen: bool) -> str:
 
 def in_words(entry: Entry) -> str:
     """Return what is said of an entry, in HTML."""
-    where = "" if entry.fault is None else f" Marked in the scene: {entry.fault.words}."
+    where = "" if entry.fault is None else f" (marked in the scene: {entry.fault.words})"
     said = html.escape(f"{entry.words}{where}")
     return (
         f"{_STYLE}<p class='said'><b>{html.escape(f'{entry.name}: {entry.status}')}</b> {said}</p>"

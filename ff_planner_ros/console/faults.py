@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.console.stages import Stage, stages_of
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.task.task import PlanningTask
 
 _OF_JOINTS = {Status.LIMIT_VIOLATED, Status.TORQUE_TOO_HIGH}
@@ -47,13 +48,13 @@ def place_of_fault(task: PlanningTask, error: FfPlannerError) -> Place | None:
         near = gaps[0]
         return Place(0.0, near.ends, f"{near.body}/{near.other}, {near.distance * 1e3:.1f} mm")
     attempt = error.attempt if isinstance(error, NoPlanFound) else None
-    if not isinstance(attempt, Plan):
+    if not isinstance(error, NoPlanFound) or not isinstance(attempt, Plan):
         if error.status is Status.GOAL_OUT_OF_REACH and problem.posture is None:
             return Place(problem.duration, problem.target.position[None], "goal out of reach")
         return None
     stage = stages_of(task, attempt_in(error))[-1]
     if error.status in _OF_JOINTS:
-        return _of_joint(stage, attempt.trajectory, error.status)
+        return _of_joint(stage, error.failures[0].finding if error.failures else "")
     if error.status is Status.COLLISION:
         return _nearest(stage, attempt)
     if error.status is Status.GOAL_OUT_OF_REACH and stage.problem.posture is None:
@@ -77,16 +78,13 @@ def _nearest(stage: Stage, attempt: Plan) -> Place | None:
     return Place(stage.begin + float(stage.times[point]), ends, words)
 
 
-def _of_joint(stage: Stage, motion: Trajectory, status: Status) -> Place | None:
-    """Return the joint that is worst beside its limit, of velocity or torque, and when."""
+def _of_joint(stage: Stage, finding: str) -> Place | None:
+    """Return the joint that a finding names, at the time that it names; None: it names none."""
     robot = stage.problem.robot
-    if status is Status.TORQUE_TOO_HIGH:
-        name, shares = "effort", np.abs(motion.joint_torques) / robot.effort_limits
-    else:
-        name, shares = "velocity", np.abs(motion.joint_velocities) / robot.velocity_limits
-    if not np.any(shares > 1.0):
-        return None  # another limit
-    point, joint = map(int, np.unravel_index(int(np.argmax(shares)), shares.shape))
+    name, at = re.search(r"joint (\S+) ", finding), re.search(r"at t = ([\d.]+) s", finding)
+    if name is None or at is None or name[1] not in robot.joint_names:
+        return None
+    point = int(np.abs(stage.times - float(at[1])).argmin())
+    joint = robot.joint_names.index(name[1])
     where = arm_points(robot, stage.q[point][None])[0, joint]
-    words = f"{robot.joint_names[joint]}, {shares[point, joint]:.0%} of its {name} limit"
-    return Place(stage.begin + float(stage.times[point]), where[None], words)
+    return Place(stage.begin + float(stage.times[point]), where[None], name[1])
