@@ -6,10 +6,12 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import viser
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import placed
 from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
@@ -300,6 +302,26 @@ def test_a_page_tells_a_change_that_is_refused_and_keeps_the_task(page: Page) ->
     page.move(GOAL, np.array([np.nan, 0.0, 0.0]), None)
     assert page.task is before
     assert "not changed: target.position" in page._progress.content
+
+
+def test_a_handle_moves_the_goal_where_it_is_let_go_and_turns_it(page: Page) -> None:
+    assert page.task is not None
+    before = page.task.problem.target
+    page._move.value = GOAL
+    page._place_handle()
+    assert page._handle is not None
+    assert page._handle.position == pytest.approx(before.position)
+    turned = Rotation.from_quat(before.quaternion_xyzw) * Rotation.from_rotvec([0.1, 0.0, 0.0])
+    x, y, z, w = turned.as_quat()
+    place = before.position + np.array([0.0, 0.03, 0.0])
+    held = SimpleNamespace(position=place, wxyz=np.array([w, x, y, z]))
+    page._moved_by_handle(SimpleNamespace(phase="update", target=held))
+    assert page.task.problem.target is before
+    page._moved_by_handle(SimpleNamespace(phase="end", target=held))
+    after = page.task.problem.target
+    assert after.position == pytest.approx(place, abs=1e-4)
+    between = Rotation.from_quat(after.quaternion_xyzw) * turned.inv()
+    assert between.magnitude() == pytest.approx(0.0, abs=1e-9)
 
 
 def test_undo_goes_back_and_weights_alone_leave_the_picture(page: Page) -> None:

@@ -111,6 +111,29 @@ def test_the_slider_moves_the_arm_by_the_keyboard(console: Callable[..., Console
     assert page.page.screenshot(clip=clip) != before
 
 
+def test_a_goal_moved_by_numbers_is_planned_for(console: Callable[..., Console]) -> None:
+    page = console()
+    inputs = page.page.locator("input")
+
+    def showing(value: str) -> Any:
+        page.page.wait_for_timeout(500)
+        count = inputs.count()
+        return next(one for k in range(count) if (one := inputs.nth(k)).input_value() == value)
+
+    showing("nothing").click()
+    page.page.get_by_role("option", name="goal", exact=True).click()
+    x = showing("1.7")
+    x.fill("1.68")
+    x.press("Enter")
+    page.wait_for("changed: not planned yet")
+    page.button("plan").click()
+    page.wait_for("plan 1: planned")
+    shown = page.served.page.chosen.plan
+    assert shown is not None
+    assert shown.trajectory.ee_positions[-1] == pytest.approx([1.68, 0.4, 0.6], abs=1e-5)
+    assert page.errors == []
+
+
 def test_a_refusal_is_told_in_words_and_marked(console: Callable[..., Console]) -> None:
     far = {"position": [30.0, 0.0, 0.0], "euler_xyz_deg": [0.0, 0.0, 0.0]}
     page = console(target=far)

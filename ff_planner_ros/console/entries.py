@@ -25,10 +25,10 @@ _COLUMNS = {
 }
 
 _STYLE = (
-    "<style>.answers, .said {font-size: 12px; line-height: 1.3}"
+    "<style>.answers, .said {font-size: 11px; line-height: 1.3}"
     ".answers {border-collapse: collapse; width: 100%} .answers th {font-weight: normal}"
-    ".answers th, .answers td {text-align: right; padding: 2px 4px; vertical-align: top}"
-    ".answers :is(th, td):first-child {text-align: left; overflow-wrap: anywhere; min-width: 8em}"
+    ".answers th, .answers td {text-align: right; padding: 2px 3px; vertical-align: top}"
+    ".answers :is(th, td):first-child {text-align: left; overflow-wrap: anywhere; min-width: 6em}"
     ".answers .chosen {font-weight: bold; background: #00000012} .said {margin: 4px 12px}</style>"
 )
 
