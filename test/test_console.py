@@ -138,6 +138,16 @@ def test_the_nearest_pair_of_all_points_is_the_plans(capture: PlanningTask, plan
     assert (least.pair, least.distance) == (true.pair, pytest.approx(true.distance, abs=1e-9))
 
 
+def test_what_may_touch_at_the_goal_is_told_so() -> None:
+    task = task_of("panel_capture")
+    (stage,) = stages_of(task, None)
+    link, obstacle = task.problem.allowed_collisions[0].split("/")
+    assert stage.may_touch(f"{link}#1/{obstacle}")
+    assert stage.may_touch(f"{link}/{obstacle}")
+    assert not stage.may_touch(f"link_1/{obstacle}")
+    assert not stage.may_touch(f"{link}/{obstacle}_2")
+
+
 def test_a_moved_goal_is_reached(capture: PlanningTask) -> None:
     place = capture.problem.target.position + np.array([0.0, 0.05, 0.02])
     made = perform(moved(capture, GOAL, place))

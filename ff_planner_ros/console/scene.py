@@ -113,7 +113,8 @@ class SceneView:
             self._near.points = near.ends[None].astype(np.float32)
             self._words.position = near.ends.mean(axis=0)
             self._words.text = f"{near.distance * 1e3:.1f} mm"
-        return f"nearest: {near.pair}, {near.distance * 1e3:.1f} mm"
+        allowed = ", may touch near the goal" if drawn.stage.may_touch(near.pair) else ""
+        return f"nearest: {near.pair}, {near.distance * 1e3:.1f} mm{allowed}"
 
     def _draw(self, number: int, stage: Stage) -> _Drawn:
         scene, above = self._server.scene, f"{_SHOWN}/{number}"

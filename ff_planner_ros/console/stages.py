@@ -50,6 +50,13 @@ class Stage:
         problem = self.problem
         return nearest_of(problem.robot, self.q[only], self.times[only], problem.obstacles)
 
+    def may_touch(self, pair: str) -> bool:
+        """Say whether a pair, of bodies' names, is allowed to touch near the goal."""
+        one, _, other = pair.partition("/")
+        link, other_link = one.partition("#")[0], other.partition("#")[0]
+        names = {f"{link}/{other}", f"{link}/{other_link}", f"{other_link}/{link}"}
+        return not names.isdisjoint(self.problem.allowed_collisions)
+
 
 def stages_of(task: PlanningTask, plan: Plan | None) -> tuple[Stage, ...]:
     """Return the phases of a plan; without one, the robot at its start through the duration."""
