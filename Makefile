@@ -67,7 +67,7 @@ $(VENV)/core: $(CORE) | $(VENV)/complete
 
 # What the tests need beside that, every day and in the longer tiers, and what colcon builds with.
 EXTRAS_everyday := test
-EXTRAS_ci := test robots
+EXTRAS_ci := test robots browser
 EXTRAS_nightly := $(EXTRAS_ci)
 # The contest of methods, a distribution of its own for those who want it.
 BENCHMARK_everyday := ./benchmark
@@ -201,7 +201,7 @@ figures: env $(VENV)/extras_everyday
 # Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow. None
 # of our own is a package of an index.
 lock: env
-	{ $(BIN)/python -c '$(REQUIRES)' ros test robots colcon; printf 'pip\nuv\n'; \
+	{ $(BIN)/python -c '$(REQUIRES)' ros test robots browser colcon; printf 'pip\nuv\n'; \
 		$(BIN)/python -c '$(REQUIRES_OF_BENCHMARK)'; \
 		for built in . msg_defs benchmark; do \
 			$(BIN)/python -c '$(BUILD_REQUIRES)' $$built/pyproject.toml; done; } | grep -v ^ff_planner_ \

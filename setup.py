@@ -140,6 +140,7 @@ ROS = [
 SIMULATION = ["mujoco-core>=4,<5"]  # without it, everything runs but `ff-planner verify`
 # Likewise, but `ff-planner campaign`.
 CAMPAIGN = ["cryptography>=50,<51", "distributed>=2026.8,<2027", "pyarrow>=26,<27"]
+CONSOLE = ["viser>=1.1,<2"]  # likewise, but `ff-planner console`
 
 setup(
     name=NAME,
@@ -186,6 +187,9 @@ setup(
         "ros": ROS,
         "simulation": SIMULATION,
         "campaign": CAMPAIGN,
+        "console": CONSOLE,
+        # 130 MB with which tests drive a browser that the machine has.
+        "browser": ["playwright>=1.60,<2"],
         # 131 MB that only tests read: the URDFs, as found, of arms and robots that others made.
         "robots": ["example-robot-data>=6,<7"],
         # The build that a ROS machine does, for `make build`.
@@ -194,6 +198,7 @@ setup(
             *ROS,
             *SIMULATION,
             *CAMPAIGN,
+            *CONSOLE,
             "clang-format>=23,<24",
             "cyclonedds>=11,<12",
             "jsonschema>=4.23,<5",

@@ -426,3 +426,11 @@ def test_of_an_option_that_is_another_programs_now_one_line_says_which(option, c
     assert refused.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"ff-planner: {option} is now a command of ff-planner-benchmark")
+
+
+def test_the_version_is_told_alone(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    version = importlib.metadata.version("ff_planner_ros")
+    assert capsys.readouterr().out == f"ff-planner {version}\n"

@@ -62,6 +62,7 @@ FLOORS = (
     {"campaign"},
     {"report"},
     {"demo"},
+    {"console"},
     {"commands"},
     {"cli"},
 )
@@ -75,6 +76,7 @@ WITH_ROS = (
     "report.received_scenes",
     "report.from_changes",
     "demo",
+    "console.from_bag",
 )
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 ROOM_WITH_CLOCKS = "bench"
@@ -239,6 +241,13 @@ def test_only_the_simulation_imports_the_engine_that_need_not_be_installed():
     assert importing == {"simulation"}
 
 
+def test_only_the_console_imports_the_page_that_need_not_be_installed():
+    importing = {
+        room_of(module_name(path)) for path in MODULES if "viser" in top_level_imports([path])
+    }
+    assert importing == {"console"}
+
+
 def test_only_campaigns_import_the_cluster_that_need_not_be_installed():
     optional = {"dask", "distributed", "pyarrow"}
     importing = {
@@ -285,7 +294,8 @@ def test_setup_py_declares_exactly_the_python_packages_that_are_imported():
     declared = {
         re.match(r"[\w-]+", line)[0]
         for line in required
-        if "extra ==" not in line or re.search(r"extra == .(campaign|simulation|ros)\b", line)
+        if "extra ==" not in line
+        or re.search(r"extra == .(campaign|console|simulation|ros)\b", line)
     }
     foreign = top_level_imports(MODULES) - sys.stdlib_module_names - {"ff_planner_ros"}
     imported = {PIP_NAMES.get(name, name) for name in foreign - ros_packages(foreign)}

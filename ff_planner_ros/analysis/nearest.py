@@ -38,10 +38,22 @@ class Nearest:
 
 def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Obstacle]) -> Nearest | None:
     """Return the least distance at the points of a plan; None: the robot has no bodies."""
+    q, _ = from_trajectory(robot, motion)
+    return nearest_of(robot, q, motion.time - motion.time[0], obstacles)
+
+
+def nearest_of(
+    robot: Robot, q: Array, times: Array, obstacles: Sequence[Obstacle]
+) -> Nearest | None:
+    """Return the least distance at some configurations; None: the robot has no bodies.
+
+    Args:
+        q: Shape (points, 7 + joints).
+        times: Of each, from the first point of the plan on, where obstacles are told. Shape
+            (points,) [s].
+    """
     if not robot.bodies:
         return None
-    q, _ = from_trajectory(robot, motion)
-    times = motion.time - motion.time[0]
     data, placed, balls = robot.model.createData(), [], []
     others = [
         [pin.SE3(*at) for at in zip(*obstacle_poses(one, times), strict=True)] for one in obstacles

@@ -79,7 +79,10 @@ def add_report(add: Add) -> None:
     source_help = "a bag (a directory or .mcap file) or an answer of `plan --json`"
     report.add_argument("source", type=Path, metavar="BAG|JSON", help=source_help)
     report.add_argument(
-        "--output", type=Path, metavar="FILE.html", help="default: NAME_report.html, here"
+        "--output",
+        type=Path,
+        metavar="FILE.html|DIR",
+        help="the page, or a directory for it (default: NAME_report.html, here)",
     )
     plans_help = "draw the last N plans, up to 1 MB each (default: 20); the tables tell of all"
     report.add_argument("--plans", type=int, default=20, metavar="N", help=plans_help)
@@ -103,18 +106,25 @@ def report_run(options: Namespace) -> int:
         from ff_planner_ros.report.from_bag import report_of_bag
 
         report = report_of_bag(source, options.plans)
-    output = options.output or Path(f"{source.resolve().stem}_report.html")
+    output = _page(options.output, source.resolve().stem)
     save_page(report, output)
     print_notes(report.notes)
     print(f"{output}  {report.counts}, {output.stat().st_size / 1e6:.1f} MB")
     return SOLVED
 
 
+def _page(output: Path | None, name: str) -> Path:
+    """Return the file of a report: the one that is named, or one in the directory that is."""
+    if output is not None and not output.is_dir():
+        return output
+    return (output or Path()) / f"{name}_report.html"
+
+
 def _report_fleet(directory: Path, options: Namespace) -> int:
     from ff_planner_ros.report.fleet import read_fleet, success_words
     from ff_planner_ros.report.fleet_page import save_fleet_page
 
-    output = options.output or Path(f"{directory.resolve().name}_report.html")
+    output = _page(options.output, directory.resolve().name)
     fleet = read_fleet(directory)
     notes = save_fleet_page(fleet, output, options.plans)
     print_notes([*notes, *(f"skipped: {name}: {why}" for name, why in fleet.skipped)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import SUPPRESS, Action, ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +14,7 @@ ADDERS = (
     campaigns.add_campaign,
     files.add_check,
     planning.add_compare,
+    robot.add_console,
     ros.add_demo,
     doctor.add_doctor,
     bags.add_export,
@@ -37,6 +38,9 @@ def command_parser() -> ArgumentParser:
         description="Trajectory planning for free-floating space manipulators.",
         epilog="Exit code: 0 done, 2 bad input, 3 no plan found, or one that does not come true.",
     )
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, dest=SUPPRESS, help="print the version and end"
+    )
     commands = parser.add_subparsers(metavar="COMMAND", dest="verb", required=True)
 
     def add(
@@ -49,3 +53,13 @@ def command_parser() -> ArgumentParser:
     for adder in ADDERS:
         adder(add)
     return parser
+
+
+class _Version(Action):
+    """Prints the version, which no other command has to look up."""
+
+    def __call__(self, parser: ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        print(f"{parser.prog} {version('ff_planner_ros')}")
+        parser.exit()

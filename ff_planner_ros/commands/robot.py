@@ -1,24 +1,30 @@
-"""The commands `robot` and `scene`: what the planner makes of a URDF, and of a scenario."""
+"""The commands `robot`, `scene`, `console`: a URDF, a scenario or a bag to look at."""
 
 from __future__ import annotations
 
+import time
 from argparse import Namespace
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ff_planner_ros.commands import SOLVED
 from ff_planner_ros.commands.options import Add
 from ff_planner_ros.commands.printed import print_notes, print_table
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
 
 if TYPE_CHECKING:
     from ff_planner_ros.analysis.scene_distances import Gap
+    from ff_planner_ros.console.entries import Entry
     from ff_planner_ros.robot.model import Robot
 
 # Of the distances so many are printed, the least first.
 _PRINTED = 10
+_SCENARIOS = (".yaml", ".yml")
+_DAY = 86_400.0
+_PORTS = 65_535  # less one: behind a gate the page has the next port
 
 
 def add_robot(add: Add) -> None:
@@ -151,3 +157,65 @@ def _print_gaps(title: str, gaps: Sequence[Gap]) -> None:
     print_table(title, ("nearest", "distance [m]", ""), rows)
     if len(gaps) > _PRINTED:
         print(f"and {len(gaps) - _PRINTED} more, further away")
+
+
+def add_console(add: Add) -> None:
+    """Add `console`."""
+    console = add(
+        "console",
+        open_console,
+        "see, change and plan a scenario, or see a bag, in the browser",
+        description="Serve a page for the browser: the scene over time, what can be changed in "
+        "it, and a table of plans. Nothing is fetched from the network.",
+    )
+    console.add_argument(
+        "source",
+        type=Path,
+        metavar="SCENARIO|BAG",
+        help="a scenario (.yaml), or a bag (a directory or .mcap; needs ROS)",
+    )
+    host_help = "where others can come to, with a token in the address (default: this machine only)"
+    console.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help=host_help)
+    console.add_argument("--port", type=int, default=8321, metavar="N", help="default: 8321")
+
+
+def open_console(options: Namespace) -> int:
+    """Serve the page until it is interrupted."""
+    if find_spec("viser") is None:
+        raise FfPlannerError(
+            Status.UNSUPPORTED,
+            "the console needs viser: pip install 'ff_planner_ros[console]', or where this "
+            "package came without pip, pip install viser",
+        )
+    if not 0 < options.port < _PORTS:
+        allowed = f"it must be from 1 to {_PORTS - 1}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--port", options.port, allowed)
+    entries = _entries(options.source)
+    from ff_planner_ros.console.serve import serve
+
+    served = serve(entries, options.host, options.port)
+    print(served.address, flush=True)
+    print("Open it in a browser; Ctrl+C ends it.", flush=True)
+    try:
+        while True:
+            time.sleep(_DAY)
+    except KeyboardInterrupt:
+        served.server.stop()
+    return SOLVED
+
+
+def _entries(source: Path) -> list[Entry]:
+    """Return what the page begins with."""
+    if source.suffix in _SCENARIOS:
+        from ff_planner_ros.console.entries import Entry
+        from ff_planner_ros.parameters import load_parameters
+        from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+
+        task = load_task(source, Defaults(load_parameters().planner))
+        print_notes(task.problem.robot.notes)
+        return [Entry(source.stem, task, status="not planned")]
+    from ff_planner_ros.console.from_bag import entries_of_bag
+
+    entries, notes = entries_of_bag(source)
+    print_notes(notes)
+    return entries

@@ -16,6 +16,7 @@ from ff_planner_ros.report.plan_section import plan_part
 from ff_planner_ros.report.run_report import Report, ReportedRequest, clock_time
 from ff_planner_ros.report.statistics_plots import solve_time_plot
 
+_FEWEST_TIMES = 10  # of which a histogram tells more than their table
 _COLUMNS = (
     *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T, h", "duration [s]", "points"),
     *("joint path [rad]", "Euler angle [deg]", "rotation [deg]", "clearance [mm]"),
@@ -138,13 +139,13 @@ def _status(request: ReportedRequest) -> str:
 def _timing(requests: Sequence[ReportedRequest]) -> Iterator[Element]:
     timed = [request for request in requests if request.asked_ns is not None]
     times = [request.solve_time for request in requests if request.solve_time is not None]
-    if not timed and len(times) < 2:
+    if not timed and len(times) < _FEWEST_TIMES:
         return
     yield element("h2", "Timing")
     if timed:
         yield element("p", "By the node's clock, from the request on.")
         yield table(_TIMING_COLUMNS, [row(_times(request)) for request in timed])
-    if len(times) > 1:
+    if len(times) >= _FEWEST_TIMES:
         yield plot("solve-times", solve_time_plot(times), "Solve times of all answers.")
 
 

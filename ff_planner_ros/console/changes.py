@@ -1,0 +1,111 @@
+"""A task with one thing changed by hand: goal, obstacle, weights or duration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Orientation,
+    PlanningProblem,
+    Sphere,
+    with_capture_target,
+)
+from ff_planner_ros.planning.task.task import PlanningTask
+
+GOAL = "goal"
+
+
+def movable(problem: PlanningProblem) -> tuple[str, ...]:
+    """Return what can be moved: `GOAL`, unless it is a grasp or a posture, and free obstacles."""
+    fixed = problem.target_body is not None or problem.posture is not None
+    free = [one.id for one in problem.obstacles if one.body is None]
+    return (*(() if fixed else (GOAL,)), *(one for one in free if one != GOAL))
+
+
+def place_of(problem: PlanningProblem, name: str) -> tuple[Array, Array | None]:
+    """Return position [m] and quaternion, x y z w, of what can be moved; None: it has no axes."""
+    if name == GOAL:
+        target = problem.target
+        turned = None if target.orientation is Orientation.FREE else target.quaternion_xyzw
+        return target.position, turned
+    one = next(one for one in problem.obstacles if one.id == name)
+    if isinstance(one, Sphere):
+        return one.center, None
+    return one.position, one.quaternion_xyzw
+
+
+def moved(
+    task: PlanningTask, name: str, position: Array, quaternion_xyzw: Array | None = None
+) -> PlanningTask:
+    """Return a task with the goal, or an obstacle, elsewhere at the same time as before.
+
+    Args:
+        position: Shape (3,) [m].
+        quaternion_xyzw: None: it stays turned as it is.
+
+    Raises:
+        InvalidInput: It cannot be there.
+    """
+    problem = task.problem
+    if name not in movable(problem):
+        allowed = f"it must be one of {', '.join(movable(problem)) or 'nothing'}"
+        raise InvalidInput(Status.UNSUPPORTED, "moved", name, allowed)
+    turned: dict[str, Any] = {}
+    if quaternion_xyzw is not None:
+        turned = {"quaternion_xyzw": quaternion_xyzw}
+    if name == GOAL:
+        target = replace(problem.target, position=position, **turned)
+        return _with(task, replace(problem, target=target))
+    obstacles = tuple(
+        one
+        if one.id != name
+        else replace(one, center=position)
+        if isinstance(one, Sphere)
+        else replace(one, position=position, **turned)
+        for one in problem.obstacles
+    )
+    return _with(task, replace(problem, obstacles=obstacles))
+
+
+def weighted(task: PlanningTask, joint_path: float, attitude: float) -> PlanningTask:
+    """Return a task with other weights of joint path and chaser attitude; others stay.
+
+    Raises:
+        InvalidInput: All weights are zero.
+    """
+    problem = task.problem
+    weights = replace(problem.objective, joint_path_length=joint_path, chaser_attitude=attitude)
+    return _with(task, replace(problem, objective=weights))
+
+
+def lasting_for(task: PlanningTask, shortest: float, longest: float) -> PlanningTask:
+    """Return a task with another duration, or a range of them to choose from [s].
+
+    The grasp of a target body is where the body is after the longest.
+
+    Raises:
+        InvalidInput: They are not positive, or a target body turns too far.
+    """
+    problem, window = task.problem, task.problem.duration_range
+    if window is not None:
+        window = DurationRange(shortest, longest, window.target_velocity)
+    problem = replace(problem, duration=longest, duration_range=window)
+    if problem.target_body is not None:
+        problem = with_capture_target(problem.target_body, problem)
+    return _with(task, problem)
+
+
+def _with(task: PlanningTask, problem: PlanningProblem) -> PlanningTask:
+    # The step at which a search was ended, and its first guess, belong to what it was.
+    return replace(task, problem=problem, effort=0, first_guess=None)
+
+
+def rounded(position: Array) -> Array:
+    """Return a place to a tenth of a millimetre, as a person means it. Shape (3,) [m]."""
+    return np.asarray(np.round(position, 4), np.float64)

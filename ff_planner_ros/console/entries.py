@@ -1,0 +1,131 @@
+"""What the page lists: tasks with their plans or refusals."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from ff_planner_ros.console.faults import Place, attempt_in, place_of_fault
+from ff_planner_ros.console.search import Answer
+from ff_planner_ros.console.stages import Stage, stages_of
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.planning.task.whole import whole
+
+# Columns of the table, and the metric of each.
+_COLUMNS = {
+    "joint path": "joint_path_length",
+    "attitude": "max_chaser_euler",
+    "clearance": "min_clearance",
+    "torque": "peak_joint_torques",
+}
+
+_STYLE = (
+    "<style>.answers, .said {font-size: 11px; line-height: 1.3}"
+    ".answers {border-collapse: collapse; width: 100%} .answers th {font-weight: normal}"
+    ".answers th, .answers td {text-align: right; padding: 2px 3px; vertical-align: top}"
+    ".answers :is(th, td):first-child {text-align: left; overflow-wrap: anywhere; min-width: 6em}"
+    ".answers .chosen {font-weight: bold; background: #00000012} .said {margin: 4px 12px}</style>"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A task, and what came of it."""
+
+    name: str
+    task: PlanningTask | None  # None: not known, there is nothing to draw
+    plan: Plan | None = None
+    error: FfPlannerError | None = None  # why there is no plan
+    status: str = ""  # in a word
+    words: str = ""  # the answer's message
+    given: Metrics | None = None  # of the answer, where they are not those of the plan
+
+    @cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """What is drawn over time: the plan, or the best attempt, or the start."""
+        if self.task is None:
+            return ()
+        motion = self.plan
+        if motion is None and self.error is not None:
+            motion = attempt_in(self.error)
+        return stages_of(self.task, motion)
+
+    @cached_property
+    def fault(self) -> Place | None:
+        """Where a refusal has its cause; None: there is none, or it has no place."""
+        if self.task is None or self.error is None:
+            return None
+        return place_of_fault(self.task, self.error)
+
+    @cached_property
+    def metrics(self) -> Metrics | None:
+        """Of the plan, of all phases as one, or of the best attempt."""
+        if self.given is not None or self.plan is None:
+            attempt = self.error.attempt if isinstance(self.error, NoPlanFound) else None
+            return self.given or (attempt.metrics if isinstance(attempt, Plan) else None)
+        return whole(self.plan).metrics
+
+    @property
+    def objective(self) -> str:
+        """The value of what is minimised, by the weights of the task."""
+        metrics = self.metrics
+        if self.task is None or metrics is None:
+            return "-"
+        weights = self.task.problem.objective
+        value = weights.joint_path_length * metrics.joint_path_length
+        value += weights.chaser_attitude * metrics.max_chaser_euler
+        if self.plan is not None and self.plan.duration is not None:
+            value += weights.duration * self.plan.duration
+        if metrics.peak_wheel_momenta:
+            value += weights.wheel_momentum * max(metrics.peak_wheel_momenta)
+        return f"{value:.4f}"
+
+
+def entry_of(name: str, answer: Answer) -> Entry:
+    """Return what a search on the page came to."""
+    if answer.plan is not None:
+        message = answer.plan.message
+        return Entry(name, answer.task, answer.plan, status="planned", words=message)
+    error = answer.error
+    status = "cancelled" if answer.cancelled else "refused" if error is None else _named(error)
+    return Entry(name, answer.task, error=error, status=status, words=str(error))
+
+
+def table_of(entries: Sequence[Entry], chosen: Entry) -> str:
+    """Return all entries as a table in HTML, the chosen one in bold."""
+    heads = ["plan", "objective"]
+    for head, name in _COLUMNS.items():
+        heads.append(f"{head} [{METRIC_BY_NAME[name].shown_unit}]")
+    rows = [_row(entry, entry is chosen) for entry in entries]
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
+    return f"{_STYLE}<table class='answers'><tr>{head}</tr>{''.join(rows)}</table>"
+
+
+def _row(entry: Entry, is_chosen: bool) -> str:
+    metrics = entry.metrics
+    values = [
+        "-" if metrics is None else METRIC_BY_NAME[name].shown(getattr(metrics, name))
+        for name in _COLUMNS.values()
+    ]
+    name = entry.name if entry.plan is not None else f"{entry.name}: {entry.status}"
+    cells = [name, "-" if entry.plan is None else entry.objective, *values]
+    of_row = " class='chosen'" if is_chosen else ""
+    return f"<tr{of_row}>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>"
+
+
+def in_words(entry: Entry) -> str:
+    """Return what is said of an entry, in HTML."""
+    where = "" if entry.fault is None else f" (marked in the scene: {entry.fault.words})"
+    said = html.escape(f"{entry.words}{where}")
+    return (
+        f"{_STYLE}<p class='said'><b>{html.escape(f'{entry.name}: {entry.status}')}</b> {said}</p>"
+    )
+
+
+def _named(error: FfPlannerError) -> str:
+    return f"refused, {error.status.name}"

@@ -1,0 +1,255 @@
+"""The page: a scene, a slider through time, what can be changed, and a table of plans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from threading import RLock
+from typing import Any
+
+import numpy as np
+import viser
+
+from ff_planner_ros.console.changes import lasting_for, movable, moved, place_of, rounded, weighted
+from ff_planner_ros.console.entries import Entry, entry_of, in_words, table_of
+from ff_planner_ros.console.scene import SceneView
+from ff_planner_ros.console.search import Answer, Search
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.planning.task.task import PlanningTask
+
+_NOTHING = "nothing"
+_STEPS = 200  # of the slider through time
+# Of the sliders: the largest weight, unless the task's is larger, and the durations beside it.
+_WEIGHT, _SHORTER, _LONGER = 10.0, 0.2, 3.0
+_HANDLE = "/handle"
+
+
+class Page:
+    """What all who look on see alike: a change by one is seen by the others."""
+
+    def __init__(self, server: viser.ViserServer, entries: Sequence[Entry]) -> None:
+        """Show the first of some entries of which anything can be drawn."""
+        self._lock = RLock()  # callbacks come in many threads
+        self._server = server
+        self.entries = list(entries)
+        self.chosen = next((one for one in self.entries if one.stages), self.entries[0])
+        self.task: PlanningTask | None = None  # what will be planned
+        self.search: Search | None = None  # that runs
+        self._planned = 0
+        self._scene = SceneView(server)
+        self._handle: viser.TransformControlsHandle | None = None
+        gui = server.gui
+        gui.configure_theme(
+            control_width="large",
+            show_logo=False,
+            show_share_button=False,  # it would ask a server of others for a public address
+        )
+        gui.main_panel.dock_right()
+        gui.set_panel_label("ff-planner console")
+        self._time = gui.add_slider("time [s]", 0.0, 1.0, 0.01, 0.0)
+        self._near = gui.add_markdown("")
+        with gui.add_folder("Task"):
+            self._move = gui.add_dropdown("move", (_NOTHING,))
+            self._place = gui.add_vector3("position [m]", (0.0, 0.0, 0.0), step=0.01, visible=False)
+            self._path = gui.add_slider("weight of joint path", 0.0, _WEIGHT, 0.1, 1.0)
+            self._attitude = gui.add_slider("weight of attitude", 0.0, _WEIGHT, 0.1, 0.0)
+            self._duration = gui.add_slider("duration [s]", 0.1, 1.0, 0.1, 1.0)
+            self._range = gui.add_multi_slider("durations [s]", 0.1, 1.0, 0.1, (0.1, 1.0))
+            self._undo = gui.add_button("undo", disabled=True, hint="back to the answer shown")
+        with gui.add_folder("Plan"):
+            self._plan = gui.add_button("plan")
+            self._cancel = gui.add_button("cancel", disabled=True)
+            self._progress = gui.add_markdown("")
+        with gui.add_folder("Answers"):
+            self._choice = gui.add_dropdown("shown", tuple(one.name for one in self.entries))
+            self._words = gui.add_html("")
+            self._table = gui.add_html("")
+        self._listen()
+        self._choose(self.chosen)
+
+    def _listen(self) -> None:
+        self._time.on_update(lambda _: self._locked(self._show_time))
+        self._move.on_update(lambda event: self._by_user(event, self._place_handle))
+        self._place.on_update(lambda event: self._by_user(event, self._moved_by_numbers))
+        for one in (self._path, self._attitude, self._duration, self._range):
+            one.on_update(lambda event: self._by_user(event, self._changed_by_sliders))
+        self._plan.on_click(lambda _: self._locked(self.plan))
+        self._cancel.on_click(lambda _: self._locked(self.cancel))
+        self._undo.on_click(lambda _: self.choose(self.chosen.name))
+        self._choice.on_update(lambda event: self._by_user(event, self._chosen_by_name))
+
+    def _locked(self, what: Any) -> None:
+        with self._lock:
+            what()
+
+    def _by_user(self, event: Any, what: Any) -> None:
+        # What the page sets itself, no client has sent.
+        if event.client is not None:
+            self._locked(what)
+
+    def choose(self, name: str) -> None:
+        """Show an entry, and go on from its task."""
+        with self._lock:
+            self._choose(next(one for one in self.entries if one.name == name))
+
+    def change(self, task: PlanningTask, is_elsewhere: bool = True) -> None:
+        """Take a task that is not planned yet.
+
+        Args:
+            is_elsewhere: Whether anything is at another place, or time: it is drawn then.
+        """
+        with self._lock:
+            self.task = task
+            self._undo.disabled = False
+            self._progress.content = "changed: not planned yet"
+            if is_elsewhere:
+                self._draw(Entry("changed", task))
+
+    def plan(self) -> None:
+        """Begin to plan the task as it is changed; not while another search runs."""
+        with self._lock:
+            if self.task is None or self.search is not None:
+                return
+            self._plan.disabled, self._cancel.disabled = True, False
+            self._progress.content = "searching"
+            self.search = Search(self.task, self._told, self._done)
+
+    def cancel(self) -> None:
+        """End the search that runs."""
+        if self.search is not None:
+            self.search.cancel()
+
+    def _told(self, words: str) -> None:
+        self._progress.content = words
+
+    def _done(self, answer: Answer) -> None:
+        with self._lock:
+            self.search = None
+            self._planned += 1
+            entry = entry_of(f"plan {self._planned}", answer)
+            self.entries.append(entry)
+            self._plan.disabled, self._cancel.disabled = False, True
+            self._choice.options = tuple(one.name for one in self.entries)
+            self._choose(entry)
+
+    def _choose(self, entry: Entry) -> None:
+        self.chosen, self.task = entry, entry.task
+        self._undo.disabled = True
+        self._progress.content = ""
+        _set(self._choice, entry.name)
+        self._words.content = in_words(entry)
+        self._table.content = table_of(self.entries, entry)
+        self._plan.disabled = self.task is None or self.search is not None
+        self._set_sliders()
+        self._draw(entry)
+
+    def _draw(self, entry: Entry) -> None:
+        if not entry.stages:
+            self._near.content = "of this request nothing can be drawn"
+            return
+        self._scene.show(entry.stages, entry.fault)
+        end = entry.stages[-1].end
+        self._time.step = end / _STEPS
+        self._time.max = end
+        _set(self._time, min(0.0 if entry.fault is None else entry.fault.time, end))
+        self._show_time()
+
+    def _show_time(self) -> None:
+        if self._scene.is_empty:
+            return
+        self._near.content = self._scene.move_to(float(self._time.value))
+
+    def _set_sliders(self) -> None:
+        """Set what can be changed to the task's values."""
+        names = (_NOTHING,) if self.task is None else (_NOTHING, *movable(self.task.problem))
+        self._move.options = names
+        self._place_handle()
+        if self.task is None:
+            return
+        problem = self.task.problem
+        for slider, weight in (
+            (self._path, problem.objective.joint_path_length),
+            (self._attitude, problem.objective.chaser_attitude),
+        ):
+            slider.max = max(_WEIGHT, weight, slider.max)
+            _set(slider, weight)
+        window = problem.durations
+        self._duration.visible = problem.duration_range is None
+        self._range.visible = not self._duration.visible
+        for one in (self._duration, self._range):
+            one.min = min(one.min, _SHORTER * window.minimum)
+            one.max = max(one.max, _LONGER * window.maximum)
+        _set(self._duration, problem.duration)
+        _set(self._range, (window.minimum, window.maximum))
+
+    def _chosen_by_name(self) -> None:
+        self.choose(self._choice.value)
+
+    def _changed_by_sliders(self) -> None:
+        if self.task is None:
+            return
+        durations = (float(self._duration.value),) * 2
+        if self.task.problem.duration_range is not None:
+            durations = (float(self._range.value[0]), float(self._range.value[1]))
+        try:
+            task = weighted(self.task, float(self._path.value), float(self._attitude.value))
+            before = task.problem.durations
+            if is_other := durations != (before.minimum, before.maximum):
+                task = lasting_for(task, *durations)
+        except FfPlannerError as error:
+            self._refuse(error)
+            return
+        self.change(task, is_other)
+
+    def _place_handle(self) -> None:
+        """Put the handle on what is to be moved."""
+        if self._handle is not None:
+            self._handle.remove()
+            self._handle = None
+        name = self._move.value
+        self._place.visible = self.task is not None and name != _NOTHING
+        if self.task is None or name == _NOTHING:
+            return
+        position, turned = place_of(self.task.problem, name)
+        _set(self._place, tuple(position.tolist()))
+        x, y, z, w = (0.0, 0.0, 0.0, 1.0) if turned is None else turned.tolist()
+        self._handle = self._server.scene.add_transform_controls(
+            _HANDLE,
+            scale=0.4,
+            disable_rotations=turned is None,
+            position=position,
+            wxyz=(w, x, y, z),
+            depth_test=False,
+        )
+        self._handle.on_update(self._moved_by_handle)
+
+    def _moved_by_handle(self, event: viser.TransformControlsEvent) -> None:
+        if event.phase != "end":
+            return
+        with self._lock:
+            w, x, y, z = event.target.wxyz
+            quaternion = np.array([x, y, z, w]) / np.linalg.norm([x, y, z, w])
+            self.move(self._move.value, event.target.position, quaternion)
+
+    def _moved_by_numbers(self) -> None:
+        self.move(self._move.value, np.array(self._place.value), None)
+
+    def move(self, name: str, position: Any, quaternion_xyzw: Any) -> None:
+        """Move the goal or an obstacle; a refusal is told, and everything stays."""
+        with self._lock:
+            if self.task is None or name == _NOTHING:
+                return
+            _, turned = place_of(self.task.problem, name)
+            try:
+                given = None if turned is None else quaternion_xyzw
+                self.change(moved(self.task, name, rounded(position), given))
+            except FfPlannerError as error:
+                self._refuse(error)
+            self._place_handle()
+
+    def _refuse(self, error: FfPlannerError) -> None:
+        self._progress.content = f"not changed: {error}"
+
+
+def _set(handle: Any, value: Any) -> None:
+    """Set a control to a value: viser's types know such an attribute as read-only."""
+    handle.value = value

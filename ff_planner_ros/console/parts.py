@@ -1,0 +1,83 @@
+"""The rigid parts of a stage as surfaces, and where each is at every point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface
+from ff_planner_ros.analysis.drawing.solids import Triangles, box, robot_surface
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.console.stages import Stage
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
+from ff_planner_ros.robot.box import uniform_box
+
+CHASER, ARM, OBSTACLE, TARGET = "chaser", "arm", "obstacle", "target"
+# More obstacles than the first number are drawn with the coarser circles.
+_FEW, _AROUND, _COARSE = 20, 32, 12
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A surface that moves as one."""
+
+    name: str  # of a joint, or an obstacle's id
+    kind: str  # CHASER, ARM, OBSTACLE, or TARGET: fixed to a body that is captured
+    corners: Array  # in its own frame; shape (corners, 3) [m]
+    triangles: Triangles  # shape (triangles, 3)
+    positions: Array  # in the inertial frame; shape (points, 3) [m]
+    quaternions_wxyz: Array  # own axes to inertial axes, as the browser takes it; (points, 4)
+
+
+def robot_parts(stage: Stage) -> Iterator[Part]:
+    """Yield what each joint moves, the chaser first: a box stands for one that has no shape."""
+    robot = stage.problem.robot
+    surface = robot_surface(robot)
+    of_triangle = surface.joints[surface.triangles[:, 0]]
+    positions, quaternions = _joint_places(stage)
+    for joint in range(1, robot.model.njoints):
+        triangles = surface.triangles[of_triangle == joint]
+        used, numbers = np.unique(triangles, return_inverse=True)
+        corners, faces = surface.corners[used], numbers.reshape(-1, 3)
+        if joint == 1 and not len(faces):
+            stands_for = uniform_box(robot)
+            corners, faces = box(tuple(stands_for.edges.tolist()))
+            corners = corners @ stands_for.rotation_box_to_chaser.T
+        if len(faces):
+            kind = CHASER if joint == 1 else ARM
+            at, turned = positions[:, joint], quaternions[:, joint]
+            yield Part(robot.model.names[joint], kind, corners, faces, at, turned)
+
+
+def obstacle_parts(stage: Stage) -> Iterator[Part]:
+    """Yield the obstacles."""
+    obstacles = stage.problem.obstacles
+    for one in obstacles:
+        corners, triangles = obstacle_surface(one, _AROUND if len(obstacles) <= _FEW else _COARSE)
+        rotations, origins = obstacle_poses(one, stage.times)
+        kind = OBSTACLE if one.body is None else TARGET
+        yield Part(one.id, kind, corners, triangles, origins, wxyz(rotations))
+
+
+def wxyz(rotations: NDArray[np.float64]) -> Array:
+    """Return rotation matrices, shape (points, 3, 3), as quaternions, shape (points, 4)."""
+    return np.asarray(Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]], np.float64)
+
+
+def _joint_places(stage: Stage) -> tuple[Array, Array]:
+    """Return positions and quaternions of all joints' frames at every point."""
+    model = stage.problem.robot.model
+    data = model.createData()
+    positions = np.empty((len(stage.q), model.njoints, 3))
+    rotations = np.empty((len(stage.q), model.njoints, 3, 3))
+    for row, q in enumerate(stage.q):
+        pin.forwardKinematics(model, data, q)
+        for joint, place in enumerate(data.oMi):
+            positions[row, joint], rotations[row, joint] = place.translation, place.rotation
+    flat = wxyz(rotations.reshape(-1, 3, 3))
+    return positions, flat.reshape(len(stage.q), model.njoints, 4)

@@ -1,0 +1,211 @@
+"""The scene of the page: what is shown, and where everything is at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import viser
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.console.faults import Place
+from ff_planner_ros.console.parts import (
+    ARM,
+    CHASER,
+    OBSTACLE,
+    TARGET,
+    Part,
+    obstacle_parts,
+    robot_parts,
+)
+from ff_planner_ros.console.stages import Stage, at_time
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.problem.problem import Orientation
+
+# Okabe and Ito's, which colour-blind people tell apart.
+_COLOURS = {
+    CHASER: (150, 150, 150),
+    ARM: (0, 114, 178),
+    OBSTACLE: (230, 159, 0),
+    TARGET: (204, 121, 167),
+}
+_GHOST, _GHOST_OPACITY = (86, 180, 233), 0.2
+_LINE, _NEAREST, _FAULT = (40, 40, 40), (0, 0, 0), (213, 94, 0)
+_SHOWN = "/shown"
+_NEAR = "/nearest"
+_WIDTH = 2.5  # of lines [pixels]
+_EYE = np.array([-0.9, -1.5, 0.8])  # towards who looks on, in sizes of the scene
+
+
+@dataclass(eq=False)
+class _Drawn:
+    """A stage in the browser."""
+
+    stage: Stage
+    node: viser.FrameHandle  # above all that belongs to the stage
+    parts: list[tuple[Part, viser.MeshHandle]] = field(default_factory=list)
+    arm: viser.LineSegmentsHandle | None = None  # where lines are kept clear
+
+
+class SceneView:
+    """Draws one motion, or one task, at a time."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        """Light an empty scene, z up."""
+        self._server = server
+        self._drawn = list[_Drawn]()
+        self._ghosts = dict[tuple[int, int], viser.FrameHandle]()  # by stage and point
+        server.scene.set_up_direction("+z")
+        # Shadows would make pictures 14 times as slow where a browser has no graphics card.
+        server.scene.configure_default_lights(enabled=True, cast_shadow=False)
+        server.scene.world_axes.visible = True
+        server.scene.world_axes.axes_length = 0.2
+        server.scene.world_axes.axes_radius = 0.004
+        self._near = server.scene.add_line_segments(
+            f"{_NEAR}/line", np.zeros((1, 2, 3)), _NEAREST, thickness=4.0, thickness_units="screen"
+        )
+        self._words = server.scene.add_label(f"{_NEAR}/words", "", visible=False)
+        self._is_framed = False
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is shown yet."""
+        return not self._drawn
+
+    def show(self, stages: Sequence[Stage], fault: Place | None = None) -> None:
+        """Replace what is shown."""
+        scene = self._server.scene
+        with self._server.atomic():
+            scene.add_frame(_SHOWN, show_axes=False).remove()
+            scene.add_frame(_SHOWN, show_axes=False)
+            self._drawn = [self._draw(number, stage) for number, stage in enumerate(stages)]
+            last = len(stages) - 1
+            self._ghosts = {
+                (0, 0): self._ghost("start", stages[0], 0),
+                (last, len(stages[-1].times) - 1): self._ghost("goal", stages[-1], -1),
+            }
+            if fault is not None:
+                self._mark(fault)
+        if not self._is_framed:
+            self._frame(stages)
+            self._is_framed = True
+
+    def move_to(self, time: float) -> str:
+        """Move everything to a time [s], and return what is nearest then in words."""
+        number, point = at_time([one.stage for one in self._drawn], time)
+        drawn = self._drawn[number]
+        near = drawn.stage.nearest(point)
+        with self._server.atomic():
+            for other in self._drawn:
+                other.node.visible = other is drawn
+            for at, ghost in self._ghosts.items():
+                ghost.visible = at != (number, point)  # or else it lies in the robot
+            for part, handle in drawn.parts:
+                handle.position = part.positions[point]
+                handle.wxyz = part.quaternions_wxyz[point]
+            if drawn.arm is not None:
+                drawn.arm.points = _joined(_arm(drawn.stage, point)).astype(np.float32)
+            self._near.visible = self._words.visible = near is not None
+            if near is None:
+                return "the arm's lines are kept clear: a plan's table tells the clearance"
+            self._near.points = near.ends[None].astype(np.float32)
+            self._words.position = near.ends.mean(axis=0)
+            self._words.text = f"{near.distance * 1e3:.1f} mm"
+        allowed = ", may touch near the goal" if drawn.stage.may_touch(near.pair) else ""
+        return f"nearest: {near.pair}, {near.distance * 1e3:.1f} mm{allowed}"
+
+    def _draw(self, number: int, stage: Stage) -> _Drawn:
+        scene, above = self._server.scene, f"{_SHOWN}/{number}"
+        drawn = _Drawn(stage, scene.add_frame(above, show_axes=False, visible=number == 0))
+        for k, part in enumerate([*robot_parts(stage), *obstacle_parts(stage)]):
+            handle = self._mesh(f"{above}/{k}_{_node_name(part.name)}", part, 0)
+            drawn.parts.append((part, handle))
+        if not stage.problem.robot.bodies:
+            drawn.arm = self._lines(f"{above}/arm", _joined(_arm(stage, 0)), 6.0)
+        self._lines(f"{above}/path", _joined(stage.tip))
+        for name, lines in stage.constraints.items():
+            self._lines(f"{above}/{name}", lines, 1.0)
+        self._goal(above, stage)
+        return drawn
+
+    def _goal(self, above: str, stage: Stage) -> None:
+        target = stage.problem.target
+        size = 0.1 * float(np.linalg.norm(np.diff(_arm(stage, 0), axis=0), axis=1).sum())
+        x, y, z, w = target.quaternion_xyzw
+        self._server.scene.add_frame(
+            f"{above}/goal",
+            show_axes=target.orientation is not Orientation.FREE,
+            axes_length=size,
+            axes_radius=size / 25,
+            position=target.position,
+            wxyz=np.array([w, x, y, z]),
+        )
+        self._server.scene.add_icosphere(
+            f"{above}/goal/place", radius=size / 8, color=_LINE, opacity=0.6
+        )
+
+    def _ghost(self, name: str, stage: Stage, point: int) -> viser.FrameHandle:
+        above = self._server.scene.add_frame(f"{_SHOWN}/{name}", show_axes=False)
+        for part in robot_parts(stage):
+            self._mesh(
+                f"{_SHOWN}/{name}/{_node_name(part.name)}",
+                part,
+                point,
+                color=_GHOST,
+                opacity=_GHOST_OPACITY,
+            )
+        return above
+
+    def _mark(self, fault: Place) -> None:
+        scene, above = self._server.scene, f"{_SHOWN}/fault"
+        for k, point in enumerate(fault.points):
+            scene.add_icosphere(f"{above}/{k}", radius=0.03, color=_FAULT, position=point)
+        if len(fault.points) == 2:
+            self._lines(f"{above}/line", fault.points[None], 6.0, _FAULT)
+        scene.add_label(f"{above}/words", fault.words, position=fault.points.mean(axis=0))
+
+    def _mesh(self, name: str, part: Part, point: int, **more: Any) -> viser.MeshHandle:
+        given = {"color": _COLOURS[part.kind], "side": "double", "flat_shading": True, **more}
+        return self._server.scene.add_mesh_simple(
+            name,
+            part.corners.astype(np.float32),
+            part.triangles.astype(np.uint32),
+            position=part.positions[point],
+            wxyz=part.quaternions_wxyz[point],
+            **given,
+        )
+
+    def _lines(
+        self, name: str, lines: Array, width: float = _WIDTH, colour: tuple[int, int, int] = _LINE
+    ) -> viser.LineSegmentsHandle:
+        return self._server.scene.add_line_segments(
+            name, lines.astype(np.float32), colour, thickness=width, thickness_units="screen"
+        )
+
+    def _frame(self, stages: Sequence[Stage]) -> None:
+        """Look at all of the arm's way, from where it fills the page."""
+        points = np.concatenate(
+            [arm_points(one.problem.robot, one.q[[0, -1]]).reshape(-1, 3) for one in stages]
+        )
+        points = np.concatenate([points, stages[0].q[:1, :3], stages[-1].tip])
+        low, high = points.min(axis=0), points.max(axis=0)
+        middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+        self._server.initial_camera.look_at = middle
+        self._server.initial_camera.position = middle + size * _EYE
+
+
+def _arm(stage: Stage, point: int) -> Array:
+    points: Array = arm_points(stage.problem.robot, stage.q[point][None])[0]
+    return points
+
+
+def _joined(points: Array) -> Array:
+    """Return the lines between points that follow each other. Shape (points - 1, 2, 3)."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def _node_name(name: str) -> str:
+    """Return a name as a node of the scene: a slash there would begin a child."""
+    return name.replace("/", "_")

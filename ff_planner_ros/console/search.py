@@ -1,0 +1,100 @@
+"""A search in a thread of its own: its progress, its end, and how to cancel it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from threading import Event, Thread
+
+from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime, Status
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import SEARCHING, Progress, Watch
+from ff_planner_ros.planning.task.task import PlanningTask, perform
+
+_SHOWN = ("joint_path_length", "max_chaser_euler", "min_clearance")
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What came of a search."""
+
+    task: PlanningTask
+    plan: Plan | None  # None: refused
+    error: FfPlannerError | None  # None: there is a plan
+    cancelled: bool = False
+
+
+class Search:
+    """A plan that is looked for; it begins at once."""
+
+    def __init__(
+        self,
+        task: PlanningTask,
+        told: Callable[[str], None],
+        done: Callable[[Answer], None],
+    ) -> None:
+        """Begin.
+
+        Args:
+            told: Is given each progress in words.
+            done: Is given the answer; a defect of ours is a refusal, INTERNAL_ERROR.
+        """
+        self._task, self._done = task, done
+        self._watch = _Watch(told)
+        self._thread = Thread(target=self._run, name="console search", daemon=True)
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """End the search at its next step."""
+        self._watch.cancelled.set()
+
+    def wait(self) -> None:
+        """Wait until it has ended, and `done` was called."""
+        self._thread.join()
+
+    def _run(self) -> None:
+        plan: Plan | None = None
+        error: FfPlannerError | None = None
+        try:
+            plan = perform(self._task, self._watch)
+        except FfPlannerError as refused:
+            error = refused
+        except Exception as defect:  # whatever nobody thought of, so that the page goes on
+            error = FfPlannerError(Status.INTERNAL_ERROR, f"{type(defect).__name__}: {defect}")
+        # What was found before the search was cancelled is a plan like any other.
+        cancelled = self._watch.cancelled.is_set() and plan is None
+        self._done(Answer(self._task, plan, error, cancelled))
+
+
+class _Watch(Watch):
+    """Tells of the progress, and ends a search that is cancelled."""
+
+    def __init__(self, told: Callable[[str], None]) -> None:
+        self.cancelled = Event()
+        self._told = told
+        self._best: Metrics | None = None
+
+    def require_time(self, phase: str = SEARCHING, /) -> None:
+        if self.cancelled.is_set():
+            raise OutOfTime(f"cancelled while {phase}", EndedBy.CANCEL)
+
+    def offer(self, plan: Plan) -> None:
+        self._best = plan.metrics
+
+    def report(self, progress: Progress) -> None:
+        self._told(progress_words(replace(progress, best=self._best)))
+
+
+def progress_words(progress: Progress) -> str:
+    """Return how far a search has come, and the best plan until then."""
+    starts = f"{progress.starts} initial guess{'es' if progress.starts != 1 else ''}"
+    best = "no plan yet" if progress.best is None else f"best so far: {_told(progress.best)}"
+    return f"{progress.phase}, {starts}, {progress.iterations} iterations; {best}"
+
+
+def _told(metrics: Metrics) -> str:
+    return ", ".join(
+        f"{METRIC_BY_NAME[name].label} {METRIC_BY_NAME[name].text(getattr(metrics, name))}"
+        for name in _SHOWN
+    )
