@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE
 from test_near_starts import end_of
 
-from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_scene
+from ff_planner_ros.analysis.plan_document import planned_scene
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.distance.allowed_contact import after_contact
