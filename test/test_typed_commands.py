@@ -25,7 +25,8 @@ NOT_TYPED = {
     r".*(ff-planner |ff_planner_ros\.ros\.)node|.*examples/(simulated|mission|follower)": (
         "they run until they are stopped: test_examples.py, test_launch.py and test_demo.py"
     ),
-    ".*ff-planner demo": "test_demo.py",
+    ".*ff-planner demo": "test_demo.py, test_whole_flight.py",
+    ".*ff-planner console": "it runs until it is stopped: test_console_in_browser.py",
     ".*my_planner {scenario}": "a program of the reader's",
 }
 # Commands that take more than 2 s of a core or nearly repeat another; those of many minutes. The

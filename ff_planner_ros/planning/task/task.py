@@ -52,6 +52,8 @@ _NANOSECONDS = 1e9
 # A phase that another follows keeps so much more clear of everything [m], where one of a few first
 # guesses leads to such a plan: the next one begins there, with a body more.
 _ROOM, _FEW = 0.02, 3
+# Among the ways of such a phase, the number of that which keeps no more.
+_AS_IT_IS = 1
 # Durations that are tried where the tail of the one that was chosen cannot be driven: as far apart
 # as an eighth of the range.
 _OTHER_MOMENTS = 9
@@ -120,20 +122,20 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
 
 
 def _first(ways: Iterator[PlanningTask], watch: Watch, method: Method) -> Plan:
-    """Return the plan of the first task that has one; the refusal is that of the second.
+    """Return the plan of the first task that has one.
 
     Raises:
-        InvalidInput, NoPlanFound: None has one.
+        InvalidInput, NoPlanFound: None has one; it is that of the phase as it is.
     """
-    refused: FfPlannerError | None = None
-    for number, task in enumerate(ways):
+    refused = list[FfPlannerError]()
+    for task in ways:
         try:
             return _perform(task, watch, method)
         except (InvalidInput, NoPlanFound) as error:
             if isinstance(error, NoPlanFound) and error.effort:
                 raise  # no time is left
-            refused = error if refused is None or number == 1 else refused
-    raise refused or ValueError("there is no task")
+            refused.append(error)
+    raise refused[: _AS_IT_IS + 1][-1]
 
 
 def _otherwise(
@@ -145,9 +147,10 @@ def _otherwise(
     """
     if not plans or any(one.effort for one in plans):
         return None
-    with suppress(InvalidInput, NoPlanFound, ValueError):
-        found = _first(others[-1], watch, method)
-        return None if found.effort else found
+    for task in others[-1]:
+        with suppress(InvalidInput, NoPlanFound):
+            found = _perform(task, watch, method)
+            return None if found.effort else found
     return None
 
 
