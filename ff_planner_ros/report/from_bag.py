@@ -232,7 +232,7 @@ def _plan(exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]) -> 
     if obstacles is not None and body is not None:
         obstacles = with_attached(obstacles, body)
     drawn = reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told, plan.wheels)
-    return replace(drawn, remarks=(*drawn.remarks, *remarks))
+    return replace(drawn, remarks=(*drawn.remarks, *remarks)) if remarks else drawn
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:
