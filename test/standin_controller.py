@@ -36,6 +36,7 @@ class StandInController:
         self.trajectories: list[JointTrajectory] = []  # that were accepted
         self.accepted_ns: list[int] = []
         self._running: tuple[ServerGoalHandle, Future, dict[str, Any]] | None = None
+        self._ends: dict[bytes, Future] = {}  # of goals that were accepted, by their ids
         self.node = Node(NAME, namespace=namespace)
         declared = {
             "joints": self.joints,
@@ -108,15 +109,17 @@ class StandInController:
         self._end("abort", RESULT.INVALID_GOAL, "Current goal preempted by new incoming action.")
         self.trajectories.append(handle.request.trajectory)
         self.accepted_ns.append(self._now_ns())
-        self._running = handle, Future(), self._tolerances(handle.request)
+        end = Future()
+        self._ends[bytes(handle.goal_id.uuid)] = end
+        self._running = handle, end, self._tolerances(handle.request)
         handle.execute()
 
     def _cancel(self, _: ServerGoalHandle) -> CancelResponse:
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        (future,) = (one for run, one, _ in [self._running or (None, None, None)] if run is handle)
-        how, result = await future
+        # It may have ended before it is executed.
+        how, result = await self._ends.pop(bytes(handle.goal_id.uuid))
         getattr(handle, how)()
         return result
 
