@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import Any, NamedTuple
@@ -316,16 +316,28 @@ class BagError(FfPlannerError):
 
 
 @contextmanager
-def fields_named(named_as: Mapping[str, str]) -> Iterator[None]:
-    """Make errors name other fields, and their entries: a message's, say, instead of ours."""
-
-    def renamed(error: InvalidInput) -> InvalidInput:
-        name, bracket, entry = error.field.partition("[")
-        field = named_as.get(error.field, named_as.get(name, name) + bracket + entry)
-        return InvalidInput(error.status, field, error.value, error.allowed)
-
+def fields_renamed(renamed: Callable[[str], str]) -> Iterator[None]:
+    """Make every refused value's error name the field that its own is renamed to."""
     try:
         yield
     except InvalidInput as error:
-        faults = [renamed(one) for one in error.faults]
+        faults = [
+            InvalidInput(one.status, renamed(one.field), one.value, one.allowed)
+            for one in error.faults
+        ]
         raise (faults[0] if len(faults) == 1 else InvalidInputs(faults)) from None
+
+
+def fields_named(named_as: Mapping[str, str]) -> AbstractContextManager[None]:
+    """Make errors name other fields, and their entries: a message's, say, instead of ours."""
+
+    def renamed(field: str) -> str:
+        name, bracket, entry = field.partition("[")
+        return named_as.get(field, named_as.get(name, name) + bracket + entry)
+
+    return fields_renamed(renamed)
+
+
+def fields_placed(place: str) -> AbstractContextManager[None]:
+    """Make errors name fields as those of a place: `phases[1]`, say."""
+    return fields_renamed(lambda field: f"{place}.{field}")

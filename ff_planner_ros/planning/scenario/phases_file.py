@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ from ff_planner_ros.common.declared import (
     written,
 )
 from ff_planner_ros.common.forms import Form, Schema
-from ff_planner_ros.errors import Faults, InvalidInput, InvalidInputs
+from ff_planner_ros.errors import Faults, fields_placed, fields_renamed
 from ff_planner_ros.planning.problem.limits import Limits
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.scenario.body_file import TARGET_BODY
@@ -85,23 +85,17 @@ def split(document: object, faults: Faults) -> tuple[object, list[dict[str, Any]
     return alone | first, others
 
 
-@contextmanager
-def first_named(document: object) -> Iterator[None]:
+def first_named(document: object) -> AbstractContextManager[None]:
     """Make errors of the first phase name its place in a scenario with phases."""
     given = document.get(KEY) if isinstance(document, dict) else None
     first = given[0] if isinstance(given, list) and given else None
     heads = first.keys() if isinstance(first, dict) else ()
 
-    def renamed(error: InvalidInput) -> InvalidInput:
-        head = error.field.partition(".")[0].partition("[")[0]
-        field = f"{KEY}[0].{error.field}" if head in heads else error.field
-        return InvalidInput(error.status, field, error.value, error.allowed)
+    def renamed(field: str) -> str:
+        head = field.partition(".")[0].partition("[")[0]
+        return f"{KEY}[0].{field}" if head in heads else field
 
-    try:
-        yield
-    except InvalidInput as error:
-        faults = [renamed(one) for one in error.faults]
-        raise (faults[0] if len(faults) == 1 else InvalidInputs(faults)) from None
+    return fields_renamed(renamed)
 
 
 def built(
@@ -119,7 +113,7 @@ def built(
     """
     phases = list[Phase]()
     for index, read in enumerate(others, start=1):
-        with _placed(f"{KEY}[{index}]"):
+        with fields_placed(f"{KEY}[{index}]"):
             given = fields_of(Phase, read)
             if "limits" in given:
                 limits = given["limits"] = replace(limits, **given["limits"]).of_joints(
@@ -131,17 +125,6 @@ def built(
                 posture.require_fits(robot, limits.joint_velocities)
             phases.append(Phase(**given))
     return tuple(phases)
-
-
-@contextmanager
-def _placed(place: str) -> Iterator[None]:
-    """Make errors name the place of the phase."""
-    try:
-        yield
-    except InvalidInput as error:
-        raise InvalidInput(
-            error.status, f"{place}.{error.field}", error.value, error.allowed
-        ) from None
 
 
 def with_phases(document: dict[str, Any], then: Sequence[Phase]) -> dict[str, Any]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import fields, replace
 
 from ff_planner_msgs.msg import Goal, PlanAnswer, PlanRequest
@@ -12,7 +11,13 @@ from ff_planner_msgs.msg import Plan as PlanMessage
 
 from ff_planner_ros.common.declared_messages import names_in, value_at, values_in, write_object
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status, fields_named
+from ff_planner_ros.errors import (
+    FfPlannerError,
+    NoPlanFound,
+    Status,
+    fields_named,
+    fields_placed,
+)
 from ff_planner_ros.messages.payloads import payload_in
 from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.parameters import NodeParameters
@@ -60,7 +65,7 @@ def phases_in(
     """
     phases = []
     for index, message in enumerate(value_at(request, FIELD, ())):
-        with _placed(f"{FIELD}[{index}]"), fields_named(_NAMES):
+        with fields_placed(f"{FIELD}[{index}]"), fields_named(_NAMES):
             phases.append(_phase(message, robot, parameters, body))
     if phases and body is not None and request.goal.kind == GoalKind.CAPTURE:
         with fields_named(NAMED_AS):
@@ -92,16 +97,6 @@ def _phase(
         "payload": payload_in(message),
     }
     return Phase(**given)
-
-
-@contextmanager
-def _placed(place: str) -> Iterator[None]:
-    """Make errors name the place of the phase."""
-    try:
-        yield
-    except InvalidInput as error:
-        field = f"{place}.{error.field}"
-        raise InvalidInput(error.status, field, error.value, error.allowed) from None
 
 
 def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str) -> PhaseMessage:
