@@ -39,8 +39,8 @@ def benchmark_in_short() -> str:
     assert inside > 0.0, "the paper's way ends outside every obstacle: say so"
     return dedent(
         f"""\
-        On one core of an {MACHINE}, in processor time; [docs/benchmark.md](docs/benchmark.md) has
-        all figures.
+        On one core of an {MACHINE}, in processor time;
+        [the benchmark](docs/explanation/benchmark.md) has all figures.
 
         - The shortest plan of the paper's capture takes {ours("time [s]", "min(L)")} s, the one
           that turns the chaser least {ours("time [s]", "min(Theta)")} s.
@@ -55,7 +55,7 @@ def benchmark_in_short() -> str:
           {cell("scenarios", "95 % [s]", "ordinary", "all")} s and
           {cell("scenarios", "95 % [s]", "cluttered", "all")} s.
         - {solved("captures")} [bodies that
-          tumble](docs/tumbling_targets.md#how-often-it-finds-a-plan) at up to 10 deg/s are
+          tumble](docs/how_to/tumbling_targets.md#how-often-it-finds-a-plan) at up to 10 deg/s are
           captured.
         - A thousand spheres cost {cell("scaling", "time / 3", "1000")} times as much time as three,
           500 points {cell("scaling", "time / 50", "500")} times as much as 50.
@@ -110,11 +110,11 @@ def captures_in_short() -> str:
     return dedent(
         f"""\
         `ff-planner bench` captures {cell("captures", "problems", "tumbling")} bodies of each of
-        {len(medians)} [classes](benchmark.md#captures-of-bodies-that-tumble). It finds a plan for
-        {solved("captures")}, in {least(medians)} s to {most(medians)} s of processor time (medians
-        of the classes), and in {least(slow)} s to {most(slow)} s for 95 %, on one core of an
-        {MACHINE}. Executed in MuJoCo, end effector and grasp are at most {far} mm and {turned} deg
-        apart at the capture, and move apart at {fast} mm/s at most.
+        {len(medians)} [classes](../explanation/benchmark.md#captures-of-bodies-that-tumble). It
+        finds a plan for {solved("captures")}, in {least(medians)} s to {most(medians)} s of
+        processor time (medians of the classes), and in {least(slow)} s to {most(slow)} s for 95 %,
+        on one core of an {MACHINE}. Executed in MuJoCo, end effector and grasp are at most {far} mm
+        and {turned} deg apart at the capture, and move apart at {fast} mm/s at most.
         """
     )
 

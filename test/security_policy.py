@@ -12,12 +12,12 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
-INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"
+INTERFACES = SOURCE_TREE / "docs" / "reference" / "interfaces.md"
 POLICY = SOURCE_TREE / "config" / "security" / "policy.xml"
 HEADER = """\
 <?xml version="1.0" encoding="UTF-8"?>
-<!-- Who may do what with the planner; docs/security.md says how to use it. Made by
-     test/security_policy.py from the table of docs/interfaces.md. -->
+<!-- Who may do what with the planner; docs/how_to/security.md says how to use it. Made by
+     test/security_policy.py from the table of docs/reference/interfaces.md. -->
 """
 NODE, RECORDER = "ff_planner", "ff_planner_recorder"
 PUBLISH, SUBSCRIBE, REPLY, REQUEST = "publish", "subscribe", "reply", "request"

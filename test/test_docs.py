@@ -24,15 +24,15 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import load_task, scenario_schema
 
-BENCHMARK = SOURCE_TREE / "docs" / "benchmark.md"
+BENCHMARK = SOURCE_TREE / "docs" / "explanation" / "benchmark.md"
 # Figures in sentences that the benchmark does not measure, with the word before each, and why.
 NO_MEASUREMENT = {
     "has 0 %": "no plan can be in such a class",
     "for 1000 times": "how densely a plan is looked at",
     **dict.fromkeys(["and 70 %", "from 70 %", "from 10 %"], "how problems are drawn"),
 }
-INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"
-MOVING = SOURCE_TREE / "docs" / "moving_from_0.2.md"
+INTERFACES = SOURCE_TREE / "docs" / "reference" / "interfaces.md"
+MOVING = SOURCE_TREE / "docs" / "how_to" / "moving_from_0.2.md"
 CAPTURE = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -135,7 +135,7 @@ def test_the_planners_refusal_is_the_executives(tmp_path: Path) -> None:
 
 @pytest.mark.ci
 def test_the_three_commands_of_the_closed_loop_by_hand_end_with_a_capture(tmp_path: Path) -> None:
-    page = (EXAMPLES.parent / "docs" / "operating.md").read_text("utf-8")
+    page = (EXAMPLES.parent / "docs" / "how_to" / "operating.md").read_text("utf-8")
     _, _, after = page.partition("The closed loop by hand")
     commands = after.split("```console\n")[1].partition("```")[0].splitlines()
     for name in ("config", "examples"):

@@ -1,4 +1,4 @@
-"""An integrator's day from docs/integrating.md: its parameters, its order, and what it promises."""
+"""An integrator's day from docs/how_to/integrating.md: parameters, order and promises."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.ros.outputs.execution import Event
 
-PAGE = SOURCE_TREE / "docs" / "integrating.md"
+PAGE = SOURCE_TREE / "docs" / "how_to" / "integrating.md"
 LEAD = 1.0  # from a request to where its plan takes over [s]
 
 

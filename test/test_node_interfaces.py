@@ -1,4 +1,4 @@
-"""The running node against the table of docs/interfaces.md and the policy, and against its bag."""
+"""The running node against the table of interfaces.md and the policy, and against its bag."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from security_policy import (
     profiles,
 )
 
-INTERFACES = Path(__file__).resolve().parents[1] / "docs" / "interfaces.md"
+INTERFACES = Path(__file__).resolve().parents[1] / "docs" / "reference" / "interfaces.md"
 ROW = re.compile(
     r"^\| (subscribes|publishes|service|action) \| `([\w/~]+)` \| `([\w/]+)` \| ([\w, -]*) \|", re.M
 )

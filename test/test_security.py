@@ -52,7 +52,7 @@ def test_security_that_cannot_be_had_is_a_refusal_that_says_what_it_needs(
         monkeypatch.setenv(name, value)
     with pytest.raises(InvalidInput, match="ROS_SECURITY_ENABLE is true") as refused, joining_ros():
         rclpy.init(args=[], context=Context())
-    for words in ("ROS_SECURITY_KEYSTORE", keystore or "not set", "docs/security.md"):
+    for words in ("ROS_SECURITY_KEYSTORE", keystore or "not set", "docs/how_to/security.md"):
         assert words in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 

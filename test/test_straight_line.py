@@ -21,7 +21,7 @@ def line(lemur_capture):
 
 
 def test_it_is_the_reference_of_an_independent_implementation(line):
-    """Path and attitude as docs/benchmark_robot.md has them; postures to the printed digits."""
+    """Path and attitude as benchmark_robot.md has them; postures to the printed digits."""
     metrics, motion = line.metrics, line.trajectory
     assert metrics.joint_path_length == pytest.approx(1.2196, abs=1e-4)
     assert np.rad2deg(metrics.max_chaser_euler) == pytest.approx(13.08, abs=0.01)

@@ -41,8 +41,8 @@ _MOST_DIGITS = 12  # of a seed
 # So far are the problems of two sets apart in the numbering of a class.
 _APART = 1_000_000
 # Hashes over `SHA256SUMS`, which has the hash of every file. A published set stays as it is. Where
-# the generators change what they draw, there is a new version, and docs/dataset.md keeps the old
-# hashes with the commits that make them.
+# the generators change what they draw, there is a new version, and docs/how_to/dataset.md keeps the
+# old hashes with the commits that make them.
 VERSION = 1
 PUBLISHED = {
     "public": "90dbf5d6037a6dee9f20634e77aeffd578aea32d4fd7e2c318995d3ff20d551a",

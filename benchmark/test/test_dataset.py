@@ -242,7 +242,7 @@ def test_the_whole_set_that_the_command_writes_is_the_published_one(tmp_path, ca
 
 
 def test_the_page_has_the_published_hashes_and_their_version():
-    page = (PROJECT / "docs" / "dataset.md").read_text()
+    page = (PROJECT / "docs" / "how_to" / "dataset.md").read_text()
     for name, found in dataset.PUBLISHED.items():
         assert f"| {dataset.VERSION} | `{name}` | `{found}` |" in page
 

@@ -32,7 +32,7 @@ class _Moved(Action):
     """An option that is a command of another program now, and says so for another version."""
 
     def __call__(self, parser: ArgumentParser, *given: Any) -> None:
-        where = "ff-planner-benchmark: see docs/dataset.md"
+        where = "ff-planner-benchmark: see docs/how_to/dataset.md"
         parser.exit(BAD_INPUT, f"ff-planner: {given[2]} is now a command of {where}\n")
 
 

@@ -31,7 +31,9 @@ def add_campaign(add: Add) -> None:
         epilog="Exit code: 0 every case has its row, solved or refused; 2 bad input; 3 stopped, or "
         "some cases have none.",
     )
-    campaign.add_argument("study", type=Path, metavar="STUDY.yaml|report", help="docs/campaigns.md")
+    campaign.add_argument(
+        "study", type=Path, metavar="STUDY.yaml|report", help="docs/how_to/campaigns.md"
+    )
     campaign.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="of a campaign")
     campaign.add_argument("--out", type=Path, metavar="DIR", help="new, or one to go on with")
     library_help = "make a library of the plans: first guesses for `plan --library DIR`"

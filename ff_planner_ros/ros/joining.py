@@ -39,7 +39,7 @@ def joining_ros() -> Iterator[None]:
             _DEMANDED,
             f"security cannot be had: {reason}. It needs {_KEYSTORE} ({keystore}), an enclave in "
             "it, and a DDS with security, which the ROS wheels from PyPI do not have: see "
-            "docs/security.md, or set it to false",
+            "docs/how_to/security.md, or set it to false",
         ) from None
 
 
