@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from dense_motion import truth
 from robots import LEMUR_SCENARIO
-from tiers import a_tenth_every_day
 
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
@@ -96,7 +95,8 @@ def problems() -> dict[str, PlanningProblem]:
 PROBLEMS = problems()
 
 
-@pytest.mark.parametrize("name", a_tenth_every_day({name: name for name in PROBLEMS}))
+@pytest.mark.sampled
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_wherever_a_search_is_ended_its_effort_gives_the_same_answer_again(name: str) -> None:
     """And a later end never gives a worse plan."""
     problem, costs = PROBLEMS[name], list[float]()

@@ -191,6 +191,7 @@ def test_the_camera_sees_the_goal_move_as_its_place_changes(link: str) -> None:
     assert places(0.0)[1] == pytest.approx(slope, abs=1e-8)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("points", [50, pytest.param(13, marks=pytest.mark.ci)])
 @pytest.mark.parametrize("family", ["end_effector_polynomial", "joint_spline"])
 @pytest.mark.parametrize(

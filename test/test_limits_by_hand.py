@@ -132,6 +132,7 @@ def accelerating(joint: int, limit: float) -> Limits:
     return Limits(joint_accelerations=tuple(limits.tolist()))
 
 
+@pytest.mark.sampled
 @at_points
 @both_ways
 def test_a_joint_that_accelerates_too_much_at_a_point_is_refused(place: str, sign: float) -> None:
@@ -157,6 +158,7 @@ def test_a_joint_that_accelerates_too_much_between_two_points_is_refused(place: 
             the_one(failures, Status.LIMIT_VIOLATED, "joint joint_6 accelerates by")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("kind", "places"), [("accelerations", AT_POINTS), ("step", PLACES)])
 @pytest.mark.parametrize("number", range(4))
 @both_ways
@@ -221,6 +223,7 @@ def swinging(place: str, joint: int, size: float) -> Made:
     return made(robot(), joints, np.zeros(6), PLACE)
 
 
+@pytest.mark.sampled
 @everywhere
 @both_ways
 def test_a_chaser_that_turns_too_far_is_refused_wherever_that_is(place: str, sign: float) -> None:
@@ -247,6 +250,7 @@ def rotated(found: Made) -> Array:
     return np.asarray((base[0].inv() * base).magnitude())
 
 
+@pytest.mark.sampled
 @everywhere
 @both_ways
 def test_a_chaser_that_rotates_too_far_is_refused_though_its_euler_angles_are_allowed(
@@ -275,6 +279,7 @@ def test_a_chaser_that_rotates_too_far_is_refused_though_its_euler_angles_are_al
             assert told == pytest.approx(time, abs=0.03)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(4))
 @both_ways
 def test_the_rotation_counts_from_the_first_point_whatever_the_attitude_is_there(
@@ -294,6 +299,7 @@ def test_the_rotation_counts_from_the_first_point_whatever_the_attitude_is_there
             the_one(failures, Status.LIMIT_VIOLATED, "more than limits.chaser_rotation")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axis", range(3))
 @both_ways
 def test_a_chaser_that_spins_rotates_by_no_more_than_half_a_turn(axis: int, sign: float) -> None:

@@ -155,6 +155,7 @@ def test_a_plan_is_executed_replaced_aborted_and_all_of_it_told(tmp_path: Path) 
     assert bag[f"/{NAME}/follow_joint_trajectory/_action/feedback"]
 
 
+@pytest.mark.ci
 def test_the_controllers_own_parameters_decide_what_it_takes(tmp_path: Path) -> None:
     """Its node says that moving joints are fine, whatever the planner's parameters say."""
     allowed = {"allow_nonzero_velocity_at_trajectory_end": True, "constraints.goal_time": 0.25}

@@ -310,6 +310,7 @@ def _later(client: Client, request: PlanRequest) -> PlanRequest:
     return request
 
 
+@pytest.mark.ci
 def test_a_flood_of_states_and_spheres_starves_no_plan(planner: PlannerProcess) -> None:
     """What floods is a process of its own, and keeps its rate whatever the planner does."""
     scene = Scene(resting_capture())

@@ -57,6 +57,7 @@ def told(client: Client, heard: list[Any], part: str, words: str) -> None:
     client.wait_until(lambda: heard and is_told(), f"{part}: {words}")
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("planner")
 def test_a_publisher_with_another_quality_of_service_is_named_in_answer_and_diagnostics() -> None:
     """First of all, while there are no obstacles."""

@@ -68,6 +68,7 @@ def in_the_way(found: Made, furthest: int, kind: str, motion: str, beyond: float
     return ObstacleBody("panel", solid, place, pin.Quaternion(begin).coeffs(), velocity, rate)
 
 
+@pytest.mark.sampled
 @as_they_come
 @every_shape
 @pytest.mark.parametrize("place", PLACES)
