@@ -192,8 +192,11 @@ def test_a_controller_that_takes_every_sound_plan_changes_no_digest(
     lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     mild = Controller(lemur_capture.robot.joint_names, True, False)
-    alone, taken = (PlanningTask(lemur_capture, settings, controller=c) for c in (None, mild))
-    assert alone.digest == taken.digest
+    picky = replace(mild, stopped_velocity_tolerance=0.01)
+    alone, taken, not_taken = (
+        PlanningTask(lemur_capture, settings, controller=c) for c in (None, mild, picky)
+    )
+    assert alone.digest == taken.digest != not_taken.digest
 
 
 def test_the_controllers_rules_are_kept(
