@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test nightly mutants short-test without-ros sanitize lint build figures lock clean
+.PHONY: env prerequisites demo test evidence nightly mutants short-test without-ros sanitize lint build figures lock clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -97,6 +97,13 @@ COVERAGE_ci := --cov --cov-report=term
 
 test: env $(VENV)/extras_$(TIER)
 	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER))
+
+# Runs the tests that provoke a law (test/laws.yaml), and writes their results into
+# docs/reference/evidence.md.
+evidence: TIER := ci
+evidence: env $(VENV)/extras_ci
+	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) -m law --junitxml build/evidence.xml || true
+	$(BIN)/python test/evidence.py $(TIER) build/evidence.xml
 
 nightly:
 	$(MAKE) test TIER=nightly

@@ -242,6 +242,7 @@ def test_peaks_that_are_one_number_are_refused_and_half_a_character_is_shown(
     assert "😀" in done.err
 
 
+@pytest.mark.law("FILE-01")
 @pytest.mark.parametrize("suffix", [".yaml", ".json", ".mcap"])
 def test_what_is_no_file_is_refused_at_once(
     tmp_path: Path, run: Run, suffix: str, nightly: bool
@@ -278,6 +279,7 @@ def test_what_is_no_file_is_refused_at_once(
     assert done.code == 0
 
 
+@pytest.mark.law("FILE-01")
 @pytest.mark.parametrize("make", a_tenth_every_day(EVIL_BAGS))
 def test_a_bag_does_not_fill_the_memory(
     make: Callable[[], bytes], tmp_path: Path, run: Run, nightly: bool
@@ -348,6 +350,7 @@ def test_a_setting_that_makes_no_sense_is_refused(run: Run, setting: str) -> Non
     assert done.code in (0, 2), done  # a duration that is no number is answered so
 
 
+@pytest.mark.law("FILE-01")
 @pytest.mark.ci
 def test_mutated_scenarios_are_planned_or_refused(
     scenario: Any, tmp_path: Path, run: Run, times: Callable[[int, int], int], nightly: bool

@@ -55,6 +55,7 @@ def test_a_sound_trajectory_is_taken(change: dict[str, Any]) -> None:
     require_acceptable(STRICT, replace(SOUND, **change))
 
 
+@pytest.mark.law("PLAN-32")
 @pytest.mark.parametrize(
     ("change", "words"),
     [

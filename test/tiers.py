@@ -7,13 +7,14 @@ import random
 import sqlite3
 import sys
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import pytest
 from _pytest.mark import ParameterSet
+from evidence import known_ids
 
 SEED = 20261123
 # Tests without a mark run every day; `@pytest.mark.ci` and `@pytest.mark.nightly` say from which
@@ -38,11 +39,22 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     later = {
         item: tier for item in items for tier in longer if item.get_closest_marker(tier) is not None
     }
+    require_known_laws(items)
     config.stash[_left_out].update(later.values())
     config.hook.pytest_deselected(items=list(later))
     items[:] = [item for item in items if item not in later]
     # Files that start nodes come first: what waits so much must not be what is waited for.
     items.sort(key=lambda item: not hasattr(item.module, "running_planner"))
+
+
+def require_known_laws(items: Iterable[pytest.Item]) -> None:
+    """Refuse a test that names a law which laws.yaml does not have."""
+    named = {
+        law: item.nodeid for item in items for mark in item.iter_markers("law") for law in mark.args
+    }
+    if unknown := sorted(named.keys() - known_ids()):
+        told = ", ".join(f"{law} of {named[law]}" for law in unknown)
+        raise pytest.UsageError(f"test/laws.yaml has no law {told}")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
