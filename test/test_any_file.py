@@ -244,6 +244,7 @@ def test_peaks_that_are_one_number_are_refused_and_half_a_character_is_shown(
     assert "😀" in done.err
 
 
+@pytest.mark.law("FILE-01")
 @pytest.mark.parametrize("suffix", [".yaml", ".json", ".mcap"])
 def test_what_is_no_file_is_refused_at_once(
     tmp_path: Path, run: Run, suffix: str, nightly: bool
@@ -280,6 +281,7 @@ def test_what_is_no_file_is_refused_at_once(
     assert done.code == 0
 
 
+@pytest.mark.law("FILE-01")
 @pytest.mark.sampled
 @pytest.mark.parametrize("make", EVIL_BAGS.values(), ids=EVIL_BAGS)
 def test_a_bag_does_not_fill_the_memory(
@@ -351,6 +353,7 @@ def test_a_setting_that_makes_no_sense_is_refused(run: Run, setting: str) -> Non
     assert done.code in (0, 2), done  # a duration that is no number is answered so
 
 
+@pytest.mark.law("FILE-01")
 @pytest.mark.ci
 def test_mutated_scenarios_are_planned_or_refused(
     scenario: Any, tmp_path: Path, run: Run, times: Callable[[int, int], int], nightly: bool

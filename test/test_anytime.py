@@ -140,6 +140,7 @@ def test_of_plans_that_are_offered_the_best_is_kept_and_not_the_last(lemur_plan:
     assert watch.offered == [offered[0], offered[1], offered[4]]
 
 
+@pytest.mark.law("NODE-11")
 def test_whatever_the_clock_decided_the_effort_gives_it_again(
     times: Callable[[int, int], int],
 ) -> None:
@@ -179,6 +180,7 @@ def _drawn_problem(rng: np.random.Generator, number: int) -> PlanningProblem:
     return replace(scenario(kind, robot, which // 2, turned=False).problem, objective=objective)
 
 
+@pytest.mark.law("NODE-11")
 def test_what_is_handed_out_early_keeps_everything_by_the_truth() -> None:
     problem = PROBLEMS["attitude"]
     found = perform(PlanningTask(problem, SETTINGS), EndingAt(60))

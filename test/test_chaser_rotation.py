@@ -111,6 +111,7 @@ PROBLEMS: dict[str, Callable[[], PlanningProblem]] = {
 }
 
 
+@pytest.mark.law("PLAN-11")
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_whatever_is_planned_keeps_it_at_all_times(name: str) -> None:
     problem = PROBLEMS[name]()
@@ -175,6 +176,7 @@ def test_the_same_task_in_another_frame_keeps_the_same_angle(
     assert [word.startswith(turned) for word in words] == [True]
 
 
+@pytest.mark.law("PLAN-11")
 @pytest.mark.parametrize("behaviour", [EndBehaviour.HOLD_END_EFFECTOR, EndBehaviour.STOP_JOINTS])
 def test_the_tail_keeps_it_or_is_refused(
     lemur_capture: PlanningProblem, lemur_plan: Plan, behaviour: EndBehaviour

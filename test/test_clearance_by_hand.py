@@ -118,6 +118,7 @@ def leaning(place: str, beyond: float) -> Made:
 
 
 @pytest.mark.sampled
+@pytest.mark.law("PLAN-08")
 @everywhere
 def test_a_body_in_another_is_refused(place: str) -> None:
     _, names = least_of_pairs(touching_angle())

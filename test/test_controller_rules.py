@@ -65,6 +65,7 @@ def test_a_controller_that_gives_up_joints_that_have_not_stopped_names_the_first
     assert no.value.status is Status.CONTROLLER_CONSTRAINT
 
 
+@pytest.mark.law("PLAN-32")
 @pytest.mark.parametrize(
     ("change", "words"),
     [

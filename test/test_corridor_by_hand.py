@@ -63,6 +63,7 @@ def ways(places: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.sampled
+@pytest.mark.law("PLAN-13")
 @pytest.mark.parametrize(
     ("place", "drifts"), [("start", True), ("between", False), ("before the goal", True)]
 )

@@ -129,6 +129,7 @@ def test_however_late_the_clock_is_looked_at_things_are_told_in_their_order(
     ]
 
 
+@pytest.mark.law("NODE-20")
 def test_a_goal_is_sent_just_in_time_and_the_controller_says_when_it_is_over(
     by_action: World,
 ) -> None:

@@ -115,6 +115,7 @@ NO_LIBRARY: dict[str, Callable[[], bytes]] = {
 
 
 @pytest.mark.sampled
+@pytest.mark.law("FILE-01")
 @pytest.mark.parametrize("kind", NO_LIBRARY)
 def test_a_file_that_is_no_library_is_refused_before_it_takes_time_or_memory(
     kind: str, tmp_path: Path, run: Run

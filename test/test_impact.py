@@ -70,6 +70,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Robot, SystemState, Array, Imp
     return robot, state, twist, impact(robot, INERTIA, state, twist)
 
 
+@pytest.mark.law("PLAN-18")
 def test_it_solves_the_equations_of_both_bodies(
     case: tuple[Robot, SystemState, Array, Impact],
 ) -> None:

@@ -68,6 +68,7 @@ def test_what_is_made_by_hand_breaks_nothing() -> None:
         assert not moving(kind, place, 2, 0.3).judged()
 
 
+@pytest.mark.law("PLAN-04")
 @everywhere
 @both_ways
 def test_a_joint_outside_its_limits_between_two_points_is_refused(place: str, sign: float) -> None:
@@ -84,6 +85,7 @@ def test_a_joint_outside_its_limits_between_two_points_is_refused(place: str, si
         the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
+@pytest.mark.law("PLAN-04")
 @at_points
 @both_ways
 def test_a_joint_that_is_furthest_out_at_a_point_is_refused(place: str, sign: float) -> None:
@@ -97,6 +99,7 @@ def test_a_joint_that_is_furthest_out_at_a_point_is_refused(place: str, sign: fl
             the_one(failures, Status.LIMIT_VIOLATED, "joint joint_5 is 0.1 rad outside")
 
 
+@pytest.mark.law("PLAN-05")
 @everywhere
 @both_ways
 def test_a_joint_that_is_too_fast_between_two_points_is_refused(place: str, sign: float) -> None:
@@ -112,6 +115,7 @@ def test_a_joint_that_is_too_fast_between_two_points_is_refused(place: str, sign
             the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
+@pytest.mark.law("PLAN-05")
 @at_points
 @both_ways
 def test_a_joint_that_is_too_fast_at_a_point_is_refused(place: str, sign: float) -> None:
@@ -148,6 +152,7 @@ def test_a_joint_that_accelerates_too_much_at_a_point_is_refused(place: str, sig
             the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
+@pytest.mark.law("PLAN-06")
 @everywhere
 def test_a_joint_that_accelerates_too_much_between_two_points_is_refused(place: str) -> None:
     found, highest = moving("step", place, 5, 0.2), STRONGEST * 0.2 / STEP**2
@@ -159,6 +164,7 @@ def test_a_joint_that_accelerates_too_much_between_two_points_is_refused(place: 
 
 
 @pytest.mark.sampled
+@pytest.mark.law("PLAN-06")
 @pytest.mark.parametrize(("kind", "places"), [("accelerations", AT_POINTS), ("step", PLACES)])
 @pytest.mark.parametrize("number", range(4))
 @both_ways
@@ -251,6 +257,7 @@ def rotated(found: Made) -> Array:
 
 
 @pytest.mark.sampled
+@pytest.mark.law("PLAN-11")
 @everywhere
 @both_ways
 def test_a_chaser_that_rotates_too_far_is_refused_though_its_euler_angles_are_allowed(

@@ -104,6 +104,7 @@ def test_the_attitude_is_looked_for_no_longer_than_its_own_budget(tmp_path: Path
 
 
 @pytest.mark.ci
+@pytest.mark.law("NODE-11")
 def test_what_the_clock_or_a_client_ends_replays_identically(
     tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:

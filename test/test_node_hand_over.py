@@ -120,6 +120,7 @@ def arm(directory: Path, *arguments: str, **parameters: Any) -> Iterator[Arm]:
             found.controller.close()
 
 
+@pytest.mark.law("NODE-20")
 def test_a_plan_is_executed_replaced_aborted_and_all_of_it_told(tmp_path: Path) -> None:
     """One life of a node: what an executive sees, and what the bag has."""
     with arm(tmp_path) as at:

@@ -88,6 +88,7 @@ def most_waiting(heard: list[DiagnosticArray]) -> int:
     return max((int(one.value) for one in values if one.key.startswith("waited at")), default=0)
 
 
+@pytest.mark.law("NODE-01")
 def test_every_one_of_many_requests_at_once_is_answered(
     planner: PlannerProcess,
 ) -> None:
@@ -108,6 +109,7 @@ def test_every_one_of_many_requests_at_once_is_answered(
     assert "a callback failed" not in planner.log
 
 
+@pytest.mark.law("NODE-01")
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
@@ -129,6 +131,7 @@ def test_so_is_every_one_at_the_other_services(
         assert len(all_at_once(planner, client, kind, name, kind.Request(), many)) == many
 
 
+@pytest.mark.law("NODE-01")
 @pytest.mark.ci
 def test_so_is_every_one_of_many_goals(
     planner: PlannerProcess, times: Callable[[int, int], int]

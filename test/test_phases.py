@@ -85,6 +85,7 @@ def test_every_phase_passes_the_check_of_its_own_task(task: PlanningTask, plan: 
     assert plan.phases[2].trajectory.joint_velocities[-1] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.law("PLAN-18")
 def test_each_begins_where_the_one_before_ends(plan: Plan) -> None:
     """At the grasp what moves apart, by what a plan may miss its goal, moves together then."""
     names = {item.name for item in fields(plan.trajectory)} - {"time", "joint_torques"}
@@ -94,6 +95,7 @@ def test_each_begins_where_the_one_before_ends(plan: Plan) -> None:
             np.testing.assert_allclose(first, last, atol=1e-5, err_msg=name)
 
 
+@pytest.mark.law("PLAN-18")
 def test_the_momentum_of_chaser_arm_and_target_is_one_from_the_first_point_to_the_last(
     task: PlanningTask, plan: Plan
 ) -> None:
@@ -191,6 +193,7 @@ def test_every_phase_comes_true_in_mujoco(task: PlanningTask, plan: Plan) -> Non
         assert verify(problem.robot, found.trajectory, scene_of(problem)).passed
 
 
+@pytest.mark.law("PLAN-19")
 @pytest.mark.ci
 def test_the_impulse_is_told_and_its_limit_refuses_by_name(task: PlanningTask, plan: Plan) -> None:
     told = plan.metrics.capture_impulse

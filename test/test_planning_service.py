@@ -75,6 +75,7 @@ def answer(answering: PlanningService, request: PlanRequest) -> PlanAnswer:
     return answering._serve(asked, PlanTrajectory.Response()).answer
 
 
+@pytest.mark.law("NODE-01")
 def test_an_error_that_nobody_foresaw_is_answered_and_logged_with_its_traceback(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,6 +51,7 @@ def start_beyond(problem: PlanningProblem, limit: str, excess: float) -> Plannin
     return with_limits(problem, **{limit: beyond[limit]})
 
 
+@pytest.mark.law("PLAN-25")
 @pytest.mark.parametrize(
     ("limit", "words", "allowed"),
     [

@@ -131,6 +131,7 @@ def test_an_unknown_id_is_refused_by_name_and_the_known_ones_are_not_told(
     assert world.out == []
 
 
+@pytest.mark.law("NODE-08")
 @pytest.mark.parametrize(
     ("given", "value"),
     [
@@ -212,6 +213,7 @@ AWAY = {
 }
 
 
+@pytest.mark.law("NODE-09")
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("tolerance", AWAY)
 def test_a_plan_goes_out_only_while_the_system_will_be_where_it_begins(
@@ -417,6 +419,7 @@ def test_an_old_plan_is_not_published_whatever_its_start(world: World) -> None:
     assert "run.2 was made 0.41 s ago, longer than publication.max_age, 0.4 s" in status.message
 
 
+@pytest.mark.law("NODE-09")
 @pytest.mark.parametrize(
     ("name", "value"),
     [("planner.clearance_margin", 0.05), ("limits.chaser_attitude", 0.01), ("state_max_age", 0.1)],

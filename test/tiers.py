@@ -7,12 +7,14 @@ import random
 import sqlite3
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from evidence import known_ids
 
 SEED = 20261123
 # Tests without a mark run every day; `@pytest.mark.ci` and `@pytest.mark.nightly` say from which
@@ -39,6 +41,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     later = {
         item: tier for item in items for tier in longer if item.get_closest_marker(tier) is not None
     }
+    require_known_laws(items)
     config.stash[_left_out].update(later.values())
     config.hook.pytest_deselected(items=list(later))
     items[:] = [item for item in items if item not in later]
@@ -57,6 +60,16 @@ def _beyond_the_sample(items: list[pytest.Item]) -> list[pytest.Item]:
         for of_one in cases.values()
         for item in random.Random(SEED).sample(of_one, len(of_one))[math.ceil(len(of_one) / 10) :]
     ]
+
+
+def require_known_laws(items: Iterable[pytest.Item]) -> None:
+    """Refuse a test that names a law which laws.yaml does not have."""
+    named = {
+        law: item.nodeid for item in items for mark in item.iter_markers("law") for law in mark.args
+    }
+    if unknown := sorted(named.keys() - known_ids()):
+        told = ", ".join(f"{law} of {named[law]}" for law in unknown)
+        raise pytest.UsageError(f"test/laws.yaml has no law {told}")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
