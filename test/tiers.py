@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from evidence import known_ids
 
 SEED = 20261123
