@@ -40,7 +40,7 @@ class Margins(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """The corridor of the last stretch, in the grasp's frame: the end effector's at the goal.
+    """The corridor of the last stretch, in the frame of the end effector at the goal.
 
     Raises:
         InvalidInput: Wrong size, not finite, a direction of no length, a distance that is not

@@ -28,7 +28,7 @@ OF_ONE_NUMBER = (
 
 @dataclass(frozen=True)
 class Limits:
-    """What to keep beside the joints' position limits, which are always kept.
+    """Limits beside the joints' position limits, which always hold.
 
     Raises:
         InvalidInput: An angle or an acceleration that is not positive.

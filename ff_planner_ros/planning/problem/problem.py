@@ -101,7 +101,7 @@ _OF_BODY = {
 
 @dataclass(frozen=True, eq=False)
 class PlanningProblem:
-    """What is asked of the planner: a motion from a start state to a target.
+    """The request to the planner: a motion from a start state to a target.
 
     Raises:
         InvalidInput: A duration or contact distance that is not positive, a duration out of its
@@ -308,7 +308,7 @@ class PlanningProblem:
 
 
 def with_capture_target(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
-    """Return a problem whose goal is the grasp of a body, with what is fixed to it in the way.
+    """Return a problem whose goal is the grasp of a body, with its attached obstacles.
 
     Goal and attached obstacles of another body, that the problem may have had, are left out.
 

@@ -147,7 +147,7 @@ class RobustSettings:
 
 @dataclass(frozen=True)
 class PlannerSettings:
-    """What an operator may tune; the same names as the ROS parameters under `planner.`.
+    """Settings of the planner, with the names of the ROS parameters under `planner.`.
 
     Raises:
         InvalidInput: A value of the wrong type or out of its range.

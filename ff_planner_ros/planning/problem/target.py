@@ -46,7 +46,7 @@ EULER_DEGREES = Form(_euler_degrees, lambda: of_numbers(3))
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What the end effector shall do at the end of the plan, in the inertial frame.
+    """The goal of the end effector at the end of the plan, in the inertial frame.
 
     Raises:
         InvalidInput: Wrong size, not finite, a quaternion not of unit length, a free axis that

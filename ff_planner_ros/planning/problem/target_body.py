@@ -40,7 +40,7 @@ MOST_TURNS = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class AttachedSphere:
-    """An obstacle that is fixed to a target body.
+    """A sphere that is fixed to a target body.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
@@ -63,7 +63,7 @@ class AttachedSphere:
 
 @dataclass(frozen=True, eq=False)
 class AttachedBody:
-    """An obstacle of any convex shape that is fixed to a target body.
+    """A convex body that is fixed to a target body.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
@@ -98,7 +98,7 @@ class AttachedBody:
 
 @dataclass(frozen=True, eq=False)
 class TargetBody:
-    """A body that moves freely, at the plan's first point, in the inertial frame.
+    """A freely moving body at the plan's first point, in the inertial frame.
 
     Raises:
         InvalidInput: Wrong size, not finite, a quaternion not of unit length, an inertia that no

@@ -151,7 +151,7 @@ KEYS: DeclaredFields = {
 
 @dataclass(frozen=True)
 class Defaults:
-    """Values for what a scenario leaves out. What has no value here must be in the scenario."""
+    """Values for keys that a scenario omits. A key without a value here is required."""
 
     settings: PlannerSettings
     limits: Limits = _NO_LIMITS  # beside the joints' position limits
