@@ -146,7 +146,11 @@ setup(
     name=NAME,
     version=VERSION,
     description="Trajectory planning service for free-floating space manipulators.",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    author="ff_planner_ros developers",
     license="Apache-2.0",
+    python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         NAME: ["py.typed"],

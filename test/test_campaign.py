@@ -70,6 +70,7 @@ def ids(directory: Path) -> list[str]:
     return found
 
 
+@pytest.mark.law("FILE-06")
 def test_two_workers_write_the_rows_that_one_process_computes(on_two: Path, tmp_path: Path) -> None:
     expected = {case.id: run_case(case).row for case in cases(study(tmp_path))}
     rows = {row["id"]: row for row in read_plans(on_two).to_pylist()}
@@ -81,6 +82,7 @@ def test_two_workers_write_the_rows_that_one_process_computes(on_two: Path, tmp_
     assert {row["solved"] for row in rows.values() if row["method"] == "ours"} == {True}
 
 
+@pytest.mark.law("FILE-06")
 @pytest.mark.ci
 def test_any_number_of_workers_of_a_cluster_of_its_own_writes_the_same_bits(
     on_two: Path, tmp_path: Path, times: Callable[[int, int], int]
@@ -91,6 +93,7 @@ def test_any_number_of_workers_of_a_cluster_of_its_own_writes_the_same_bits(
         assert digest_of(read_plans(out)) == digest_of(read_plans(on_two))
 
 
+@pytest.mark.law("FILE-06")
 @pytest.mark.ci
 def test_a_worker_that_is_killed_costs_and_doubles_no_row(
     scheduler: str, on_two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -61,6 +61,7 @@ TOO_MANY: dict[str, tuple[dict[str, Any], int]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("verb", ["campaign", "check"])
 @pytest.mark.parametrize("kind", TOO_MANY)
 def test_a_study_of_too_many_cases_says_its_number_and_its_limit_at_once(
@@ -96,6 +97,7 @@ SCENARIOS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("named", SCENARIOS)
 def test_a_pattern_that_stands_for_no_scenarios_is_refused_in_words(
     named: str, tmp_path: Path, run: Run
@@ -119,6 +121,7 @@ ROBOTS = ["", "arm", "arm5", "arm0", "arm06", "arm-6", "arm 6", " arm6", "arm6\n
 ROBOTS += ["arm\u0666", "arm31", "planar3", "planar", "r2", "../lemur", "Lemur", "\0", "a" * 5000]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_robot_that_no_generator_knows_is_refused_by_name(
     robot: str, tmp_path: Path, run: Run

@@ -120,6 +120,7 @@ def arm(directory: Path, *arguments: str, **parameters: Any) -> Iterator[Arm]:
             found.controller.close()
 
 
+@pytest.mark.law("NODE-20")
 def test_a_plan_is_executed_replaced_aborted_and_all_of_it_told(tmp_path: Path) -> None:
     """One life of a node: what an executive sees, and what the bag has."""
     with arm(tmp_path) as at:
@@ -155,6 +156,7 @@ def test_a_plan_is_executed_replaced_aborted_and_all_of_it_told(tmp_path: Path) 
     assert bag[f"/{NAME}/follow_joint_trajectory/_action/feedback"]
 
 
+@pytest.mark.ci
 def test_the_controllers_own_parameters_decide_what_it_takes(tmp_path: Path) -> None:
     """Its node says that moving joints are fine, whatever the planner's parameters say."""
     allowed = {"allow_nonzero_velocity_at_trajectory_end": True, "constraints.goal_time": 0.25}

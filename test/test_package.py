@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 from ff_planner_msgs.msg import PlanStatus
 
 from ff_planner_ros import errors
@@ -274,6 +275,12 @@ def test_all_packages_have_the_version_that_the_changelog_describes():
     assert importlib.metadata.version("ff_planner_msgs") == ours
     assert importlib.metadata.version("ff_planner_benchmark") == ours
     assert f"ff_planner_ros=={ours}" in importlib.metadata.requires("ff_planner_benchmark")
+    citation = yaml.safe_load((SOURCE_TREE / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == ours
+    released = f"## [{ours}] - {citation['date-released']}\n"
+    assert released in changelog, "run `make version VERSION=...`"
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= citation.keys()
 
 
 @pytest.mark.parametrize(

@@ -320,6 +320,7 @@ def test_a_target_body_is_as_old_and_as_early_as_it_may_be_and_no_more(
     assert name in refused.value.allowed
 
 
+@pytest.mark.law("NODE-04")
 def test_a_target_body_stamped_ahead_never_becomes_a_measurement_of_now() -> None:
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
@@ -408,6 +409,7 @@ def test_an_obstacle_array_older_than_the_last_or_stamped_ahead_is_refused_aloud
         assert published.ask().stamp_ns == 1000 * SECOND
 
 
+@pytest.mark.law("NODE-06")
 def test_two_publishers_of_obstacles_that_contradict_each_other_are_refused_by_name() -> None:
     published = Published("/mapper", "/operator")
     published.input.keep(_array(0.1, 0.2), 7)
@@ -523,6 +525,7 @@ def test_a_publisher_that_the_node_cannot_hear_is_named_where_nothing_was_receiv
         published.input.target_body(None, 0, 1.0, 1.0)
 
 
+@pytest.mark.law("NODE-05")
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize(
     ("sec", "max_age", "status"),

@@ -74,6 +74,7 @@ def commands(page: Path) -> Iterator[list[str]]:
         yield shlex.split(html.unescape(found))
 
 
+@pytest.mark.law("FILE-05")
 @pytest.mark.parametrize(
     "id_", ["../../outside", "/outside", "..", ".", "", "a/b", "0123456789abcdeF", "0" * 17]
 )
@@ -195,6 +196,7 @@ def test_a_lock_that_is_no_file_is_not_taken(kind: str, tmp_path: Path) -> None:
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.law("FILE-05")
 def test_a_campaign_writes_through_no_link(asked: Study, tmp_path: Path) -> None:
     out, outside = tmp_path / "out", tmp_path / "outside"
     out.mkdir()
@@ -229,6 +231,7 @@ CELLS = {
 }
 
 
+@pytest.mark.law("FILE-05")
 def test_a_cell_of_a_csv_file_is_no_formula_and_numbers_stay_numbers(tmp_path: Path) -> None:
     numbers = [-1.5, -3, 0.1, None, True, float("-inf")]
     _write(tmp_path / "table.csv", [*CELLS], [[*CELLS], numbers])

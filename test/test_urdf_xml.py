@@ -119,6 +119,7 @@ HARMFUL: dict[str, tuple[Callable[[], str], str]] = {
 }
 
 
+@pytest.mark.law("FILE-02")
 @pytest.mark.parametrize("name", HARMFUL)
 def test_a_urdf_that_wants_to_harm_is_refused_in_words(name: str) -> None:
     written, message = HARMFUL[name]

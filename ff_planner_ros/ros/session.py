@@ -94,7 +94,7 @@ class Session:
             self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
             # Nobody learns more from a preview by reading it twice.
             preview = node.resolve_topic_name("planned_joint_states")
-            self._recorder.leave_out(preview, self._output.is_repeated)
+            self._recorder.leave_out(preview, self._output.preview.is_repeated)
             self._subscribe(stack)
             self._service = stack.enter_context(
                 closing(
@@ -113,9 +113,7 @@ class Session:
             )
             self._controller = stack.enter_context(
                 closing(
-                    ControllerSettings(
-                        node, now.controller.from_node, robot.joint_names, parameters.learn
-                    )
+                    ControllerSettings(node, now.controller, robot.joint_names, parameters.learn)
                 )
             )
             self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM_QOS)
@@ -199,7 +197,8 @@ class Session:
         self._output.stream(measured)
 
     def _diagnose(self) -> None:
-        self._output.look_for_viewers(_RECORDERS)
+        self._output.preview.look_for_viewers(_RECORDERS)
+        self._service.look()
         self._controller.look()
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""

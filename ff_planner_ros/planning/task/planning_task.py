@@ -167,7 +167,7 @@ class PlanningTask:
         """A hash of everything that the plan depends on: equal tasks have equal digests."""
         # A controller that lets joints move at the end takes every sound plan.
         strict = self.controller
-        if strict is not None and strict.allow_nonzero_velocity_at_trajectory_end:
+        if strict is not None and strict.takes_every_end:
             strict = None
         digest = digest_of(replace(self, controller=strict))
         # A capture by itself does not depend on the mass of what is captured.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from ff_planner_msgs.msg import ChaserState
@@ -20,6 +21,7 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.joint_names import turns_without_end
+from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
 
@@ -41,6 +43,20 @@ class MadePlan:
     previous_plan_id: str = ""  # that the joints follow until it begins; empty: none
     made_ns: int = 0  # when it was ready [ns]
     token: str = ""  # that whoever publishes it must know; empty: it is published at once
+
+    @cached_property
+    def drawn(self) -> Drawn:
+        """The plan as screens show it."""
+        frame = self.parameters.inertial_frame
+        return Drawn(self.plan_id, self.robot, self.plan, self.scene, frame)
+
+    def may_go_out(self, now_ns: int, most: float) -> bool:
+        """Tell whether its start is ahead, and it was made at most so long ago [s]."""
+        return self.start_ns >= now_ns and self.age(now_ns) <= most
+
+    def age(self, now_ns: int) -> float:
+        """Return how long ago it was ready [s]."""
+        return (now_ns - self.made_ns) / NANOSECONDS
 
 
 def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
@@ -68,7 +84,7 @@ def require_young(made: MadePlan, knowledge: Knowledge) -> None:
     Raises:
         NoPlanFound: It is too old (CHECK_FAILED).
     """
-    age = (knowledge.now_ns - made.made_ns) / NANOSECONDS
+    age = made.age(knowledge.now_ns)
     most = knowledge.parameters.publication.max_age
     if age > most:
         raise NoPlanFound(
