@@ -163,7 +163,7 @@ class PlannerSettings:
 
     robust: RobustSettings = declare(
         changes(RobustSettings),
-        "what plans keep back for errors of the model",
+        "margins for errors of the model and of the start",
         since="0.3",
         optional=True,
     )

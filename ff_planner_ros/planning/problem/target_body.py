@@ -159,8 +159,8 @@ class TargetBody:
     )
     mass: float = declare(  # zero: not known
         a_number(at_least=0.0),
-        "of the body: needed by what follows a capture, and for its impulse; then the inertia must "
-        "be in kg m2",
+        "mass of the body, needed for what follows a capture, and for its impulse; then the "
+        "inertia must be in kg m2",
         unit="kg",
         brief=True,
         default=0.0,
