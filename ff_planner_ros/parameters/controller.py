@@ -36,13 +36,13 @@ class ControllerParameters:
     """
 
     allow_nonzero_velocity_at_trajectory_end: bool = tunable(
-        "Its parameter of this name; if false, only plans whose end_behaviour is stop_joints are "
-        "published",
+        "The controller's parameter of this name; if false, only plans whose end_behaviour is "
+        "stop_joints are published",
         strictness=strict_if(False),
     )
     effort_interface: bool = tunable(
-        "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
-        "torques; responses always do"
+        "Whether the controller's command_interfaces hold effort; if false, joint_trajectory "
+        "carries no torques; answers always do"
     )
     stopped_velocity_tolerance: float = tunable(
         "Its constraints.stopped_velocity_tolerance, if it measures velocities and has a "
@@ -54,31 +54,38 @@ class ControllerParameters:
         strictness=STRICT_IF_LOW_NOT_ZERO,
     )
     from_node: str = tunable(
-        "Name of the controller's node: the three parameters above are read from it once it is "
-        "there, and count as it says; empty: as they are here"
+        "Name of the controller's node, from which the three parameters above are read once it is "
+        "there; empty: the values here count"
     )
     hand_over: str = tunable(
-        "topic: a plan goes out on joint_trajectory alone; action: it is sent to the controller's "
-        "action, too, just before its start, and watched"
+        "topic: a plan goes out on joint_trajectory alone; action: it is also sent to the "
+        "controller's action, just before its start, and watched"
     )
-    action: str = tunable("Name of that action, control_msgs/action/FollowJointTrajectory")
+    action: str = tunable(
+        "Name of the controller's action, control_msgs/action/FollowJointTrajectory"
+    )
     hand_over_lead: float = tunable(
-        "With action, a plan is sent so long before its start: the controller drops the plan that "
-        "runs when it gets it",
+        "With action: time before its start at which a plan is sent; the controller then drops the "
+        "running plan",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
     )
     path_tolerance: float = tunable(
-        "With action, how far a joint may be from the plan on its way; 0.0: as the controller's "
-        "constraints say; -1.0: any",
+        "With action: allowed deviation of a joint from the plan; 0.0: the controller's "
+        "constraints; -1.0: any",
         minimum=-1.0,
         unit="rad",
     )
-    goal_tolerance: float = tunable("With action, likewise at its end", minimum=-1.0, unit="rad")
+    goal_tolerance: float = tunable(
+        "With action: allowed deviation of a joint at the plan's end; 0.0: the controller's "
+        "constraints; -1.0: any",
+        minimum=-1.0,
+        unit="rad",
+    )
     goal_time_tolerance: float = tunable(
-        "With action, how long after its end it may get there; 0.0: as the controller's "
-        "constraints say; -1.0: for ever",
+        "With action: allowed delay at the plan's end; 0.0: the controller's constraints; -1.0: "
+        "any",
         minimum=-1.0,
         unit="s",
     )

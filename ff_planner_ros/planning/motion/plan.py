@@ -26,7 +26,7 @@ class Trajectory:
     """The sampled motion of the system, in the inertial frame; one row per point.
 
     The chaser frame has its origin at the centre of mass of the chaser alone and the axes of
-    the base link; quaternions turn chaser or end effector axes to inertial axes.
+    the base link; quaternions rotate chaser or end-effector axes to inertial axes.
     """
 
     time: Array  # from the start, at equal steps to the goal and in the tail; shape (points,) [s]
@@ -164,7 +164,7 @@ class RobustReport:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A plan that a consumer can trust: motion, metrics, and why the solver stopped."""
+    """A checked plan: motion, metrics, and why the solver stopped."""
 
     joint_names: tuple[str, ...]  # in the order of the trajectory's columns
     trajectory: Trajectory

@@ -40,7 +40,7 @@ MOST_TURNS = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class AttachedSphere:
-    """An obstacle that is fixed to a target body.
+    """A sphere that is fixed to a target body.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
@@ -62,14 +62,14 @@ class AttachedSphere:
 
 
 class AttachedBody(HeldShape):
-    """An obstacle of any convex shape that is fixed to a target body."""
+    """A convex body that is fixed to a target body."""
 
     PLACE: ClassVar[str] = "target_body.obstacles"
 
 
 @dataclass(frozen=True, eq=False)
 class TargetBody:
-    """A body that moves freely, at the plan's first point, in the inertial frame.
+    """A freely moving body at the plan's first point, in the inertial frame.
 
     Raises:
         InvalidInput: Wrong size, not finite, a quaternion not of unit length, an inertia that no
@@ -130,8 +130,8 @@ class TargetBody:
     )
     mass: float = declare(  # zero: not known
         a_number(at_least=0.0),
-        "of the body: needed by what follows a capture, and for its impulse; then the inertia must "
-        "be in kg m2",
+        "mass of the body, needed for what follows a capture, and for its impulse; then the "
+        "inertia must be in kg m2",
         unit="kg",
         brief=True,
         default=0.0,

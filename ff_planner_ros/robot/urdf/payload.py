@@ -85,7 +85,7 @@ class Payload:
 
     SINCE: ClassVar[str] = "0.3"
 
-    link: str = declare(TEXT, "of the arm, that it is fixed to", message="link")
+    link: str = declare(TEXT, "link of the arm that it is fixed to", message="link")
     mass: float = declare(a_number(above=0.0), "of the body", unit="kg", message="inertia.m")
     inertia: Array = declare(  # shape (3, 3)
         INERTIA,
@@ -105,7 +105,7 @@ class Payload:
     )
     shapes: tuple[HeldShape, ...] = declare(
         each(part(HeldShape)),
-        "that it fills: kept clear of all but what it is fixed to",
+        "its collision geometry, kept apart from all but what it is fixed to",
         default=(),
     )
 
