@@ -27,14 +27,24 @@ class Speakers(Generic[Message]):
         # With its number; who was heard last at the end.
         self._last: deque[tuple[int | None, Message]] = deque(maxlen=_MOST)
 
-    def note(self, message: Message, number: int | None) -> None:
+    def note(
+        self,
+        message: Message,
+        number: int | None,
+        agree: Callable[[Message, Message], bool] | None = None,
+    ) -> None:
         """Take the next message, and its number; None: the middleware gives none.
 
         Where numbers are missing, lost or never given, it counts as that of another publisher:
         how many there are, the middleware knows.
+
+        Args:
+            agree: Says whether two messages may be of one publisher: the number of one that
+                speaks once, and never again, is passed by others. None: there is but one.
         """
         for known in self._last:
-            if number is not None and known[0] == number - 1:
+            follows = number is not None and known[0] == number - 1
+            if follows and (agree is None or agree(known[1], message)):
                 self._last.remove(known)
                 break
         self._last.append((number, message))
