@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
+from lifecycle_msgs.srv import ChangeState, GetState
 from quick_capture import resting_capture
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
@@ -28,6 +29,7 @@ from ros_processes import (
     running_planner,
 )
 from std_srvs.srv import Trigger
+from type_description_interfaces.srv import GetTypeDescription
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.background import ask
@@ -114,6 +116,9 @@ def test_every_one_of_many_requests_at_once_is_answered(
         (PublishPlan, "ff_planner/publish_plan"),
         (Trigger, "ff_planner/pause_recording"),
         (Trigger, "ff_planner/resume_recording"),
+        (GetState, "ff_planner/get_state"),
+        pytest.param(ChangeState, "ff_planner/change_state", marks=pytest.mark.ci),
+        pytest.param(GetTypeDescription, "ff_planner/get_type_description", marks=pytest.mark.ci),
         pytest.param(Trigger, "ff_planner/split_bag", marks=pytest.mark.ci),
     ],
 )
