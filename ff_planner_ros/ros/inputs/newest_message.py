@@ -88,8 +88,9 @@ class NewestMessage(Generic[Seen]):
             if came_ns is not None and stamp_ns:
                 self._offset.note(stamp_ns - came_ns, came_ns)
             kept_ns = 0 if self._kept is None else self._kept.stamp_ns or 0
-            several = self._publishers and self._publishers.are_several(self._topic.name)
-            self._speakers.note(heard, number, self._agree if several else None)
+            publishers = self._publishers
+            several = publishers is not None and publishers.are_several(self._topic.name)
+            self._speakers.note(heard, number, self._agree, looks=several)
             if not 0 < stamp_ns < kept_ns <= now_ns:
                 self._kept, self.late = heard, None
             else:
