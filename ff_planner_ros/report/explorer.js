@@ -137,7 +137,7 @@ const explore = (place) => {
       const [column, row] = [x.of(k), y.of(k)];
       if (column !== undefined && row !== undefined) cells[row][column].push(k);
     }
-    const each = (value) => cells.map((row, j) => row.map((cell, i) => (cell.length ? value(cell, j, i) : null)));
+    const each = (value, empty = null) => cells.map((row, j) => row.map((cell, i) => (cell.length ? value(cell, j, i) : empty)));
     const hovertext = each((cell, j, i) => {
       const count = cell.filter(isSolved).length, lines = [];
       lines.push(`${plain(quantities[across].name)}: ${x.words[i]}`, `${plain(quantities[up].name)}: ${y.words[j]}`);
@@ -151,7 +151,8 @@ const explore = (place) => {
     const traces = [];
     if (shown === SOLVED) {
       const z = each((cell) => (100 * cell.filter(isSolved).length) / cell.length);
-      traces.push({ ...common, z, zmin: 0, zmax: 100, colorscale: "Cividis", colorbar: bar });
+      const text = each((cell) => `${cell.filter(isSolved).length}/${cell.length}`, "");
+      traces.push({ ...common, z, text, texttemplate: "%{text}", zmin: 0, zmax: 100, colorscale: "Cividis", colorbar: bar });
     } else {
       const z = each((cell) => (shown === CAUSE ? (cell.every(isSolved) ? 1 : null) : median(cell, metrics[shown])));
       const scale = shown === CAUSE ? [[0, ALL_SOLVED], [1, ALL_SOLVED]] : COSTS;
@@ -209,8 +210,12 @@ const explore = (place) => {
       const line = { shape: "hv", color: CURVES[method % CURVES.length], dash: DASHES[method % DASHES.length] };
       return { type: "scatter", mode: "lines", x: [...found], y, name: plain(label), line, showlegend: true };
     });
+    // Times differ by powers of ten; a linear axis shows the slowest alone.
+    const scale = ofAll ? { type: "log" } : {};
     const whose = ofAll ? "of all cases [%]" : "of solved cases [%]";
-    Plotly.react(where, traces, layoutOf(plain(name), whose, { hovermode: "x" }), SHOWN);
+    const layout = layoutOf(plain(name), whose, { hovermode: "x" });
+    Object.assign(layout.xaxis, scale);
+    Plotly.react(where, traces, layout, SHOWN);
   };
 
   // The choices, and what is drawn by them.

@@ -38,6 +38,7 @@ _MOST_SOURCES = 40
 _FOR_PROCESSES = 6
 # Statuses below are refusals of the task itself, above of a method, and defects of the planner.
 _NO_PLAN, _DEFECT = 300, 400
+_MOST_TOLD = 3  # causes, in a sentence
 _QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 
@@ -119,7 +120,8 @@ def _sections(
 ) -> Iterator[Element]:
     methods = grouped(rows, "method")
     yield element("h1", f"Campaign: {title}")
-    yield element("p", _verdict(rows), {"class": "verdict"})
+    for group in methods:
+        yield element("p", _verdict(group), {"class": "verdict"})
     if any(row["status"] == "internal_error" for row in rows):
         words = (
             "Some cases ended with an internal error, a defect of the planner: please report it."
@@ -136,18 +138,17 @@ def _sections(
     yield pairs(_facts(directory, rows, methods, digest))
 
 
-def _verdict(rows: Sequence[Row]) -> str:
-    """Return what became of the cases in a sentence or two."""
-    solved = Rate(sum(bool(row["solved"]) for row in rows), len(rows))
-    words = f"{solved.count} of {solved.total} cases are solved ({solved.share:.0%})."
-    causes = Group("all", rows).causes.most_common(3)
-    if causes:
-        told = ", ".join(f"{count} {cause}" for cause, count in causes)
-        words += f" Most refusals: {told}." if len(causes) == 3 else f" Refusals: {told}."
-    values = Group("all", rows).values("min_clearance")
+def _verdict(group: Group) -> str:
+    """Return what became of the cases of a method, in a sentence or two."""
+    solved = group.solved
+    words = f"{group.name}: {solved.count} of {solved.total} cases are solved ({solved.share:.0%})"
+    if causes := group.causes.most_common(_MOST_TOLD):
+        words += f"; refused: {', '.join(f'{count} {cause}' for cause, count in causes)}"
+        words += " and others" if len(group.causes) > _MOST_TOLD else ""
+    values = group.values("min_clearance")
     if len(values):
-        words += f" No plan comes nearer to an obstacle than {1e3 * values.min():.2g} mm."
-    return words
+        words += f"; no plan comes nearer to an obstacle than {1e3 * values.min():.2g} mm"
+    return f"{words}."
 
 
 def _facts(
