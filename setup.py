@@ -138,8 +138,13 @@ ROS = [
     "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
 ]
 SIMULATION = ["mujoco-core>=4,<5"]  # without it, everything runs but `ff-planner verify`
-# Likewise, but `ff-planner campaign`.
-CAMPAIGN = ["cryptography>=50,<51", "distributed>=2026.8,<2027", "pyarrow>=26,<27"]
+# Likewise, but `ff-planner campaign`, and pandas for who reads its tables.
+CAMPAIGN = [
+    "cryptography>=50,<51",
+    "distributed>=2026.8,<2027",
+    "pandas>=2.2,<4",
+    "pyarrow>=26,<27",
+]
 CONSOLE = ["viser>=1.1,<2"]  # likewise, but `ff-planner console`
 
 setup(

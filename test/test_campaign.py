@@ -36,7 +36,7 @@ from ff_planner_ros.commands import campaigns
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
-from ff_planner_ros.report import campaign_page
+from ff_planner_ros.report.study import page as study_page
 
 ROWS = 2 * 3 * 2  # of the small study
 
@@ -248,7 +248,7 @@ def test_trajectories_are_those_whose_digest_the_row_has(on_two: Path) -> None:
 def test_the_commands_of_the_report_plan_the_cases_of_their_rows(
     on_two: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["campaign", "report", str(on_two)]) == 0
+    assert main(["campaign", "report", str(on_two), "--plans", "0"]) == 0
     page = Path(capsys.readouterr().out.strip())
     text = page.read_text(encoding="utf-8")
     rows = {row["id"]: row for row in read_plans(on_two).to_pylist()}
@@ -292,7 +292,7 @@ def test_where_the_system_names_no_file_a_full_disk_is_still_told_clearly(
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(campaign_page, "save_campaign_page", full)
+    monkeypatch.setattr(study_page, "save_campaign_page", full)
     assert main(["campaign", "report", str(on_two)]) == 2
     said = capsys.readouterr().err
     assert f"the report could not be written; the plans in {on_two} are kept" in said

@@ -310,7 +310,8 @@ def test_setup_py_declares_exactly_the_python_packages_that_are_imported():
     foreign = top_level_imports(MODULES) - sys.stdlib_module_names - {"ff_planner_ros"}
     imported = {PIP_NAMES.get(name, name) for name in foreign - ros_packages(foreign)}
     from_ros = {"ff_planner_msgs", "ros-jazzy-common-interfaces", "ros-jazzy-rclpy"}
-    assert declared == imported | from_ros
+    for_readers = {"pandas"}  # of the tables that a campaign writes, as the docs do it
+    assert declared - for_readers == imported | from_ros
 
 
 def test_the_benchmark_declares_exactly_the_packages_that_it_imports_and_none_of_ros():

@@ -42,6 +42,8 @@ from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.planning.task.whole import whole, whole_scene
+from ff_planner_ros.report.from_bag import report_of_bag
+from ff_planner_ros.report.run_page import save_page
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_in
@@ -226,6 +228,30 @@ def test_its_bag_replays_to_the_last_bit(task: PlanningTask, plan: Plan, tmp_pat
 
 
 @pytest.mark.ci
+def test_a_report_of_its_bag_draws_each_phase_with_what_it_holds(
+    task: PlanningTask, plan: Plan, tmp_path: Path
+) -> None:
+    record_answer(tmp_path / "bag", task, plan, 1.0, SCENARIO, "optimal")
+    report = report_of_bag(tmp_path / "bag", 20)
+    (request,) = report.requests
+    assert request.plan is not None
+    drawn, wanted = (request.plan, *request.then), list(phase_tasks(task, plan))
+    assert len(drawn) == len(wanted) == 3
+    for found, (one, phase) in zip(drawn, wanted, strict=True):
+        for name in ("joint_positions", "chaser_positions", "ee_quaternions_xyzw"):
+            expected = getattr(phase.trajectory, name)
+            np.testing.assert_allclose(getattr(found.motion, name), expected, atol=1e-9)
+        masses = (sum(i.mass for i in of.model.inertias) for of in (found.robot, one.problem.robot))
+        assert next(masses) == pytest.approx(next(masses))
+        assert found.obstacles is not None
+        assert [o.id for o in found.obstacles] == [o.id for o in one.problem.obstacles]
+    save_page(report, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    for part in ("plan-0", "plan-0-2", "plan-0-3"):
+        assert f'id="{part}"' in page
+        assert f'id="{part}-scene"' in page
+
+
 def test_the_json_has_the_whole_motion_and_each_phase(
     task: PlanningTask, plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -66,6 +66,11 @@ def campaign(asked: Study, rows: list[dict[str, Any]], tmp_path: Path) -> Callab
     return make
 
 
+def report(directory: Path) -> int:
+    """Write a report; that a case is planned again for its page is another test's."""
+    return main(["campaign", "report", str(directory), "--plans", "0"])
+
+
 def files_below(directory: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
 
@@ -84,7 +89,7 @@ def test_a_report_takes_no_id_that_is_no_hash(
 ) -> None:
     directory = campaign(id=id_)
     before = files_below(tmp_path)
-    assert main(["campaign", "report", str(directory)]) == 2
+    assert report(directory) == 2
     assert "is not a hash of a case" in capsys.readouterr().err
     assert files_below(tmp_path) == before
 
@@ -93,7 +98,7 @@ def test_a_report_takes_no_id_that_is_no_hash(
 def test_a_report_shows_no_method_that_is_none_of_ours(
     planned_by: str, campaign: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["campaign", "report", str(campaign(planned_by=planned_by))]) == 2
+    assert report(campaign(planned_by=planned_by)) == 2
     said = capsys.readouterr().err
     assert "is not a method" in said
     assert said.count("\n") == 1
@@ -109,12 +114,12 @@ def test_a_report_reads_no_source_outside_of_its_scenarios(
         kept = directory / "scenarios" / "quick_capture"
         for name in ("scenario.yaml", "scenario.urdf"):
             (place / name).write_bytes((kept / name).read_bytes())
-    assert main(["campaign", "report", str(directory)]) == 0
+    assert report(directory) == 0
     assert not list(commands(directory / "report.html"))
-    assert not (directory / "worst").exists()
+    assert not (directory / "cases").exists()
 
 
-LINKS = ["report.html", "worst", "scenarios", "scenarios/quick_capture/scenario.yaml"]
+LINKS = ["report.html", "cases", "scenarios", "scenarios/quick_capture/scenario.yaml"]
 LINKS += ["scenarios/quick_capture/scenario.urdf", "parameters.yaml"]
 
 
@@ -126,13 +131,13 @@ def test_a_report_follows_no_link_out_of_its_directory(
     place = directory / name
     if place.exists():
         place.rename(outside)
-    elif name == "worst":
+    elif name == "cases":
         outside.mkdir()
     else:
         outside.write_text("mine")
     place.symlink_to(outside)
     before = files_below(outside.parent) if outside.is_dir() else {outside: outside.read_bytes()}
-    code = main(["campaign", "report", str(directory)])
+    code = report(directory)
     assert code == (2 if name == "report.html" else 0), capsys.readouterr()
     for path, content in before.items():
         if outside in (path, *path.parents):
@@ -146,12 +151,12 @@ def test_a_report_follows_no_link_out_of_its_directory(
 
 def test_the_files_of_a_worst_case_replace_no_link(campaign: Any, tmp_path: Path) -> None:
     directory = campaign()
-    assert main(["campaign", "report", str(directory)]) == 0
+    assert report(directory) == 0
     (tmp_path / "mine").write_text("mine")
-    for path in (directory / "worst").glob("*/scenario.yaml"):
+    for path in (directory / "cases").glob("*/scenario.yaml"):
         path.unlink()
         path.symlink_to(tmp_path / "mine")
-    assert main(["campaign", "report", str(directory)]) == 0
+    assert report(directory) == 0
     assert (tmp_path / "mine").read_text() == "mine"
 
 
@@ -161,19 +166,19 @@ def test_the_files_of_a_worst_case_replace_no_link(campaign: Any, tmp_path: Path
 @pytest.mark.parametrize("column", ["changes", "settings"])
 def test_changes_that_are_none_give_no_command(changes: str, column: str, campaign: Any) -> None:
     directory = campaign(**{column: changes})
-    assert main(["campaign", "report", str(directory)]) == 0
+    assert report(directory) == 0
     assert not list(commands(directory / "report.html"))
 
 
 def test_commands_to_copy_are_quoted(campaign: Any, tmp_path: Path) -> None:
     odd = tmp_path / "a $(touch x) 'b\n; rm"
     campaign().rename(odd)
-    assert main(["campaign", "report", str(odd)]) == 0
+    assert report(odd) == 0
     found = list(commands(odd / "report.html"))
     assert found
     for words in found:
         assert words[:2] == ["ff-planner", "plan"]
-        assert Path(words[2]).parent.parent == odd / "worst"
+        assert Path(words[2]).parent.parent == odd / "cases"
         assert words[3:] in ([], ["--method", "straight"])
 
 

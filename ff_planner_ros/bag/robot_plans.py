@@ -111,14 +111,16 @@ def robot_plans(bag: Path) -> RobotPlans:
         scene, robot = scenes.pop(name, Scene()), robots.pop(name)
         del motions[name]
         kept, measured = limits.pop(name), metrics[name]
-        for number, phase in enumerate(_phases(exchange.response[0].phases, robot, scene, then), 1):
+        for number, phase in enumerate(
+            phases_of(exchange.response[0].phases, robot, scene, then), 1
+        ):
             key = f"{name}, phase {number}"
             motions[key], robots[key], scenes[key] = phase
             limits[key], metrics[key] = kept, measured
     return RobotPlans(robots, motions, metrics, scenes, limits, _uncertainty(parameters), notes)
 
 
-def _phases(
+def phases_of(
     motions: Sequence[Trajectory], robot: Robot, scene: Scene, then: Sequence[Payload | None]
 ) -> Iterator[tuple[Trajectory, Robot, Scene]]:
     """Yield each phase of a sequence with the robot, what it holds, and what is around.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ff_planner_ros.campaign.changes import Change, Draw, changed
-from ff_planner_ros.campaign.sources import Source, content, task_of
+from ff_planner_ros.campaign.sources import Generated, Source, content, task_of
 from ff_planner_ros.campaign.study import MethodOfStudy, Study, random_changes
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario.scenario import Defaults
@@ -43,6 +43,12 @@ class Case:
         ]
         text = json.dumps(described, sort_keys=True, default=str)
         return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_DIGITS]
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether chance has a part in it: a rate of such cases has a confidence interval."""
+        drawn = any(isinstance(change.value, Draw) for change in self.changes)
+        return drawn or isinstance(self.source, Generated)
 
     def scenario(self) -> tuple[dict[str, Any], str, dict[str, Any]]:
         """Return scenario and URDF of the case, and the values that it varies, by key.

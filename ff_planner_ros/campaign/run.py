@@ -32,6 +32,7 @@ from ff_planner_ros.campaign.table import (
 from ff_planner_ros.campaign.work import Outcome
 
 VERSIONS, PARAMETERS = "versions.json", "parameters.yaml"
+CASES = "cases"  # the directory of what a report writes of single cases
 # Rows are written when there are so many, or after so long [s]: what a crash can cost.
 _MOST_ROWS, _LONGEST = 1000, 20.0
 

@@ -127,6 +127,12 @@ def written(path: Path, name: str, defaults: Defaults) -> Written:
     return Written(name, document, robot.drawn_urdf, digest)
 
 
+def names_files(document: dict[str, Any]) -> bool:
+    """Tell whether a scenario that a campaign kept names another file than its URDF."""
+    robot = {name: of for name, of in document["robot"].items() if (name, of) != ("urdf", URDF)}
+    return "srdf" in robot or _names_files(document | {"robot": robot})
+
+
 def _names_files(value: Any) -> bool:
     """Tell whether a block of a scenario names a mesh or a URDF, which no worker has."""
     if isinstance(value, dict):
