@@ -73,7 +73,7 @@ def compare(ours: str, theirs: str) -> bool:
     for kind in ("given", "core", "digest", "counts"):
         names = [name for name in first if name.startswith(f"{kind} ")]
         if names:
-            kept &= tell(kind, [(first[name], second[name]) for name in names], kind == "digest")
+            kept &= tell(kind, [(first[name], second[name]) for name in names], kind == "given")
     for name in (name for name in first if name.startswith("plan ")):
         kept &= tell(name, [(first[name], second[name])], False, JOINTS_APART)
     return bool(kept)
@@ -86,13 +86,14 @@ def tell(
     if any(one.shape != other.shape for one, other in pairs):
         print(f"{kind:<28} of another shape")
         return False
-    same = sum(int((one.view(np.uint8) == other.view(np.uint8)).all()) for one, other in pairs)
+    same = sum(one.tobytes() == other.tobytes() for one, other in pairs)
     largest = max(
         float(np.abs(np.nan_to_num(one) - np.nan_to_num(other)).max(initial=0.0))
         / (max(1.0, float(np.abs(np.nan_to_num(one)).max(initial=0.0))))
         for one, other in pairs
     )
-    print(f"{kind:<28}{len(pairs):>8}{same:>12}{largest:>20.1e}")
+    told = "" if kind == "digest" else f"{largest:.1e}"
+    print(f"{kind:<28}{len(pairs):>8}{same:>12}{told:>20}")
     return largest <= (0.0 if equal else most)
 
 
