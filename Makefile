@@ -96,10 +96,10 @@ TIER ?= everyday
 COVERAGE_ci := --cov --cov-report=term
 
 test: env $(VENV)/extras_$(TIER)
-	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER))
+	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER)) --junitxml build/tests_$(TIER).xml
 
 # Runs the tests that provoke a law (test/laws.yaml), and writes their results into
-# docs/reference/evidence.md.
+# docs/reference/evidence.md. Of a run of all tests it is `test/evidence.py ci build/tests_ci.xml`.
 evidence: TIER := ci
 evidence: env $(VENV)/extras_ci
 	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) -m law --junitxml build/evidence.xml || true
