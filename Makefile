@@ -101,10 +101,10 @@ TIER ?= everyday
 COVERAGE_ci := --cov --cov-report=term
 
 test: env $(VENV)/extras_$(TIER)
-	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER))
+	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER)) --junitxml build/tests_$(TIER).xml
 
 # Runs the tests that provoke a law (test/laws.yaml), and writes their results into
-# docs/reference/evidence.md.
+# docs/reference/evidence.md. Of a run of all tests it is `test/evidence.py ci build/tests_ci.xml`.
 evidence: TIER := ci
 evidence: env $(VENV)/extras_ci
 	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) -m law --junitxml build/evidence.xml || true
@@ -235,11 +235,13 @@ aarch64: env
 	test/aarch64/run.sh
 
 # Before a release: sdists and wheels, each tried in an environment of its own, metadata, colcon,
-# licences. `make release-check PYTHONS="python3.11 python3.12"` tries the wheel on each.
+# licences. `make release-check PYTHONS="python3.11 python3.12"` tries the wheel on each, with RELEASED
+# as the extras: ROS has no wheels for some interpreters.
 PYTHONS ?= $(BIN)/python
+RELEASED ?= simulation,campaign,console,ros
 
 release-check: env $(VENV)/extras_everyday $(VENV)/colcon
-	$(BIN)/python test/release_check.py $(addprefix --python=,$(PYTHONS))
+	$(BIN)/python test/release_check.py $(addprefix --python=,$(PYTHONS)) --extras=$(RELEASED)
 
 # The version is that of package.xml; `make version VERSION=1.2.3` writes it to the other places that tools
 # read, with today as the day of the release. The heading in CHANGELOG.md is written by hand.

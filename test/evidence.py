@@ -141,7 +141,7 @@ def run() -> str:
     results = "Results: none yet, see `make evidence`."
     if told:
         results = (
-            f"Results: `make evidence` of {told['date']}, commit {told['commit']}, tier "
+            f"Results: a run of {told['date']}, commit {told['commit']}, tier "
             f"`{told['tier']}`, Python {told['python']} on {told['machine']}."
         )
     return f"{counted} {without}\n{results}\n"
