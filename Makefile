@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test evidence nightly mutants short-test without-ros sanitize lint build figures lock aarch64 release-check version clean
+.PHONY: env prerequisites demo test evidence nightly mutants short-test without-ros sanitize lint build docs figures lock aarch64 release-check version clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -78,6 +78,11 @@ $(VENV)/extras_%: $(VENV)/complete benchmark/pyproject.toml
 	@echo 'Adding what the tests need to $(VENV): usually half a minute.'
 	@$(BIN)/python -c '$(REQUIRES)' $(EXTRAS_$*) > $@.txt
 	@$(INSTALL) --no-build-isolation --requirement $@.txt --editable '$(BENCHMARK_$*)'
+	@touch $@
+
+$(VENV)/docs: $(VENV)/complete
+	@$(BIN)/python -c '$(REQUIRES)' docs > $@.txt
+	@$(INSTALL) --requirement $@.txt
 	@touch $@
 
 $(VENV)/colcon: $(VENV)/complete
@@ -199,6 +204,12 @@ MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
 	from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, TFMessage; \
 	check_for_type_support(TFMessage); check_for_type_support(FollowJointTrajectory)
 
+# The site, of the pages in docs/, without the network; a warning or a link that leads nowhere fails.
+# With DOCS_ONLINE=1, names of Python and numpy lead to their own sites.
+docs: env $(VENV)/docs
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet --jobs auto docs build/site
+	@echo 'build/site/index.html is the site.'
+
 # Measures the benchmark anew, and writes its tables and the sentences with its figures. It takes
 # half an hour, on a machine that does nothing else.
 figures: env $(VENV)/extras_everyday
@@ -208,7 +219,7 @@ figures: env $(VENV)/extras_everyday
 # Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow. None
 # of our own is a package of an index.
 lock: env
-	{ $(BIN)/python -c '$(REQUIRES)' ros test robots browser colcon; printf 'pip\nuv\n'; \
+	{ $(BIN)/python -c '$(REQUIRES)' ros test robots browser docs colcon; printf 'pip\nuv\n'; \
 		$(BIN)/python -c '$(REQUIRES_OF_BENCHMARK)'; \
 		for built in . msg_defs benchmark; do \
 			$(BIN)/python -c '$(BUILD_REQUIRES)' $$built/pyproject.toml; done; } | grep -v ^ff_planner_ \

@@ -173,7 +173,7 @@ setup(
         *installed_as_they_are("config", "examples", "launch"),
     ],
     zip_safe=False,
-    # A reason for each is in README.md; what package.xml names is the same list in ROS's words.
+    # Why each: docs/reference/dependencies.md; package.xml names the same list in ROS's words.
     install_requires=[
         "lz4>=4.3,<5",
         "matplotlib>=3.8,<4",
@@ -196,6 +196,8 @@ setup(
         "browser": ["playwright>=1.60,<2"],
         # 131 MB that only tests read: the URDFs, as found, of arms and robots that others made.
         "robots": ["example-robot-data>=6,<7"],
+        # The site of `docs/`, for `make docs`.
+        "docs": ["furo>=2025.9", "myst-parser>=5,<6", "sphinx>=9,<10"],
         # The build that a ROS machine does, for `make build`.
         "colcon": ["colcon-defaults>=0.2,<0.3", "colcon-ros>=0.5,<0.6"],
         "test": [

@@ -12,13 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import doc_figures
-from pages import PAGES
+import doc_reference
+from doc_reference import MESSAGES
+from pages import DOCS, PAGES, text_of
 
 import ff_planner_ros
 from ff_planner_ros.bag.older_messages import ANSWER_FIELDS, REQUEST_FIELDS
 from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import places_in
-from ff_planner_ros.errors import REMEDIES, Retry, Status
+from ff_planner_ros.errors import Retry, Status
 from ff_planner_ros.parameters import DECLARATIONS, default_values
 from ff_planner_ros.parameters.values import FORMER_NAMES
 from ff_planner_ros.planning.problem.approach import Approach
@@ -38,19 +40,9 @@ from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
-MESSAGES = SOURCE_TREE / "msg_defs" / "msg"
 BLOCK = re.compile(
     r"(<!-- (table|example|figures|bench): ([\w, ]+) -->\n?)(.*?)(<!-- end -->)", re.DOTALL
 )
-
-
-def codes() -> Iterator[tuple[str, ...]]:
-    yield "code", "name", "cause", "retry", "field"
-    text = (MESSAGES / "PlanStatus.msg").read_text(encoding="utf-8")
-    for name, number, cause in re.findall(r"^uint16 (\w+)=(\d+) *(?:# (.*))?$", text, re.MULTILINE):
-        retry, field, _, _ = REMEDIES[Status(int(number))]
-        named = f"`{field}`" if field else "the one at fault" if retry else ""
-        yield number, f"`{name}`", cause, f"`{retry.name}`" if retry else "", named
 
 
 def retries() -> Iterator[tuple[str, ...]]:
@@ -112,15 +104,6 @@ def parameter_names() -> Iterator[tuple[str, ...]]:
     yield "0.2", "0.3"
     for name, present in FORMER_NAMES.items():
         yield f"`{name}`", f"`{present}`"
-
-
-def metrics() -> Iterator[tuple[str, ...]]:
-    yield "metric", "meaning"
-    text = (MESSAGES / "PlanMetrics.msg").read_text(encoding="utf-8")
-    for name, meaning in re.findall(
-        r"^(?:float64(?:\[\])?|string) (\w+) *# (.*)$", text, re.MULTILINE
-    ):
-        yield f"`{name}`", meaning
 
 
 def parameters() -> Iterator[tuple[str, ...]]:
@@ -231,6 +214,39 @@ def packages() -> Iterator[tuple[str, ...]]:
             yield f"`{name}`", text.partition("\n")[0].removesuffix(".")
 
 
+def tutorials() -> Iterator[tuple[str, ...]]:
+    yield from _contents("tutorials", tutorials_in_order())
+
+
+def how_to() -> Iterator[tuple[str, ...]]:
+    yield from _contents("how_to")
+
+
+def reference() -> Iterator[tuple[str, ...]]:
+    yield from _contents("reference")
+
+
+def explanation() -> Iterator[tuple[str, ...]]:
+    yield from _contents("explanation")
+
+
+def tutorials_in_order() -> list[str]:
+    """Return the names of the tutorials, as the menu of the site has them."""
+    return re.findall(r"^tutorials/(\w+)$", text_of(DOCS / "index.md"), re.MULTILINE)
+
+
+def _contents(folder: str, order: list[str] | None = None) -> Iterator[tuple[str, ...]]:
+    """Yield the pages of a folder, each with the first sentence below its title."""
+    yield "page", "its question"
+    for name in order or sorted(path.stem for path in (DOCS / folder).glob("*.md")):
+        found = re.match(
+            r"# ([^\n]*)\n\n(.*?[.?:])(?=\s)", text_of(DOCS / folder / f"{name}.md"), re.DOTALL
+        )
+        assert found, f"{name} does not begin with a title and a sentence"
+        sentence = re.sub(r"\[(.*?)\]\(.*?\)", r"\1", " ".join(found[2].split()))
+        yield f"[{found[1]}]({folder}/{name}.md)", sentence
+
+
 def plan_in_python() -> str:
     example = (SOURCE_TREE / "examples" / "plan_in_python.py").read_text(encoding="utf-8")
     return f"```python\n{example.partition(chr(10) * 2)[2].lstrip()}```\n"
@@ -249,7 +265,7 @@ def expected(block: re.Match[str]) -> str:
     elif block[2] == "figures":
         made = getattr(doc_figures, block[3])()
     else:
-        made = globals()[block[3]]()
+        made = (globals().get(block[3]) or getattr(doc_reference, block[3]))()
     return block[1] + (made if isinstance(made, str) else markdown(made)) + block[5]
 
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 README = SOURCE_TREE / "README.md"
-PAGES = [README, SOURCE_TREE / "CONTRIBUTING.md", *sorted((SOURCE_TREE / "docs").rglob("*.md"))]
+DOCS = SOURCE_TREE / "docs"
+PAGES = [README, SOURCE_TREE / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 _HEADING_OR_FENCE = re.compile(r"^#+ .*?$|^ *```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 

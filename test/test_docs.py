@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from doc_figures import FIGURES
-from doc_tables import BLOCK, MESSAGES, expected
+from doc_reference import DEFINITIONS, SUFFIXES
+from doc_tables import BLOCK, expected
 from ff_planner_msgs import msg
 from ff_planner_msgs.action import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
-from pages import PAGES, README, SOURCE_TREE, console, text_of
+from pages import DOCS, PAGES, README, SOURCE_TREE, console, text_of
 from shown_results import near
 
 from ff_planner_ros.cli import main
@@ -24,15 +26,18 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import load_task, scenario_schema
 
-BENCHMARK = SOURCE_TREE / "docs" / "explanation" / "benchmark.md"
+BENCHMARK = DOCS / "explanation" / "benchmark.md"
 # Figures in sentences that the benchmark does not measure, with the word before each, and why.
 NO_MEASUREMENT = {
     "has 0 %": "no plan can be in such a class",
     "for 1000 times": "how densely a plan is looked at",
     **dict.fromkeys(["and 70 %", "from 70 %", "from 10 %"], "how problems are drawn"),
 }
-INTERFACES = SOURCE_TREE / "docs" / "reference" / "interfaces.md"
-MOVING = SOURCE_TREE / "docs" / "how_to" / "moving_from_0.2.md"
+REFERENCE = DOCS / "reference"
+SCENARIO, JSON, MESSAGES = (
+    REFERENCE / f"{name}.md" for name in ("scenario", "plan_json", "messages")
+)
+MOVING = DOCS / "how_to" / "moving_from_0.2.md"
 CAPTURE = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -114,9 +119,12 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@every_page
-def test_every_page_of_docs_can_be_reached_from_the_readme(page: Path) -> None:
-    assert page == README or f"({page.relative_to(SOURCE_TREE)})" in text_of(README)
+def test_every_page_of_docs_can_be_reached_from_the_readme() -> None:
+    assert "(docs/index.md)" in text_of(README)
+    index = text_of(DOCS / "index.md")
+    for page in set(PAGES) - {README, DOCS / "index.md"}:
+        place = page.relative_to(DOCS) if page.is_relative_to(DOCS) else f"../{page.name}"
+        assert f"({place})" in index or page.name in ("contributing.md", "changelog.md")
 
 
 @every_page
@@ -126,10 +134,12 @@ def test_every_generated_table_is_what_the_code_declares(page: Path) -> None:
         assert block[0] == expected(block), f"{page.name}: {block[3]} is old: {allowed}"
 
 
-def rows_under(heading: str) -> list[str]:
-    """First column of the table under a heading of interfaces.md."""
-    section = text_of(INTERFACES).partition(f"## {heading}\n")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| `([^`]+)`(?: \*)? \|", section, re.MULTILINE)
+def rows_of(page: Path, section: str = "") -> list[str]:
+    """First column of the table of a page, or under one of its headings."""
+    text = text_of(page)
+    if section:
+        text = text.partition(f"## {section}\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| `([^`]+)` \|", text, re.MULTILINE)
     assert len(rows) == len(set(rows)), rows
     return rows
 
@@ -152,8 +162,8 @@ def required_in(schema: dict[str, Any], prefix: str = "") -> Iterator[str]:
 
 
 def test_required_keys_of_a_scenario_are_marked_and_no_others() -> None:
-    rows = set(rows_under("Scenario files"))
-    marked = re.findall(r"^\| `([^`]+)` \|.*\brequired \|", text_of(INTERFACES), re.MULTILINE)
+    rows = set(rows_of(SCENARIO))
+    marked = re.findall(r"^\| `([^`]+)` \|.*\brequired \|", text_of(SCENARIO), re.MULTILINE)
     assert set(marked) == rows & set(required_in(scenario_schema()))
     assert "robot.urdf" in marked
     assert "obstacles[].id" in marked
@@ -200,7 +210,7 @@ def scenario(tmp_path: Path) -> Any:
 
 def scenario_keys() -> Iterator[tuple[tuple[Any, ...], set[str]]]:
     """Each block of a scenario file with the keys that the table lists for it."""
-    keys = [key.replace("[]", ".0").split(".") for key in rows_under("Scenario files")]
+    keys = [key.replace("[]", ".0").split(".") for key in rows_of(SCENARIO)]
     blocks = {tuple(key[:depth]) for key in keys for depth in range(len(key))}
     for block in sorted(blocks):
         below = {key[len(block)] for key in keys if tuple(key[: len(block)]) == block != tuple(key)}
@@ -235,16 +245,31 @@ def test_the_answer_in_the_readme_is_that_to_the_papers_capture(written: dict[st
 
 
 def test_the_table_of_json_fields_lists_exactly_those_of_a_plan(written: dict[str, Any]) -> None:
-    assert set(rows_under("The JSON of a plan")) == set(written)
-    assert set(rows_under("Metrics")) >= set(written["metrics"])
-    solver = re.search(r"^\| `solver` \| (.*) \|$", text_of(INTERFACES), re.MULTILINE)
+    assert set(rows_of(JSON)) == set(written)
+    assert set(rows_of(MESSAGES, "PlanMetrics")) >= set(written["metrics"])
+    solver = re.search(r"^\| `solver` \| (.*) \|$", text_of(JSON), re.MULTILINE)
     assert solver
     assert set(re.findall(r"`(\w+)`", solver[1])) == set(written["solver"])
 
 
-def test_the_page_of_interfaces_names_every_message() -> None:
-    named = set(re.findall(r"msg_defs/msg/(\w+\.msg)", text_of(INTERFACES)))
-    assert named == {path.name for path in MESSAGES.glob("*.msg")}
+def test_the_page_of_messages_has_every_field_of_every_message() -> None:
+    text = text_of(MESSAGES)
+    for path in DEFINITIONS.glob("*/*.*"):
+        if path.suffix in SUFFIXES and path.parent.name in ("msg", "srv", "action"):
+            title = path.stem + ("" if path.suffix == ".msg" else path.suffix)
+            section = text.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+            parts = interface_of(path)
+            fields = {name for part in parts for name in part.get_fields_and_field_types()}
+            assert set(re.findall(r"^\| `([a-z_]+)` \| \[?`", section, re.MULTILINE)) == fields, (
+                title
+            )
+
+
+def interface_of(path: Path) -> list[Any]:
+    """Return the messages that a file is compiled to: of a service two, of an action three."""
+    kind = getattr(import_module(f"ff_planner_msgs.{path.parent.name}"), path.stem)
+    parts = ("Request", "Response", "Goal", "Result", "Feedback")
+    return [getattr(kind, part) for part in parts if hasattr(kind, part)] or [kind]
 
 
 def test_a_client_that_has_moved_from_0_2_as_the_page_says_speaks_the_present_messages() -> None:

@@ -77,7 +77,9 @@ WITH_ROS = (
     "report.received_scenes",
     "report.from_changes",
     "demo",
+    "console.answers",
     "console.from_bag",
+    "console.live",
 )
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 ROOM_WITH_CLOCKS = "bench"
@@ -92,6 +94,7 @@ PIP_NAMES = {
     "mujoco": "mujoco-core",
     "pinocchio": "pin",
     "pydrake": "drake",
+    "websockets": "viser",  # which is built on it and brings it
     "yaml": "pyyaml",
 }
 

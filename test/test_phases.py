@@ -255,8 +255,17 @@ def test_the_whole_is_one_motion_with_the_worst_of_all_phases(plan: Plan) -> Non
     assert total.metrics.min_self_clearance_time == pytest.approx(
         [0.0, *ends][worst] + each[worst].min_self_clearance_time
     )
-    alone = plan.phases[0]
+    alone, stop, stow = plan.phases
     assert whole(alone) is alone
+    near = replace(
+        stop.metrics,
+        min_self_clearance=1e-3,
+        min_self_clearance_pair="a/b",
+        min_self_clearance_time=0.25,
+    )
+    metrics = whole(replace(plan, then=(replace(stop, metrics=near), stow))).metrics
+    assert metrics.min_self_clearance_pair == "a/b"
+    assert metrics.min_self_clearance_time == pytest.approx(ends[0] + 0.25)
 
 
 def payload_poses(task: PlanningTask, plan: Plan) -> tuple[Array, Array, Array]:

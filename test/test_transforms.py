@@ -26,8 +26,8 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.outputs import preview
+from ff_planner_ros.ros.outputs import transforms as transforms_module
 from ff_planner_ros.ros.outputs.prediction import FramePose
 from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.outputs.transforms import Transforms, root_link, root_pose
@@ -140,23 +140,39 @@ def test_the_preview_moves_in_the_inertial_frame(
         np.testing.assert_allclose(tip, path, atol=5e-3)
 
 
-@pytest.mark.parametrize("wanted", [True, False])
-def test_the_measured_chaser_is_told_where_nobody_else_does(lemur: Robot, wanted: bool) -> None:
-    output = Output(lemur, replaced(load_parameters(), "tf.measured", wanted))
+def test_the_measured_chaser_is_told_where_it_was_measured(lemur: Robot) -> None:
+    told, heard = transforms(lemur, replaced(load_parameters(), "tf.measured", True))
     state = random_state(lemur, np.random.default_rng(3))
     for _ in range(2):  # buffers complain about a stamp that comes again
-        output.output.stream(Snapshot(state, START - 5, "chaser_state"))
-    assert output.output.is_streamed is wanted
-    told = output.heard["/tf"]
-    assert len(told) == wanted
-    if wanted:
-        (root,) = told[0].transforms
-        assert (root.child_frame_id, root.header.frame_id) == ("chaser", "inertial")
-        assert nanoseconds(root.header.stamp) == START - 5
-        output.output.transforms.describe()
-        center = frames(output.heard["/tf_static"])["chaser_center_of_mass"]
-        chain = placement(root.transform) * placement(center.transform)
-        np.testing.assert_allclose(chain.translation, state.position_chaser_in_inertial, atol=1e-12)
+        told.measured(state, START - 5)
+    (message,) = heard["/tf"]
+    (root,) = message.transforms
+    assert (root.child_frame_id, root.header.frame_id) == ("chaser", "inertial")
+    assert nanoseconds(root.header.stamp) == START - 5
+    told.describe()
+    center = frames(heard["/tf_static"])["chaser_center_of_mass"]
+    chain = placement(root.transform) * placement(center.transform)
+    np.testing.assert_allclose(chain.translation, state.position_chaser_in_inertial, atol=1e-12)
+
+
+def test_the_measured_chaser_is_due_on_request_and_at_most_at_the_rate_of_predictions(
+    lemur: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = Mock(return_value=100.0)
+    monkeypatch.setattr(transforms_module, "time", SimpleNamespace(monotonic=clock))
+    unasked, _ = transforms(lemur, load_parameters())
+    assert not unasked.is_due
+    parameters = replaced(load_parameters(), "tf.measured", True)
+    told, _ = transforms(lemur, parameters)
+    state, period = (
+        random_state(lemur, np.random.default_rng(3)),
+        1.0 / parameters.rates.predicted_pose,
+    )
+    assert told.is_due
+    told.measured(state, START)
+    for after, due in ((0.0, False), (0.9 * period, False), (period, True)):
+        clock.return_value = 100.0 + after
+        assert told.is_due is due
 
 
 def test_the_sensor_of_odometry_is_fixed_to_the_chaser(lemur: Robot) -> None:

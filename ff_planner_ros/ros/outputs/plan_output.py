@@ -158,23 +158,18 @@ class PlanOutput:
 
     @property
     def is_streamed(self) -> bool:
-        """Whether a plan runs, or will, or the chaser is told of as measured.
-
-        No tracking is told of a plan that is over.
-        """
+        """Whether a plan runs, or will. No tracking is told of a plan that is over."""
         published, now_ns = self.published, self._clock.now().nanoseconds
         runs = published is not None and (
             now_ns <= published.start_ns or published.at(now_ns) is not None
         )
         if not runs:
             self.tracking = None
-        return runs or self.transforms.measures
+        return runs
 
     def stream(self, measured: Snapshot | None) -> None:
         """Publish where the chaser should be by now, and how far from there it was measured."""
         running, self.tracking = self.published, None
-        if measured is not None:
-            self.transforms.measured(measured.state, measured.stamp_ns)
         if running is None:
             return
         motion, start_ns = running.trajectory, running.start_ns

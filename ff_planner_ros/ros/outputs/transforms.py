@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 
 import pinocchio as pin
@@ -38,6 +39,10 @@ class Transforms:
         """Create the publishers, which are silent until the node is active."""
         self._robot, self._frame = robot, parameters.inertial_frame
         self._root, self._settings = root_link(robot), parameters.tf
+        self._period, self._due = (
+            1.0 / parameters.rates.predicted_pose,
+            0.0,
+        )  # by the steady clock [s]
         self._told_ns: dict[str, int] = {}  # newest stamp of each frame
         self._static = self._fixed_to_chaser(parameters)
         self._moving: LifecyclePublisher = node.create_lifecycle_publisher(TFMessage, "/tf", TF_QOS)
@@ -47,20 +52,20 @@ class Transforms:
         self.publishers = self._moving, self._fixed
 
     @property
-    def measures(self) -> bool:
-        """Whether the measured chaser is published."""
-        return self._settings.measured
+    def is_due(self) -> bool:
+        """Whether the measured chaser is to be published, and was not within the last period."""
+        return self._settings.measured and time.monotonic() >= self._due
 
     def describe(self) -> None:
         """Publish what is fixed to the chaser; to be called when the node becomes active."""
         self._fixed.publish(TFMessage(transforms=list(self._static.values())))
 
     def measured(self, state: SystemState, stamp_ns: int) -> None:
-        """Publish where the chaser was measured, where a parameter asks for it."""
-        if self._settings.measured:
-            attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
-            chaser = FramePose(state.position_chaser_in_inertial, attitude)
-            self._publish(stamp_ns, [(self._root, root_pose(self._robot, chaser))])
+        """Publish where the chaser was measured."""
+        self._due = time.monotonic() + self._period
+        attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+        chaser = FramePose(state.position_chaser_in_inertial, attitude)
+        self._publish(stamp_ns, [(self._root, root_pose(self._robot, chaser))])
 
     def predicted(
         self, motion: Trajectory, start_ns: int, time_ns: int, captured: CapturedBody | None

@@ -219,7 +219,8 @@ class Publication:
                 "it is published already"
                 if last is not None and last.plan_id == plan_id
                 else "no plan of this id waits to be published (plans asked for with plan_only "
-                f"wait, the newest {MOST_WAITING}, until they are published or their start is over)"
+                f"wait, the newest {MOST_WAITING}, until they are published, rejected, or their "
+                "start is over)"
             )
         raise InvalidInput(Status.UNKNOWN_PLAN, field, value, allowed)
 
