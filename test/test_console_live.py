@@ -3,58 +3,34 @@
 from __future__ import annotations
 
 import signal
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from quick_capture import resting_capture
-from ros_processes import (
-    DEADLINE,
-    Client,
-    PlannerProcess,
-    Scene,
-    connected_client,
-    private_domain,
-    running_planner,
+from live_console import (
+    ARGUMENTS,
+    LEAD,
+    SCENE,
+    Console,
+    World,
+    ask_for_the_capture,
+    opened_console,
+    wait_for,
 )
+from ros_processes import PlannerProcess, connected_client, private_domain, running_planner
 
 from ff_planner_ros.console.changes import lasting_for
-from ff_planner_ros.console.entries import Entry
-from ff_planner_ros.console.live.open import LivePage, live_page
+from ff_planner_ros.console.live.open import live_page
 from ff_planner_ros.console.live.plans import WAITS, fit_of
-from ff_planner_ros.console.serve import serve
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 
 pytestmark = pytest.mark.ci
-SCENE = Scene(resting_capture())
-# Of plans, and of states: no machine is too slow [s].
-LEAD, AGE = 300.0, 60.0
-
-
-class World:
-    """The chaser's state on its topic, again and again, and the obstacles."""
-
-    def __init__(self, client: Client) -> None:
-        self.client, self.aside = client, 0.0
-        client.publish_obstacles(SCENE.obstacles())
-        client.node.create_timer(0.1, self._publish)
-
-    def _publish(self) -> None:
-        state = SCENE.state(self.client.now_ns())
-        state.pose.position.x += self.aside
-        self.client.publish_state(state)
 
 
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
-    values = {"state_max_age": AGE, "planning_lead_time": LEAD, "state_future_tolerance": AGE}
-    arguments = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
-    arguments += ["-p", "end_behaviour:=stop_joints"]
-    with private_domain(), running_planner(tmp_path_factory.mktemp("live"), *arguments) as planner:
+    with private_domain(), running_planner(tmp_path_factory.mktemp("live"), *ARGUMENTS) as planner:
         yield planner
 
 
@@ -63,52 +39,6 @@ def world(planner: PlannerProcess) -> Iterator[World]:  # noqa: ARG001 (it must 
     with connected_client() as client:
         client.wait_for_planner()
         yield World(client)
-
-
-class Console:
-    """A console without a browser."""
-
-    def __init__(self, live: LivePage) -> None:
-        self.served = serve(live.page_on, "127.0.0.1", 8800)
-        self.live, self.page, self.panel = live, self.served.page, live._panel
-        wait_for(lambda: self.page.task is not None, "the goal")
-
-    def plan(self) -> Entry:
-        """Plan, and return what is shown then."""
-        self.page.plan()
-        while self.page.search is not None:
-            self.page.search.wait()
-        return self.page.chosen
-
-    def entry(self, name: str) -> Entry | None:
-        return next((one for one in self.page.entries if one.name == name), None)
-
-    def status(self, name: str) -> str:
-        found = self.entry(name)
-        return "" if found is None else found.status
-
-    def shows(self, words: str) -> bool:
-        return any(
-            words in one.content for one in (self.panel._state, self.panel._fit, self.panel._said)
-        )
-
-
-def wait_for(condition: Callable[[], Any], what: str) -> None:
-    give_up = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < give_up, f"{what} did not happen"
-        time.sleep(0.05)
-
-
-@contextmanager
-def opened_console() -> Iterator[Console]:
-    live = live_page("ff_planner", None, DEADLINE, [])
-    console = Console(live)
-    try:
-        yield console
-    finally:
-        live.close()
-        console.served.server.stop()
 
 
 @pytest.fixture(scope="module")
@@ -122,14 +52,6 @@ def console(world: World) -> Iterator[Console]:  # noqa: ARG001 (it must publish
 def other(console: Console) -> Iterator[Console]:  # noqa: ARG001 (the first one)
     with opened_console() as other:
         yield other
-
-
-def ask_for_the_capture(console: Console) -> None:
-    task = console.page.task
-    assert task is not None
-    target, duration = SCENE.problem.target, SCENE.problem.duration
-    problem = replace(task.problem, target=target, duration=duration)
-    console.page.change(replace(task, problem=problem))
 
 
 def heard(world: World, plan_id: str) -> bool:
@@ -303,9 +225,7 @@ def test_a_lost_node_is_told_and_found_again(
         console.live._link.release(made.plan_id, made.token)
     lost = console.plan()
     assert lost.status == "refused, NOT_ACTIVE"
-    arguments = ["-p", f"state_max_age:={AGE}", "-p", f"planning_lead_time:={LEAD}"]
-    arguments += ["-p", "end_behaviour:=stop_joints", "-p", f"state_future_tolerance:={AGE}"]
-    with running_planner(tmp_path_factory.mktemp("again"), *arguments):
+    with running_planner(tmp_path_factory.mktemp("again"), *ARGUMENTS):
         wait_for(lambda: console.shows("/ff_planner is heard"), "the node that came back")
         world.client.publish_obstacles(SCENE.obstacles())
         console.page.choose(entry.name)

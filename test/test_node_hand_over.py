@@ -188,6 +188,19 @@ def test_a_plan_that_the_controller_would_refuse_is_told_so_before(tmp_path: Pat
 
 
 @pytest.mark.ci
+def test_a_plan_that_is_to_end_in_motion_is_brought_to_its_end(tmp_path: Path) -> None:
+    """By a controller that gives up joints which have not stopped, for the goal says otherwise."""
+    sees: dict[str, Any] = {"command_interfaces": ["position", "velocity"]}
+    sees |= {"allow_nonzero_velocity_at_trajectory_end": True, "constraints.goal_time": 0.25}
+    with arm(tmp_path, "-p", f"controller.from_node:=/{NAME}", **sees) as at:
+        at.client.wait_until(lambda: at.figure("constraints.goal_time") == "0.25", "its parameters")
+        moving = at.plan(end_behaviour="none")
+        rates = np.abs(moving.plans[0].joint_trajectory.points[-1].velocities)
+        assert rates.max() > at.controller.parameter("constraints.stopped_velocity_tolerance")
+        at.wait_for(moving, Event.AT_GOAL)
+
+
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("tolerances", "off", "code"),
     [

@@ -100,7 +100,11 @@ def _clearance(stages: Sequence[Stage]) -> Curves | None:
 
 
 class CurvesView:
-    """A panel with one choice of curves, and a line at the time of the slider."""
+    """A panel with one choice of curves, and a line at the time of the slider.
+
+    Attributes:
+        panel: That others may add tabs to.
+    """
 
     def __init__(self, server: viser.ViserServer) -> None:
         """Begin with nothing to draw."""
@@ -108,12 +112,12 @@ class CurvesView:
         self._curves: Curves | None = None
         self._time = 0.0
         self._gui = server.gui
-        panel = server.gui.add_panel()
-        with panel.add_tab("Curves"):
+        self.panel = server.gui.add_panel()
+        with self.panel.add_tab("Curves"):
             self._choice = server.gui.add_dropdown("curves", NAMES)
             self._words = server.gui.add_markdown("")
             self._plot = server.gui.add_uplot(*_drawn(None, 0.0), height=_HEIGHT, visible=False)
-        panel.float(x=12, y=-12, width=_PANEL)
+        self.panel.float(x=12, y=-12, width=_PANEL)
         self._choice.on_update(lambda _: self._draw())
 
     def show(self, stages: Sequence[Stage], time: float) -> None:

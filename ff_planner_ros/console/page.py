@@ -88,6 +88,7 @@ class Page:
             self._choice = gui.add_dropdown("shown", tuple(one.name for one in self.entries))
             self._words = gui.add_html("")
             self._table = gui.add_html("")
+        with self._curves.panel.add_tab("Trade"):
             self._picture = gui.add_html("")
         self._listen()
         self._choose(self.chosen)

@@ -8,22 +8,26 @@ from collections.abc import Sequence
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.console.colours import BLUE, CHOSEN_ROW, PAPER, TEXT, VERMILION, css
+from ff_planner_ros.console.colours import BLUE, CHOSEN_ROW, PAPER, STYLE, TEXT, VERMILION, css
 from ff_planner_ros.console.entries import Entry, clickable
 
 _WIDTH, _HEIGHT, _LEFT, _BELOW, _ROUND = 300, 190, 46, 34, 12  # [pixels]
+_TOO_FEW = (
+    "Two plans or more are drawn here by joint path and attitude. The button &quot;Pareto "
+    "front&quot; makes some that trade one for the other."
+)
 _AIR = 0.1  # beside the outermost points, in parts of their span
 
 
 def picture_of(entries: Sequence[Entry], chosen: Entry) -> str:
-    """Return the plans over joint path [rad] and attitude [deg] in HTML; fewer than two: empty."""
+    """Return the plans over joint path [rad] and attitude [deg] in HTML, to be clicked in."""
     planned = [
         (one, metrics.joint_path_length, float(np.rad2deg(metrics.max_chaser_euler)))
         for one in entries
         if one.plan is not None and (metrics := one.metrics) is not None
     ]
     if len(planned) < 2:
-        return ""
+        return f"{STYLE}<div class='ff'><p>{_TOO_FEW}</p></div>"
     points = np.array([[length, angle] for _, length, angle in planned])
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.where(high > low, high - low, 1.0)
@@ -43,8 +47,8 @@ def picture_of(entries: Sequence[Entry], chosen: Entry) -> str:
         title = f"<title>{html.escape(words)}</title>"
         drawn.append(f"{shape} stroke='{PAPER}' {clickable(one.name, words)}>{title}")
         drawn.append("</rect>" if is_chosen else "</circle>")
-    box = f"viewBox='0 0 {_WIDTH} {_HEIGHT}' width='100%'"
-    return f"<div class='ff'><svg {box} font-size='10' fill='{TEXT}'>{''.join(drawn)}</svg></div>"
+    box = f"viewBox='0 0 {_WIDTH} {_HEIGHT}' width='100%' font-size='10' fill='{TEXT}'"
+    return f"{STYLE}<div class='ff'><svg {box}>{''.join(drawn)}</svg></div>"
 
 
 def _weights(entry: Entry) -> str:

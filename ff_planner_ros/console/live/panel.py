@@ -63,6 +63,7 @@ class NodePanel:
             self._yes = gui.add_button("yes", visible=False)
             self._no = gui.add_button("no", visible=False)
             self._said = gui.add_html("")
+            self._differences = gui.add_html("")
         self._release.on_click(lambda _: self.first_click(_RELEASE))
         self._reject.on_click(lambda _: self.first_click(_REJECT))
         self._yes.on_click(lambda _: self.second_click())
@@ -160,10 +161,12 @@ class NodePanel:
         self._token.visible = made is not None and not made.token
         if made is None:
             _show(self._fit, "")
+            _show(self._differences, "")
             return
         most = self._link.parameters.publication.max_age
         fit = fit_of(made, self._link.knowledge)
         _show(self._fit, _of_fit(entry.name, fit, most, bool(made.token)))
+        _show(self._differences, _of_differences(fit))
 
     def _ask_twice(self, what: tuple[str, Entry] | None) -> None:
         self._asked_twice = what
@@ -203,21 +206,20 @@ def _of_fit(name: str, fit: Fit, most: float, has_token: bool) -> str:
         words.append(_line(f"The node would refuse it now. {fit.refusal}", "bad"))
     else:
         words.append(_line("By what is heard here, the node would publish it now.", "good"))
+    return "".join(words)
+
+
+def _of_differences(fit: Fit) -> str:
+    """Return how far the system is from a plan's first point, number by number, in HTML."""
     rows = [
         f"<tr><td>{html.escape(one.what)}</td>"
-        f"<td>{_number(one.found)}</td><td>{_number(one.allowed)}</td><td>{one.unit}</td>"
+        f"<td>{one.found:.4f}</td><td>{one.allowed:g}</td><td>{one.unit}</td>"
         f"<td class='{'good' if one.is_allowed else 'bad'}'>"
         f"{'fits' if one.is_allowed else 'MOVED'}</td></tr>"
         for one in fit.differences
     ]
-    if rows:
-        head = "<tr><th>at its start</th><th>off by</th><th>allowed</th><th></th><th></th></tr>"
-        words.append(f"<table>{head}{''.join(rows)}</table>")
-    return "".join(words)
-
-
-def _number(value: float) -> str:
-    return f"{value:.2g}"
+    head = "<tr><th>at its start</th><th>off by</th><th>allowed</th><th></th><th></th></tr>"
+    return f"<table>{head}{''.join(rows)}</table>" if rows else ""
 
 
 def _line(words: str, kind: str = "") -> str:

@@ -18,6 +18,7 @@ from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.planning.task.whole import whole
@@ -143,7 +144,7 @@ class Plans:
             made.plan_id,
             made.plan.trajectory,
             start_ns,
-            made.scene.target_body,
+            captured_in(made.scene),
             made.plan.duration,
             replace(last, before=None) if last is not None and is_before else None,
             made.plan.wheels,
