@@ -255,6 +255,8 @@ def test_what_is_no_file_is_refused_at_once(
     (tmp_path / f"device{suffix}").symlink_to("/dev/zero")
     (tmp_path / f"nowhere{suffix}").symlink_to("gone")
     (tmp_path / f"circle{suffix}").symlink_to(f"circle{suffix}")
+    # Says that it is empty, and lets who reads it wait for ever.
+    (tmp_path / f"kernel{suffix}").symlink_to("/proc/kmsg")
     (tmp_path / f"sparse{suffix}").touch()
     os.truncate(tmp_path / f"sparse{suffix}", GIGABYTES)
     on = {".yaml": on_scenario, ".json": on_answer, ".mcap": on_bag}[suffix]
@@ -264,6 +266,7 @@ def test_what_is_no_file_is_refused_at_once(
         "device",
         "nowhere",
         "circle",
+        "kernel",
         "sparse",
         "x" * 3_000,
         "\udcff",

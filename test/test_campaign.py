@@ -399,3 +399,20 @@ def test_what_the_command_lacks_is_named(
     monkeypatch.setattr(campaigns, "find_spec", lambda _name: None)  # as where there is no bokeh
     assert main(["campaign", *arguments]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("linked", ["plans", "trajectories", "plans/part-000001.parquet"])
+def test_a_table_that_is_a_link_is_neither_read_nor_written_nor_emptied(
+    linked: str, tmp_path: Path
+) -> None:
+    """Or else whoever hands on a campaign has files removed that lie elsewhere."""
+    elsewhere, place = tmp_path / "elsewhere", tmp_path / "campaign" / linked
+    elsewhere.mkdir()
+    theirs = [elsewhere / "part-000001.parquet", elsewhere / "notes.unfinished"]
+    for file in theirs:
+        file.touch()
+    place.parent.mkdir(parents=True)
+    place.symlink_to(theirs[0] if place.suffix else elsewhere)
+    with pytest.raises(InvalidInput, match="links are not followed here"):
+        Writer(tmp_path / "campaign", plan_schema({}))
+    assert all(file.exists() for file in theirs)

@@ -77,6 +77,40 @@ def test_a_study_of_too_many_cases_says_its_number_and_its_limit_at_once(
     assert not (tmp_path / "out").exists()
 
 
+def varied(keys: int) -> dict[str, Any]:
+    return {f"k{number}.x[0]": [1, 2] for number in range(keys)}
+
+
+ENDLESS: dict[str, tuple[dict[str, Any], str]] = {
+    "values": ({"variations": {"grid": varied(30_000)}}, "30000 keys: a study varies 500 at most"),
+    "values whose cases nobody counts": (
+        {"variations": {"grid": varied(500)}},
+        f"8752 cases: a campaign has {MOST_CASES} cases at most",
+    ),
+    "values of a method": (
+        {"methods": [{"name": "ours", "set": varied(30_000)}]},
+        "methods[0].set is 30000 keys",
+    ),
+    "one scenario": (
+        {"scenarios": ["quick_capture.yaml"] * 10_000},
+        "scenarios is quick_capture: each scenario must have a name of its own",
+    ),
+    "factors": (
+        {"variations": {"grid": {"duration": {"times": [10**390]}}}},
+        "no computer calculates with numbers of this size",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ENDLESS)
+def test_a_study_without_end_is_refused_in_words(kind: str, tmp_path: Path, run: Run) -> None:
+    changes, words = ENDLESS[kind]
+    done = run(["campaign", study_file(tmp_path, **changes), "--out", tmp_path / "out"])
+    assert done.code == 2, done
+    assert words in done.out + done.err, done
+    require_soon(done)
+
+
 def require_soon(done: Done) -> None:
     assert done.seconds < SOON, done
     assert done.megabytes < MEGABYTES, done

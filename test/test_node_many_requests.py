@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
+from lifecycle_msgs.srv import ChangeState, GetState
 from quick_capture import resting_capture
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
@@ -28,6 +29,7 @@ from ros_processes import (
     running_planner,
 )
 from std_srvs.srv import Trigger
+from type_description_interfaces.srv import GetTypeDescription
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.background import ask
@@ -115,9 +117,15 @@ def test_every_one_of_many_requests_at_once_is_answered(
     [
         (PublishPlan, "ff_planner/publish_plan"),
         (Trigger, "ff_planner/pause_recording"),
+        (GetState, "ff_planner/get_state"),
         *(
-            pytest.param(Trigger, f"ff_planner/{name}", marks=pytest.mark.ci)
-            for name in ("resume_recording", "split_bag")
+            pytest.param(kind, f"ff_planner/{name}", marks=pytest.mark.ci)
+            for kind, name in (
+                (Trigger, "resume_recording"),
+                (Trigger, "split_bag"),
+                (ChangeState, "change_state"),
+                (GetTypeDescription, "get_type_description"),
+            )
         ),
     ],
 )

@@ -372,6 +372,7 @@ class Published:
         publishers: Any = SimpleNamespace(
             heard=lambda topic: [] if topic == self.silent else self.names,
             unheard=lambda _: self.unheard,
+            are_several=lambda _: len(self.names) > 1,
         )
         self.now_ns = 1000 * SECOND
         self.input = SceneInput(FRAME, lambda: self.now_ns, publishers, self.told.append)
@@ -489,6 +490,24 @@ def test_two_publishers_that_have_published_once_contradict_each_other() -> None
     assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
     published.names = ["/mapper", "/mapper"]
     published.input.keep(_array(sec=13), 1)
+    assert published.ask().spheres == ()
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [((1,), (1, 2, 3)), ((1,), (2, 3)), ((4,), (3, 4, 5, 6))]
+)
+def test_a_publisher_that_speaks_once_is_heard_whatever_numbers_the_other_one_has(
+    first: tuple[int, ...], second: tuple[int, ...]
+) -> None:
+    """Or else a plan leads through what the mapper has seen, once another one saw nothing."""
+    published = Published("/mapper", "/operator")
+    for number in first:
+        published.input.keep(_array(0.1, 0.2), number)
+    for sec, number in enumerate(second, start=11):
+        published.input.keep(_array(sec=sec), number)
+        assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
+    # One that changes its mind, and the other one after it, agree again.
+    published.input.keep(_array(sec=20), 5)
     assert published.ask().spheres == ()
 
 

@@ -656,6 +656,19 @@ def test_two_publishers_of_states_that_contradict_each_other_are_refused_by_name
     assert two.ask().stamp_ns == two.now_ns
 
 
+def test_publishers_that_count_alike_are_told_apart_in_whatever_order_they_speak(
+    lemur_capture: PlanningProblem,
+) -> None:
+    two = TwoPublishers(lemur_capture, "chaser_state")
+    two._numbers = dict.fromkeys("ab", 0)
+    for place, who in enumerate("abbaababbaba"):
+        two.now_ns += SECOND // 100
+        two.say(who, joint=0.5 if who == "b" else 0.0)
+        if place:
+            with pytest.raises(InvalidInput, match="/nav_a and /nav_b"):
+                two.ask()
+
+
 @pytest.mark.parametrize("source", STATE_SOURCES)
 def test_two_publishers_that_agree_and_one_that_jumps_contradict_nobody(
     lemur_capture: PlanningProblem, source: str

@@ -24,6 +24,7 @@ from ff_planner_ros.campaign.work import Outcome, run_case
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.common.shown import in_log
+from ff_planner_ros.common.text_table import table_lines
 from ff_planner_ros.errors import InvalidInput
 
 SCHEMA = plan_schema({"duration": "number"})
@@ -254,3 +255,16 @@ def test_a_name_from_outside_forges_no_line_of_a_log(
         assert line.startswith(("ff-planner: ", "    ")) or not line
         assert "\x1b" not in line
         assert "done" not in line or line.startswith("    ")
+
+
+def test_a_name_of_a_cell_is_one_line_without_a_terminal_s_commands() -> None:
+    name = "c1\n[ERROR] forged\r\x1b[31m"
+    lines = list(table_lines("nearest", ("body", "distance [m]"), [(name, "1.0")]))
+    assert len(lines) == 3
+    assert lines[2].split("  ")[0] == "c1?[ERROR] forged??[31m"
+
+
+def test_a_text_with_another_separator_stays_one_cell(tmp_path: Path) -> None:
+    """Where a comma is the decimal point, spreadsheets split at semicolons."""
+    _write(tmp_path / "table.csv", ["plan;=1"], [["a;=1+1"], ["b\t=2"], [-1.5]])
+    assert (tmp_path / "table.csv").read_bytes() == b'"plan;=1"\r\n"a;=1+1"\r\n"b\t=2"\r\n-1.5\r\n'

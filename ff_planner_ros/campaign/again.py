@@ -10,8 +10,9 @@ from typing import Any
 from ff_planner_ros.analysis.json_file import json_document
 from ff_planner_ros.campaign.changes import SET, TIMES, Change, changed, is_inertia, require_key
 from ff_planner_ros.campaign.methods import FIXED_BASE, OPTIMAL, ZERO_MOMENTUM
-from ff_planner_ros.campaign.run import PARAMETERS, below, scenario_directory
+from ff_planner_ros.campaign.run import PARAMETERS, scenario_directory
 from ff_planner_ros.campaign.sources import SCENARIO, URDF, content, generated_by_name, write
+from ff_planner_ros.campaign.table import below
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import InvalidInput, Status

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 from ff_planner_ros.campaign.changes import Change, Draw, changed
 from ff_planner_ros.campaign.sources import Source, content, task_of
 from ff_planner_ros.campaign.study import MethodOfStudy, Study, random_changes
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _DIGITS = 16  # of an id
@@ -143,15 +142,3 @@ def kind_of(value: Any) -> str:
     if isinstance(value, list) and all(kind_of(one) == "number" for one in value):
         return "numbers"
     return "text"
-
-
-def require_unique_names(study: Study) -> None:
-    """Refuse sources of one name, whose rows nobody could tell apart.
-
-    Raises:
-        InvalidInput: Two have the same name.
-    """
-    (name, count), *_ = Counter(source.name for source in study.sources).most_common(1)
-    if count > 1:
-        allowed = "each scenario must have a name of its own"
-        raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", name, allowed)

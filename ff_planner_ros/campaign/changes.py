@@ -161,8 +161,12 @@ def _new_value(present: Any, change: Change) -> Any:
     ):
         allowed = "it must be a number, or a list of as many numbers as there are"
         raise InvalidInput(Status.WRONG_SIZE, change.key, quoted(given), allowed)
-    new = np.multiply(present, given) if change.how == TIMES else np.add(present, given)
-    return new.tolist()
+    try:
+        new = np.multiply(present, given) if change.how == TIMES else np.add(present, given)
+        return new.tolist()
+    except (OverflowError, TypeError):  # whole numbers may be of any size
+        allowed = "no computer calculates with numbers of this size"
+        raise InvalidInput(Status.OUT_OF_RANGE, change.key, quoted(given), allowed) from None
 
 
 def _is_numeric(value: Any) -> bool:

@@ -55,6 +55,7 @@ _DISTRIBUTIONS = (UNIFORM, NORMAL, CHOICE)
 # Larger numbers are mistakes: they would take months, or all memory before the first plan. A
 # million cases are 37 hours of a core, and their ids 0.3 GB.
 _MOST, MOST_CASES = 10_000_000, 1_000_000
+_MOST_VARIED = 500  # values: each is a column of the table
 _KINDS_TURNED = ("ordinary", "cluttered")
 _WITHOUT_BODIES = "off7"
 _ANY_LIST: Schema = {"type": "array", "minItems": 1}
@@ -71,6 +72,9 @@ def by_key(read: Callable[[str, str, object], Any], written: Any, schema: Schema
         if not isinstance(value, dict):
             allowed = "it must hold values by keys of a scenario, such as planner.starts"
             raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
+        if len(value) > _MOST_VARIED:
+            allowed = f"a study varies {_MOST_VARIED} at most"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, f"{len(value)} keys", allowed)
         faults, found = Faults(), []
         for key, given in value.items():
             with faults.gathered():
@@ -257,11 +261,7 @@ def load_study(path: Path) -> Study:
         found, allowed = "missing", f"a study needs one or more of {', '.join(_SOURCES)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", found, allowed)
     directory, parameters = path.parent, None
-    paths = [
-        found
-        for place, named in enumerate(told.scenarios)
-        for found in scenario_paths(f"scenarios[{place}]", named, directory)
-    ]
+    paths = scenario_paths("scenarios", told.scenarios, directory)
     drawn = 0 if told.generated is None else told.generated.count * len(told.generated.robots)
     _require_few(told, len(paths) + drawn + (told.bag is not None))
     defaults = Defaults(load_parameters().planner)

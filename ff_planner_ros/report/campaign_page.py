@@ -10,8 +10,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ff_planner_ros.campaign.again import changes_of, command_again
-from ff_planner_ros.campaign.run import VERSIONS, below
-from ff_planner_ros.campaign.table import digest_of, read_plans, read_versions
+from ff_planner_ros.campaign.run import VERSIONS
+from ff_planner_ros.campaign.table import below, digest_of, read_plans, read_versions
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.report.html import NOTHING, bullets, element, pairs, plot, row, save_html, table
@@ -84,7 +84,7 @@ def _facts(
     yield "results", f"{digest}, a hash of every number but the times"
     times = [row["solve_time"] for row in rows if row["solve_time"] is not None]
     yield "planned for", f"{sum(times) / 3600:.2f} hours of one core"
-    versions = read_versions(directory / VERSIONS)
+    versions = read_versions(below(directory, VERSIONS))
     yield "made by", ", ".join(f"{k} {v}" for k, v in versions.items()) or "not known"
 
 
