@@ -284,7 +284,7 @@ def test_solve_times_are_a_histogram_where_there_are_enough(answers: int, tmp_pa
 def test_a_page_begins_with_what_happened_and_ends_with_the_file(told: Told) -> None:
     words = told.page.words
     happened = words.index("6 requests: 3 solved, 2 refused, 1 unanswered")
-    worst = words.index("Worst clearance: 1.8 mm, run.1.")
+    worst = words.index("Least clearance: 1.8 mm, run.1.")
     facts, plans = words.index("About this file"), words.index("Plans")
     assert happened < worst < words.index("Requests") < plans < facts < words.index("/run")
 

@@ -94,7 +94,8 @@ def _verdicts(report: Report) -> Iterator[tuple[str, str]]:
         if known:
             value, worst = min(known, key=lambda pair: pair[0])
             metric = METRIC_BY_NAME[name]
-            yield "", f"Worst {metric.label}: {metric.text(sign * value)}, {worst.plan_id}."
+            label = f"least {metric.label}" if sign > 0.0 else metric.label
+            yield "", f"{label.capitalize()}: {metric.text(sign * value)}, {worst.plan_id}."
 
 
 def _margins(request: ReportedRequest) -> Iterator[str]:
