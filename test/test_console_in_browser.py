@@ -161,7 +161,7 @@ def test_all_words_of_the_page_have_contrast(console: Callable[..., Console]) ->
     page.wait_for("plan 1: planned")
     assert page.page.evaluate(OF_CONTRAST) == []
     # It finds what is too pale.
-    page.page.evaluate("document.querySelector('label').style.color = '#999999'")
+    page.page.evaluate("document.querySelector('.ff b').style.color = '#999999'")
     assert page.page.evaluate(OF_CONTRAST) != []
 
 
