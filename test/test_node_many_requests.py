@@ -29,7 +29,6 @@ from ros_processes import (
     running_planner,
 )
 from std_srvs.srv import Trigger
-from type_description_interfaces.srv import GetTypeDescription
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.background import ask
@@ -118,7 +117,6 @@ def test_every_one_of_many_requests_at_once_is_answered(
         (Trigger, "ff_planner/resume_recording"),
         (GetState, "ff_planner/get_state"),
         pytest.param(ChangeState, "ff_planner/change_state", marks=pytest.mark.ci),
-        pytest.param(GetTypeDescription, "ff_planner/get_type_description", marks=pytest.mark.ci),
         pytest.param(Trigger, "ff_planner/split_bag", marks=pytest.mark.ci),
     ],
 )
