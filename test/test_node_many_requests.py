@@ -29,7 +29,6 @@ from ros_processes import (
     running_planner,
 )
 from std_srvs.srv import Trigger
-from type_description_interfaces.srv import GetTypeDescription
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.background import ask
@@ -124,7 +123,6 @@ def test_every_one_of_many_requests_at_once_is_answered(
                 (Trigger, "resume_recording"),
                 (Trigger, "split_bag"),
                 (ChangeState, "change_state"),
-                (GetTypeDescription, "get_type_description"),
             )
         ),
     ],
