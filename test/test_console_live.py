@@ -149,6 +149,8 @@ def test_a_rejected_plan_cannot_be_released_any_more(console: Console, world: Wo
     console.panel.first_click("release")
     console.panel.second_click()
     assert console.live._plans.waiting(console.page.chosen) is None
+    status, _ = console.live._link.release(made.plan_id, made.token)
+    assert status is Status.UNKNOWN_PLAN, "the node has dropped it"
     assert not heard(world, entry.plan_id)
 
 

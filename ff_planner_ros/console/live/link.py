@@ -147,15 +147,17 @@ class Link:
                 words = "the node plans for another robot by now: end this console and begin anew"
                 self.other_robot = words
 
-    def release(self, plan_id: str, token: str) -> tuple[Status, str]:
-        """Ask the node to publish a plan that waits; return what it says.
+    def release(self, plan_id: str, token: str, reject: bool = False) -> tuple[Status, str]:
+        """Ask the node to publish a plan that waits, or to drop it; return what it says.
 
         Raises:
             FfPlannerError: The node does not answer.
         """
         if lost := self.lost:
             raise FfPlannerError(Status.NOT_ACTIVE, lost)
-        request = PublishPlan.Request(plan_id=plan_id, publish_token=token, requester=REQUESTER)
+        request = PublishPlan.Request(
+            plan_id=plan_id, publish_token=token, requester=REQUESTER, reject=reject
+        )
         status = self._called(self._publish, request, _ANSWER).status
         return Status(status.code), status.message
 

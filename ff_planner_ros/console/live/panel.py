@@ -27,8 +27,9 @@ _NO_TOKEN = (
 )
 _MEANS = {
     _RELEASE: "The node sends {} to the controller, and the arm will move.",
-    _REJECT: "This console forgets the token of {}, which cannot be released here any more.",
+    _REJECT: "The node drops {}: nobody can release it any more.",
 }
+_DONE = {_RELEASE: "released", _REJECT: "rejected"}
 
 
 class NodePanel:
@@ -85,18 +86,17 @@ class NodePanel:
             if asked is None or made is None:
                 return
             what, entry = asked
-            if what == _REJECT:
-                self._plans.reject(made.plan_id)
-                self._say(f"{entry.name} is rejected: its token is forgotten here")
-                return
+            rejects = what == _REJECT
             try:
-                status, words = self._link.release(made.plan_id, made.token)
+                status, words = self._link.release(made.plan_id, made.token, rejects)
             except FfPlannerError as error:
                 status, words = error.status, str(error)
-            if status is Status.SOLVED:
-                self._say(f"{entry.name}: {words}")
-            else:
-                self._say(f"{entry.name} is not released: {status.name}: {words}", "bad")
+            if status is not Status.SOLVED:
+                self._say(f"{entry.name} is not {_DONE[what]}: {status.name}: {words}", "bad")
+                return
+            if rejects:
+                self._plans.reject(made.plan_id)
+            self._say(f"{entry.name}: {words}")
 
     def look(self) -> None:
         """Show everything as it is now."""

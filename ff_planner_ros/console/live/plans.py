@@ -125,7 +125,7 @@ class Plans:
                 self._known[plan_id] = replace(known, made=made)
 
     def reject(self, plan_id: str) -> None:
-        """Forget the token: nobody can have the plan published by this console any more."""
+        """Take a plan that the node has dropped."""
         self.know_token(plan_id, "")
         self._becomes(plan_id, "rejected")
 
