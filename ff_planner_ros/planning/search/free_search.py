@@ -222,7 +222,7 @@ class FreeSearch:
     def _stages(self, program: PathProgram) -> list[Stage]:
         """Return the grids to solve on: few points do not show how high accelerations rise."""
         fine = replace(COARSE[-1], points=program.points)
-        return [*COARSE, fine] if self._is_of_joints else [*COARSE]
+        return [COARSE[0], fine] if self._is_of_joints else [*COARSE]
 
     def _along(self, guess: Array) -> Array:
         return np.append(guess, self.fixed.duration / self._unit)
