@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import random_state, random_urdf
+from robots import CONFIG, random_state, random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
@@ -23,6 +23,9 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Target,
 )
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.grid import grids_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.witnessed import drawn_problem
@@ -295,3 +298,26 @@ def test_arms_of_any_length_of_chain_are_planned_from_any_start(joints: int) -> 
     assert found.family == "joint_spline"
     assert found.metrics.final_position_error < 1e-5
     assert found.coefficients.shape == (8 * joints,)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "parametrisation", "objective", "points"),
+    [
+        ("lemur_capture", SPLINES, Objective(1.0, 0.0), [13, 50]),
+        ("lemur_capture", SPLINES, BOTH, [13, 25, 50]),
+        ("lemur_wheels", SPLINES, Objective(1.0, 0.0), [13, 25, 50]),
+        (
+            "lemur_capture",
+            Parametrisation.END_EFFECTOR_POLYNOMIAL,
+            Objective(1.0, 0.0),
+            [13, 25, 50],
+        ),
+    ],
+)
+def test_the_least_joint_path_of_splines_needs_no_grid_between(
+    scenario: str, parametrisation: Parametrisation, objective: Objective, points: list[int]
+) -> None:
+    problem = load_scenario(CONFIG / "scenarios" / f"{scenario}.yaml")
+    problem = replace(problem, parametrisation=parametrisation, objective=objective)
+    program = path_program(problem, path_families(problem, SETTINGS)[0][0], SETTINGS)
+    assert [grid.stage.points for grid in grids_of(program, SETTINGS)] == points

@@ -12,10 +12,12 @@ import pinocchio as pin
 import pytest
 import yaml
 from robots import CONFIG, LEMUR_SCENARIO
+from scipy.optimize import linprog
 
 from ff_planner_ros.analysis.drawing.figures import plot_plan
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
@@ -32,15 +34,17 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     PlanningProblem,
     Posture,
-    Sphere,
     lasting,
 )
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search import free_moment
+from ff_planner_ros.planning.search.effort import Effort
+from ff_planner_ros.planning.search.free_search import FreeSearch
+from ff_planner_ros.planning.search.planner import NOBODY
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import joint_goals
+from ff_planner_ros.problems import captured, joint_goals
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.momentum import total_momenta
 from ff_planner_ros.simulation.verification import verify
@@ -242,33 +246,88 @@ def test_what_needs_a_place_of_the_goal_is_refused_with_a_goal_of_the_joints() -
         asking(Posture(FOLDED), approach=corridor)
 
 
-@pytest.mark.parametrize("number", range(3))
-def test_the_shortest_stop_needs_no_other_guesses_where_all_that_is_kept_is_linear(
-    number: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("number", range(2))
+def test_a_stop_takes_hardly_longer_than_the_shortest_that_a_linear_program_allows(
+    number: int,
 ) -> None:
-    """With all of them the planner finds none that is sooner by what counts."""
     problem = joint_goals.problem("stop", number).problem
     found = perform(PlanningTask(problem, SETTINGS))
-    monkeypatch.setattr(free_moment, "_is_convex", lambda _: False)
-    thorough = perform(PlanningTask(problem, SETTINGS))
+    assert found.duration is not None
+    assert not may_stop_in(problem, found.duration / 1.005)
+    assert may_stop_in(problem, found.duration)
+    assert found.solver.starts == 2
+
+
+def may_stop_in(problem: PlanningProblem, duration: float) -> bool:
+    """Tell whether splines may stop then, within the joints' own limits at 200 times alone."""
+    family = joint_splines(lasting(problem, duration), SETTINGS)
+    robot, limits, basis = problem.robot, problem.limits, family.basis
+    assert limits.joint_accelerations is not None
+    bounds = (
+        (robot.lower_position_limits, robot.upper_position_limits),
+        (-robot.velocity_limits, robot.velocity_limits),
+        (-np.array(limits.joint_accelerations), np.array(limits.joint_accelerations)),
+    )
+    for joint in range(robot.joints):
+        rows, most = [], []
+        for order, (lowest, highest) in enumerate(bounds):
+            on_grid = basis.on_grid(201, order)[1:]
+            by_x, known = family.free(on_grid), family.known(on_grid)[:, joint]
+            rows += [by_x, -by_x]
+            most += [highest[joint] - known, known - lowest[joint]]
+        free = np.zeros(family.each)
+        if not linprog(
+            free, np.concatenate(rows), np.concatenate(most), bounds=(None, None)
+        ).success:
+            return False
+    return True
+
+
+def test_a_glance_at_the_joints_alone_tells_what_the_linear_program_does() -> None:
+    problem = joint_goals.problem("stop", 0).problem
+    family = joint_splines(problem, SETTINGS)
+    shortest = next(
+        duration for duration in np.geomspace(1.0, 5.0, 100) if may_stop_in(problem, duration)
+    )
+    for part, is_possible in ((0.97, False), (1.03, True)):
+        longest = part * shortest
+        window = DurationRange(problem.durations.minimum, longest)
+        fixed = lasting(problem, longest)
+        search = FreeSearch(
+            replace(fixed, duration_range=window),
+            fixed,
+            family.lasting(fixed),
+            SETTINGS,
+        )
+        guess = next(search.guesses())
+        found = search.glance(guess, NOBODY, Effort(), joints_alone=True)
+        assert (found is not None) is is_possible
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("bodies", [False, True])
+def test_a_stop_that_the_joints_alone_allow_no_sooner_needs_no_other_guesses(
+    bodies: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With all of them the planner finds none that is sooner by what counts."""
+    task = PlanningTask(joint_goals.problem("stop", 0).problem, SETTINGS)
+    if bodies:
+        task = captured.problem("captured stop", 0).task(SETTINGS)
+        assert task.problem.robot.pairs
+    found = perform(task)
+    glance = FreeSearch.glance
+
+    def as_if_there_were_one(
+        search: FreeSearch, guess: Array, *watched: Any, joints_alone: bool = False
+    ) -> Array | None:
+        return guess if joints_alone else glance(search, guess, *watched)
+
+    monkeypatch.setattr(FreeSearch, "glance", as_if_there_were_one)
+    thorough = perform(task)
     assert found.solver.starts < thorough.solver.starts / 2
     assert found.duration is not None
     assert thorough.duration is not None
     assert found.duration <= thorough.duration * (1.0 + free_moment.SOONER)
-
-
-def test_stops_among_obstacles_and_bodies_are_looked_for_from_everywhere() -> None:
-    problem = joint_goals.problem("stop", 0).problem
-    assert free_moment._is_convex(problem)
-    sphere = Sphere("s", np.array([9.0, 0.0, 0.0]), 0.1)
-    for other in (
-        replace(problem, obstacles=(sphere,)),
-        replace(problem, limits=replace(problem.limits, chaser_attitude=0.1)),
-        replace(problem, limits=replace(problem.limits, chaser_rotation=0.1)),
-        replace(problem, posture=None),
-        replace(problem, robot=replace(problem.robot, pairs=((0, 1),))),
-    ):
-        assert not free_moment._is_convex(other)
 
 
 def test_no_time_is_refused_in_which_a_joint_alone_can_be_as_asked() -> None:

@@ -291,12 +291,10 @@ def _earlier(
 ) -> Iterator[Moment]:
     """Yield moments that are sooner than one that is known, and than each that is certain."""
     bounded = _before(problem, known)
-    if bounded is None:
+    if bounded is None or not _joints_allow(bounded, known, settings, watch, effort):
         return
     fixed = lasting(bounded, bounded.duration)
     starts = math.ceil(_GLANCED_AT * settings.starts)
-    if _is_convex(problem) and not known.demanded:
-        starts = 0  # what is nearest to the known one tells of all
     for ways in reversed(path_families(fixed, settings)):
         for way in ways:
             guesses = islice(FreeSearch(bounded, fixed, way, settings).guesses(), starts)
@@ -320,15 +318,20 @@ def _earlier(
                 bounded, guess = earlier, moment.x
 
 
-def _is_convex(problem: PlanningProblem) -> bool:
-    """Tell whether all that is kept at a given duration is linear in the path's control points.
+def _joints_allow(
+    bounded: PlanningProblem, known: Moment, settings: PlannerSettings, watch: Watch, effort: Effort
+) -> bool:
+    """Tell whether a path may arrive sooner than a known moment, by the joints' limits alone.
 
-    Then no path arrives sooner if none near a known one does. Only the joints' own limits are
-    linear; torques and those of wheels are not: see `Moment.demanded`.
+    Args:
+        bounded: With the durations that are sooner.
     """
-    limits, others = problem.limits, (problem.obstacles, problem.robot.pairs, problem.requirements)
-    turns = min(limits.chaser_attitude, limits.chaser_rotation)
-    return problem.posture is not None and not any(others) and math.isinf(turns)
+    if bounded.posture is None:
+        return True
+    fixed = lasting(bounded, bounded.duration)
+    (splines,) = _ways(fixed, 0, settings)
+    search = FreeSearch(bounded, fixed, splines, settings)
+    return search.glance(known.x, watch, effort, joints_alone=True) is not None
 
 
 def _before(problem: PlanningProblem, known: Moment) -> PlanningProblem | None:

@@ -22,6 +22,9 @@ from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS, minimise, 
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import DurationRange, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
+from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
+from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.grid import COARSE, Stage
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
@@ -32,9 +35,14 @@ _STRIDE = 0.1
 _AT_END = 1e-4
 # One that violates less is where path and duration together are at their best.
 _KEPT = 1e-4
+# So much later than as soon as possible, in parts of the duration: else there is a single path, and
+# none that keeps accelerations between the points, too.
+_ROOM = 2e-3
 # Towards a path that nearly keeps every requirement: iterations, and what it may violate after so
 # many; after twice as many it shall be promising. Of 16 guesses that led to a plan, 15 were.
 _GLANCE, _FAR = 4, 4e-2
+# Requirements that only tell of the joints.
+_OF_JOINTS = {JointPositions.name, JointRates.name, JointAccelerations.name}
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +54,6 @@ class Moment:
     x: Array  # decision variables of the path
     objective: float  # with the weight of the duration
     violation: float  # of the worst requirement
-    # Whether a path on the way has violated what is only looked at then, torques say
-    demanded: bool = False
 
     @property
     def is_certain(self) -> bool:
@@ -117,17 +123,28 @@ class FreeSearch:
         on_points = replace(program, points=stage.points, damping=stage.damping)
         return FreeProgram(self.problem, on_points, self.problem.objective.duration, self._unit)
 
-    def glance(self, guess: Array, watch: Watch, effort: Effort) -> Array | None:
+    def glance(
+        self, guess: Array, watch: Watch, effort: Effort, *, joints_alone: bool = False
+    ) -> Array | None:
         """Return a path on few points that nearly keeps every requirement; None: there is none.
 
         Only what a few steps lead to is known.
+
+        Args:
+            joints_alone: Only the joints' own limits are kept. They are linear in a spline's
+                control points at a given duration: where no path near a known one keeps them, none
+                does.
         """
-        free = self._free(self._program(), COARSE[0])
+        program, stage = self._program(), COARSE[0]
+        if joints_alone:
+            others = {one.name for one in program.requirements} - _OF_JOINTS
+            program, stage = replace(program, on_demand=frozenset(others)), COARSE[-1]
+        free = self._free(program, stage)
         linearise, along = _watched(free, watch, effort), self._along(guess)
         here = linearise(along)
         if not here.is_defined:
             return None
-        for allowed in (_FAR, PROMISING_VIOLATION):
+        for allowed in (PROMISING_VIOLATION,) if joints_alone else (_FAR, PROMISING_VIOLATION):
             solution = nearest_feasible(linearise, along, here, _GLANCE)
             effort.iterations += solution.iterations
             along, here = solution.x, solution.at_x
@@ -164,7 +181,8 @@ class FreeSearch:
 
     def optimum_ahead_of(self, entrant: Entrant, watch: Watch, effort: Effort) -> Moment | None:
         """Return where path and duration together lead to; None: nowhere."""
-        along, program, stages = entrant.along, self._program(), list(COARSE)
+        along, program = entrant.along, self._program()
+        stages = self._stages(program)
         radius, curvature = entrant.radius, entrant.curvature
         while stages:
             stage = stages[0]
@@ -187,14 +205,24 @@ class FreeSearch:
             violated = free.at(free.duration(along)).violated_on_demand(solution.at_x)
             program = program.with_requirements(violated)
             stages = stages if violated else stages[1:]
+        room = _ROOM if self._is_of_joints else 0.0
         return Moment(
-            _chosen(self.problem.durations, free.duration(along)),
+            _chosen(self.problem.durations, free.duration(along), room),
             Parametrisation(self.family.name),
             along[:-1],
             solution.at_x.objective,
             solution.at_x.violation,
-            program.on_demand != self._program().on_demand,
         )
+
+    @property
+    def _is_of_joints(self) -> bool:
+        """Whether joints shall be somewhere as soon as possible: accelerations decide when."""
+        return self.problem.objective.only_duration and self.problem.posture is not None
+
+    def _stages(self, program: PathProgram) -> list[Stage]:
+        """Return the grids to solve on: few points do not show how high accelerations rise."""
+        fine = replace(COARSE[-1], points=program.points)
+        return [COARSE[0], fine] if self._is_of_joints else [*COARSE]
 
     def _along(self, guess: Array) -> Array:
         return np.append(guess, self.fixed.duration / self._unit)
@@ -222,7 +250,12 @@ def _watched(
     return linearise
 
 
-def _chosen(window: DurationRange, duration: float) -> float:
-    """Return the duration that the solver means [s]."""
+def _chosen(window: DurationRange, duration: float, room: float) -> float:
+    """Return the duration that the solver means, or one with some room behind it [s].
+
+    Args:
+        room: In parts of the duration.
+    """
     ends = (window.minimum, window.maximum)
-    return next((end for end in ends if abs(duration - end) < _AT_END), duration)
+    later = min((1.0 + room) * duration, window.maximum)
+    return next((end for end in ends if abs(duration - end) < _AT_END), later)

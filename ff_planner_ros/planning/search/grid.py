@@ -10,6 +10,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS
+from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.clearance import Clearance
@@ -92,8 +93,20 @@ def grids_of(program: PathProgram, settings: PlannerSettings) -> list[Grid]:
     fine = Stage(
         program.points, settings.optimality_tolerance, _FINE_PROGRESS, settings.max_iterations
     )
-    stages = [stage for stage in COARSE if stage.points < program.points] + [fine]
+    coarse = COARSE[:1] if _is_smooth_in_splines(program) else COARSE
+    stages = [stage for stage in coarse if stage.points < program.points] + [fine]
     return [Grid(stage, _on_stage(program, stage), program.family.stride) for stage in stages]
+
+
+def _is_smooth_in_splines(program: PathProgram) -> bool:
+    """Tell whether few points show the optimum so well that a grid between brings nothing.
+
+    That is the least joint path of splines: of 140 problems none has one longer by 0.1 %, and each
+    takes a sixth less time. What wheels give is not known as well on few points.
+    """
+    asked = program.objective
+    is_smooth = not (asked.chaser_attitude or asked.wheel_momentum or program.problem.robot.wheels)
+    return isinstance(program.family, JointSplines) and is_smooth
 
 
 def _on_stage(program: PathProgram, stage: Stage) -> PathProgram:

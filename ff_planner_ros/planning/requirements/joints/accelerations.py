@@ -22,11 +22,13 @@ def accelerations_at_points(positions: Array, rates: Array, step: float) -> Arra
         step: Time from point to point [s].
     """
     way, rate = positions / step**2, rates / step
-    inside = 2 * (way[2:] - 2 * way[1:-1] + way[:-2]) - (rate[2:] - rate[:-2]) / 2
-    of_way, of_rate = np.array([-11.5, 8.0, 3.5]), np.array([6.0, 8.0, 1.0])
-    first = np.tensordot(of_way, way[:3], 1) - np.tensordot(of_rate, rate[:3], 1)
-    last = np.tensordot(of_way, way[:-4:-1], 1) + np.tensordot(of_rate, rate[:-4:-1], 1)
-    return np.concatenate([first[None], inside, last[None]])
+    found = np.empty_like(way)
+    found[1:-1] = 2 * (way[2:] - 2 * way[1:-1] + way[:-2]) - (rate[2:] - rate[:-2]) / 2
+    for end, inward, sign in ((0, 1, 1), (-1, -1, -1)):
+        near, far = end + inward, end + 2 * inward
+        of_rates = 6 * rate[end] + 8 * rate[near] + rate[far]
+        found[end] = -11.5 * way[end] + 8 * way[near] + 3.5 * way[far] - sign * of_rates
+    return found
 
 
 def accelerations_by_x(motion: Motion, sensitivity: Sensitivity, step: float) -> Array:
