@@ -187,7 +187,7 @@ def of_ros(bin_: Path, share: Path, empty: Path) -> None:
     capture = share / "config" / "scenarios" / "lemur_capture.yaml"
     run(bin_ / "ff-planner", "plan", capture, "--bag", "bag", cwd=empty)
     run(bin_ / "ff-planner", "info", "bag", cwd=empty)
-    assert "IDENTICAL" in run(bin_ / "ff-planner", "replay", "bag", cwd=empty)
+    assert "identical" in run(bin_ / "ff-planner", "replay", "bag", cwd=empty)
 
 
 EXTRAS: dict[str, Callable[[Path, Path, Path], None]] = {
@@ -208,6 +208,7 @@ def sbom(name: str, bin_: Path) -> None:
         file,
         bin_ / "python",
     )
+    unnamed = list[str]()
     for part in json.loads(file.read_text(encoding="utf-8"))["components"]:
         named = [
             str(one.get("expression") or one["license"].get("id") or one["license"].get("name"))
@@ -216,7 +217,8 @@ def sbom(name: str, bin_: Path) -> None:
         if named and not any(word in text for text in named for word in ALLOWED):
             sys.exit(f"{part['name']} {part['version']} has the licence {named}")
         if not named:
-            print(f"    {part['name']} {part['version']} names no licence: look at it by hand")
+            unnamed.append(f"{part['name']} {part['version']}")
+    print(f"    no licence is named by {', '.join(unnamed) or 'none'}: look at them by hand")
 
 
 def check_colcon() -> None:
