@@ -116,10 +116,15 @@ def parameters() -> Iterator[tuple[str, ...]]:
         first = told.setdefault(meaning, f"`{name}`")
         yield (
             f"`{name}`{_when(name, one)}",
-            f"`{str(value).lower() if isinstance(value, bool) else value}`",
+            f"`{_shown(value)}`",
             " ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None),
             meaning if first == f"`{name}`" else f"as {first}",
         )
+
+
+def _shown(value: Any) -> str:
+    """Return a default as YAML has it."""
+    return str(value).lower() if isinstance(value, bool) else f"{value}" or '""'
 
 
 def _when(name: str, declared: DeclaredField) -> str:
