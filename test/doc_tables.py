@@ -5,6 +5,7 @@ Run as a script, it writes the tables and sentences into the pages, between thei
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -39,6 +40,7 @@ from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
+STUDY_SCHEMA = SOURCE_TREE / "config" / "schemas" / "study.json"  # `ff-planner schema study`
 BLOCK = re.compile(
     r"(<!-- (table|example|figures|bench): ([\w, ]+) -->\n?)(.*?)(<!-- end -->)", re.DOTALL
 )
@@ -165,6 +167,15 @@ def scenario() -> Iterator[tuple[str, ...]]:
         words += _OF_EITHER.get(key.rpartition("obstacles[]")[2], "; required" if required else "")
         place = places.get(key)
         yield f"`{key}`", words.lstrip("; "), f"`{place}`" if place else ""
+
+
+def study() -> Iterator[tuple[str, ...]]:
+    yield "key", "value"
+    for key, schema, required in _keys(json.loads(STUDY_SCHEMA.read_text(encoding="utf-8"))):
+        words = re.sub(r"\.? Since version [\d.]+\.$", "", schema.get("description", ""))
+        words += _choices(schema)
+        words += f"; default `{json.dumps(schema['default'])}`" if "default" in schema else ""
+        yield f"`{key}`", (words + ("; required" if required else "")).lstrip("; ")
 
 
 # Of obstacles, which are spheres or bodies.
