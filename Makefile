@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test nightly mutants short-test without-ros sanitize lint build docs figures lock clean
+.PHONY: env prerequisites demo test evidence nightly mutants short-test without-ros sanitize lint build docs figures lock aarch64 release-check version clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -101,7 +101,14 @@ TIER ?= everyday
 COVERAGE_ci := --cov --cov-report=term
 
 test: env $(VENV)/extras_$(TIER)
-	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER))
+	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER)) --junitxml build/tests_$(TIER).xml
+
+# Runs the tests that provoke a law (test/laws.yaml), and writes their results into
+# docs/reference/evidence.md. Of a run of all tests it is `test/evidence.py ci build/tests_ci.xml`.
+evidence: TIER := ci
+evidence: env $(VENV)/extras_ci
+	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) -m law --junitxml build/evidence.xml || true
+	$(BIN)/python test/evidence.py $(TIER) build/evidence.xml
 
 nightly:
 	$(MAKE) test TIER=nightly
@@ -223,5 +230,28 @@ REQUIRES_OF_BENCHMARK := import tomllib; \
 	project = tomllib.load(open("benchmark/pyproject.toml", "rb"))["project"]; \
 	print(*project["dependencies"], *sum(project["optional-dependencies"].values(), []), sep="\n")
 
+# The core for aarch64 under an emulator: its tests, and its numbers beside this machine's.
+aarch64: env
+	test/aarch64/run.sh
+
+# Before a release: sdists and wheels, each tried in an environment of its own, metadata, colcon,
+# licences. `make release-check PYTHONS="python3.11 python3.12"` tries the wheel on each, with RELEASED
+# as the extras: ROS has no wheels for some interpreters.
+PYTHONS ?= $(BIN)/python
+RELEASED ?= simulation,campaign,console,ros
+
+release-check: env $(VENV)/extras_everyday $(VENV)/colcon
+	$(BIN)/python test/release_check.py $(addprefix --python=,$(PYTHONS)) --extras=$(RELEASED)
+
+# The version is that of package.xml; `make version VERSION=1.2.3` writes it to the other places that tools
+# read, with today as the day of the release. The heading in CHANGELOG.md is written by hand.
+VERSION ?= $(shell sed -n 's|.*<version>\(.*\)</version>.*|\1|p' package.xml)
+
+version:
+	sed -i 's|<version>.*</version>|<version>$(VERSION)</version>|' package.xml msg_defs/package.xml
+	sed -i 's/^version = .*/version = "$(VERSION)"/; s/ff_planner_ros==[0-9.]*/ff_planner_ros==$(VERSION)/' \
+		benchmark/pyproject.toml
+	sed -i "s/^version: .*/version: $(VERSION)/; s/^date-released: .*/date-released: $$(date --iso-8601)/" CITATION.cff
+
 clean:
-	rm -rf .venv .venv_* build benchmark/build install log ff_planner_ros/core/*.so .coverage* .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv_* build dist benchmark/build install log ff_planner_ros/core/*.so .coverage* .mypy_cache .pytest_cache .ruff_cache

@@ -138,15 +138,24 @@ ROS = [
     "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
 ]
 SIMULATION = ["mujoco-core>=4,<5"]  # without it, everything runs but `ff-planner verify`
-# Likewise, but `ff-planner campaign`.
-CAMPAIGN = ["cryptography>=50,<51", "distributed>=2026.8,<2027", "pyarrow>=26,<27"]
+# Likewise, but `ff-planner campaign`, and pandas for who reads its tables.
+CAMPAIGN = [
+    "cryptography>=50,<51",
+    "distributed>=2026.8,<2027",
+    "pandas>=2.2,<4",
+    "pyarrow>=26,<27",
+]
 CONSOLE = ["viser>=1.1,<2"]  # likewise, but `ff-planner console`
 
 setup(
     name=NAME,
     version=VERSION,
     description="Trajectory planning service for free-floating space manipulators.",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    author="ff_planner_ros developers",
     license="Apache-2.0",
+    python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         NAME: ["py.typed"],

@@ -37,7 +37,8 @@ def main(
     warnings.showwarning = _note  # such as names that are deprecated
     parser = make_parser()
     options, rest = parser.parse_known_args(arguments)
-    of_ros = options.verb == "node" or (options.verb == "ask" and rest[:1] == ["--ros-args"])
+    joins = options.verb == "ask" or (options.verb == "console" and options.node is not None)
+    of_ros = options.verb == "node" or (joins and rest[:1] == ["--ros-args"])
     if rest and not of_ros:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest

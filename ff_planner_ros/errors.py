@@ -171,7 +171,7 @@ class FfPlannerError(Exception):
 
 
 class InvalidInput(FfPlannerError):
-    """A value that cannot be planned with."""
+    """A value that the planner cannot use."""
 
     def __init__(self, status: Status, field: str, value: object, allowed: str) -> None:
         """Name the field, its value and what is allowed."""
@@ -249,7 +249,7 @@ class Failure:
 
 
 class NoPlanFound(FfPlannerError):
-    """The input is sound, and no plan that keeps the constraints was found."""
+    """The input is valid, but no plan that keeps the constraints was found."""
 
     def __init__(
         self,

@@ -10,6 +10,7 @@ from service_msgs.msg import ServiceEventInfo
 
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.ros.messages.to_messages import answer_with_plan, plan_message
 
 FRAME = "inertial"
@@ -23,7 +24,10 @@ def answer_of(
     body: TargetBody | None = None,
 ) -> PlanAnswer:
     """Answer with a plan, as the node does."""
-    return answer_with_plan(plan, [plan_message(plan, start_ns, FRAME, body)], plan_id, solve_time)
+    captured = None if body is None else CapturedBody(body)
+    return answer_with_plan(
+        plan, [plan_message(plan, start_ns, FRAME, captured)], plan_id, solve_time
+    )
 
 
 def received(request: PlanRequest, **info: Any) -> PlanTrajectory.Event:

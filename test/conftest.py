@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import robots
+from chromium import browser  # noqa: F401 (a fixture of several files)
 
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan

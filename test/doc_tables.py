@@ -5,6 +5,7 @@ Run as a script, it writes the tables and sentences into the pages, between thei
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -217,6 +218,16 @@ def public() -> Iterator[tuple[str, ...]]:
     for name in ff_planner_ros.__all__:
         summary = (getattr(ff_planner_ros, name).__doc__ or "").partition("\n")[0]
         yield f"`{name}`", summary
+
+
+def packages() -> Iterator[tuple[str, ...]]:
+    yield "package", "content"
+    root = Path(ff_planner_ros.__file__).parent
+    for file in sorted(root.rglob("__init__.py")):
+        if file.parent != root:
+            name = file.parent.relative_to(root).as_posix()
+            text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+            yield f"`{name}`", text.partition("\n")[0].removesuffix(".")
 
 
 def tutorials() -> Iterator[tuple[str, ...]]:

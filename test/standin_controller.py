@@ -41,6 +41,7 @@ class StandInController:
         declared = {
             "joints": self.joints,
             "command_interfaces": ["position"],
+            "state_interfaces": ["position", "velocity"],
             "allow_nonzero_velocity_at_trajectory_end": False,
             "constraints.goal_time": 0.0,
             "constraints.stopped_velocity_tolerance": 0.01,
@@ -146,6 +147,16 @@ class StandInController:
             ]
             for what in asked
         }
+        # Seen by a controller that measures velocities and commands them, or efforts.
+        stopped = self.parameter("constraints.stopped_velocity_tolerance")
+        sees = "velocity" in self.parameter("state_interfaces") and not {
+            "velocity",
+            "effort",
+        }.isdisjoint(self.parameter("command_interfaces"))
+        rates = {one.name: one.velocity for one in goal.goal_tolerance}
+        found["rates"] = [
+            of(rates.get(joint, 0.0), stopped) if sees else 0.0 for joint in self.joints
+        ]
         given = goal.goal_time_tolerance.sec + goal.goal_time_tolerance.nanosec / NANOSECONDS
         return found | {"time": of(given, self.parameter("constraints.goal_time"))}
 
@@ -176,10 +187,17 @@ class StandInController:
             pairs = zip(off, tolerances[what], strict=True)
             return any(limit > 0.0 and abs(error) > limit for error, limit in pairs)
 
+        # The joints stop at the last point, which the controller wants with its rates for ever.
+        moves = any(
+            limit > 0.0 and abs(rate) > limit
+            for rate, limit in zip(
+                trajectory.points[-1].velocities, tolerances["rates"], strict=True
+            )
+        )
         if since < times[-1]:
             if violated("trajectory"):
                 self._end("abort", RESULT.PATH_TOLERANCE_VIOLATED, "Aborted due to path tolerance")
-        elif not violated("goal"):
+        elif not violated("goal") and not moves:
             self._end("succeed", RESULT.SUCCESSFUL, "Goal successfully reached!")
         elif tolerances["time"] and since - times[-1] > tolerances["time"]:
             self._end("abort", RESULT.GOAL_TOLERANCE_VIOLATED, "Aborted due to goal_time_tolerance")

@@ -21,7 +21,6 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from measured_commands import MEGABYTES, SECONDS, Done, Run, measured_commands
 from mutants import bytes_mutated, document_mutated
-from tiers import a_tenth_every_day
 
 from ff_planner_ros.cli import DEFECT, main
 from ff_planner_ros.common.share import share_directory
@@ -145,7 +144,8 @@ YAML = {
 }
 
 
-@pytest.mark.parametrize("content", a_tenth_every_day(YAML))
+@pytest.mark.sampled
+@pytest.mark.parametrize("content", YAML.values(), ids=YAML)
 def test_a_yaml_file_is_refused(tmp_path: Path, run: Run, content: bytes, nightly: bool) -> None:
     file = tmp_path / "file.yaml"
     file.write_bytes(content)
@@ -172,7 +172,8 @@ JSON = {
 }
 
 
-@pytest.mark.parametrize("content", a_tenth_every_day(JSON))
+@pytest.mark.sampled
+@pytest.mark.parametrize("content", JSON.values(), ids=JSON)
 def test_a_json_file_is_refused(tmp_path: Path, run: Run, content: bytes, nightly: bool) -> None:
     file = tmp_path / "answer.json"
     file.write_bytes(content)
@@ -205,7 +206,8 @@ ANSWERS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
 }
 
 
-@pytest.mark.parametrize(("field", "change"), a_tenth_every_day(ANSWERS))
+@pytest.mark.sampled
+@pytest.mark.parametrize(("field", "change"), ANSWERS.values(), ids=ANSWERS)
 def test_an_answer_is_refused_by_the_name_of_what_is_wrong(
     field: str,
     change: Callable[[dict[str, Any]], object],
@@ -242,6 +244,7 @@ def test_peaks_that_are_one_number_are_refused_and_half_a_character_is_shown(
     assert "😀" in done.err
 
 
+@pytest.mark.law("FILE-01")
 @pytest.mark.parametrize("suffix", [".yaml", ".json", ".mcap"])
 def test_what_is_no_file_is_refused_at_once(
     tmp_path: Path, run: Run, suffix: str, nightly: bool
@@ -252,6 +255,8 @@ def test_what_is_no_file_is_refused_at_once(
     (tmp_path / f"device{suffix}").symlink_to("/dev/zero")
     (tmp_path / f"nowhere{suffix}").symlink_to("gone")
     (tmp_path / f"circle{suffix}").symlink_to(f"circle{suffix}")
+    # Says that it is empty, and lets who reads it wait for ever.
+    (tmp_path / f"kernel{suffix}").symlink_to("/proc/kmsg")
     (tmp_path / f"sparse{suffix}").touch()
     os.truncate(tmp_path / f"sparse{suffix}", GIGABYTES)
     on = {".yaml": on_scenario, ".json": on_answer, ".mcap": on_bag}[suffix]
@@ -261,6 +266,7 @@ def test_what_is_no_file_is_refused_at_once(
         "device",
         "nowhere",
         "circle",
+        "kernel",
         "sparse",
         "x" * 3_000,
         "\udcff",
@@ -278,7 +284,9 @@ def test_what_is_no_file_is_refused_at_once(
     assert done.code == 0
 
 
-@pytest.mark.parametrize("make", a_tenth_every_day(EVIL_BAGS))
+@pytest.mark.law("FILE-01")
+@pytest.mark.sampled
+@pytest.mark.parametrize("make", EVIL_BAGS.values(), ids=EVIL_BAGS)
 def test_a_bag_does_not_fill_the_memory(
     make: Callable[[], bytes], tmp_path: Path, run: Run, nightly: bool
 ) -> None:
@@ -348,6 +356,7 @@ def test_a_setting_that_makes_no_sense_is_refused(run: Run, setting: str) -> Non
     assert done.code in (0, 2), done  # a duration that is no number is answered so
 
 
+@pytest.mark.law("FILE-01")
 @pytest.mark.ci
 def test_mutated_scenarios_are_planned_or_refused(
     scenario: Any, tmp_path: Path, run: Run, times: Callable[[int, int], int], nightly: bool

@@ -197,6 +197,7 @@ def require_same(here: Plan, there: Plan, frame: Frame, robot: Robot) -> None:
     assert found.passed, found.deviation
 
 
+@pytest.mark.law("PLAN-24")
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_a_plan_does_not_depend_on_the_frame(name: str) -> None:
     problem = replace(PROBLEMS[name](), objective=LENGTH)

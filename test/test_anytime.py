@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from dense_motion import truth
 from robots import LEMUR_SCENARIO
-from tiers import a_tenth_every_day
 
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
@@ -96,7 +95,8 @@ def problems() -> dict[str, PlanningProblem]:
 PROBLEMS = problems()
 
 
-@pytest.mark.parametrize("name", a_tenth_every_day({name: name for name in PROBLEMS}))
+@pytest.mark.sampled
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_wherever_a_search_is_ended_its_effort_gives_the_same_answer_again(name: str) -> None:
     """And a later end never gives a worse plan."""
     problem, costs = PROBLEMS[name], list[float]()
@@ -140,6 +140,7 @@ def test_of_plans_that_are_offered_the_best_is_kept_and_not_the_last(lemur_plan:
     assert watch.offered == [offered[0], offered[1], offered[4]]
 
 
+@pytest.mark.law("NODE-11")
 def test_whatever_the_clock_decided_the_effort_gives_it_again(
     times: Callable[[int, int], int],
 ) -> None:
@@ -179,6 +180,7 @@ def _drawn_problem(rng: np.random.Generator, number: int) -> PlanningProblem:
     return replace(scenario(kind, robot, which // 2, turned=False).problem, objective=objective)
 
 
+@pytest.mark.law("NODE-11")
 def test_what_is_handed_out_early_keeps_everything_by_the_truth() -> None:
     problem = PROBLEMS["attitude"]
     found = perform(PlanningTask(problem, SETTINGS), EndingAt(60))

@@ -221,6 +221,7 @@ def test_derivatives_of_the_rows_agree_with_differences(name: str, scene: Planni
         assert told == pytest.approx(slope, abs=2e-6 * np.abs(slope).max())
 
 
+@pytest.mark.law("PLAN-13")
 @pytest.mark.parametrize("points", [50, pytest.param(13, marks=pytest.mark.ci)])
 @pytest.mark.parametrize("family", ["end_effector_polynomial", "joint_spline"])
 @pytest.mark.parametrize(

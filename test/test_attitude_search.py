@@ -57,6 +57,7 @@ def problems(times):
                     yield f"off its base {number}", replace(off_base(drawn), obstacles=())
 
 
+@pytest.mark.law("PLAN-26")
 @pytest.mark.ci
 def test_no_objective_has_a_worse_plan_than_the_shortest_and_all_have_one(times):
     solved = 0
@@ -87,6 +88,7 @@ def test_a_deeper_search_and_a_first_guess_never_make_it_worse():
 
 
 # The deepest search for the attitude alone takes half a minute.
+@pytest.mark.law("PLAN-26")
 @pytest.mark.parametrize(
     "objective",
     [

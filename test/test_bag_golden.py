@@ -63,6 +63,7 @@ def test_a_golden_bag_is_as_it_was_recorded(name: str) -> None:
     assert hashlib.sha256(file_of(name).read_bytes()).hexdigest() == BAGS[name][1]
 
 
+@pytest.mark.law("BAG-03")
 @every_bag
 def test_every_message_is_decoded_as_an_independent_reader_does(name: str) -> None:
     with open_bag(GOLDEN / name) as bag:

@@ -75,6 +75,7 @@ def test_a_bag_has_the_bodies_on_their_topic_and_replays_to_the_last_bit(
 NEAR = (0, 1, 5, 6)
 
 
+@pytest.mark.law("BAG-02")
 @pytest.mark.parametrize("number", NEAR)
 @pytest.mark.parametrize("sigmas", [0.0, 3.0])
 def test_plans_around_each_kind_of_shape_replay_to_the_last_bit(

@@ -299,6 +299,7 @@ def small(tmp_path: Path) -> Path:
     return written_otherwise(tmp_path / "small.mcap", chunk_size=1)
 
 
+@pytest.mark.law("BAG-06")
 def test_a_bag_cut_short_anywhere_gives_what_comes_before_and_says_so(small: Path) -> None:
     """Every length: never a traceback, never a message that was not written, never silence."""
     whole = small.read_bytes()
@@ -351,6 +352,7 @@ def zeroed(data: bytes, place: int) -> bytes:
     return data[:place] + bytes(40) + data[place + 40 :]
 
 
+@pytest.mark.law("BAG-07")
 @pytest.mark.parametrize("damage", [flipped, zeroed])
 def test_no_damage_passes_for_a_message(small: Path, damage: Callable[[bytes, int], bytes]) -> None:
     whole = small.read_bytes()

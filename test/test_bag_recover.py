@@ -84,6 +84,7 @@ def test_the_new_bag_has_the_layout_topics_and_documents_of_the_old(
     assert new_metadata["custom_data"] == {"dropped": "3", "recovered_from": "run_0.mcap"}
 
 
+@pytest.mark.law("BAG-06")
 def test_cut_anywhere_all_messages_of_whole_chunks_are_saved(bag: Path, tmp_path: Path) -> None:
     whole, found = file_of(bag).read_bytes(), chunks(file_of(bag))
     first, (last, last_length) = found[0][0], found[-1]
@@ -112,6 +113,7 @@ def test_without_its_index_alone_everything_is_saved(bag: Path, tmp_path: Path) 
     assert saved(recovery) == len(MESSAGES)
 
 
+@pytest.mark.law("BAG-06")
 def test_a_damaged_chunk_is_left_out_and_counted(bag: Path, tmp_path: Path) -> None:
     whole, found = bytearray(file_of(bag).read_bytes()), chunks(file_of(bag))
     offset, length = found[4]
@@ -180,6 +182,7 @@ def test_of_a_chunk_that_is_cut_nothing_is_saved_after_what_makes_no_sense(tmp_p
     assert saved(recover(file, tmp_path / "new")) == 4
 
 
+@pytest.mark.law("BAG-07")
 def test_a_chunk_with_a_wrong_checksum_is_left_out_whole(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     texts = in_one_chunk(file, CompressionType.NONE)
@@ -209,6 +212,7 @@ def test_every_file_of_a_split_bag_is_saved(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.law("BAG-09")
 def test_nothing_is_overwritten(bag: Path, tmp_path: Path) -> None:
     (tmp_path / "new").mkdir()
     with pytest.raises(BagError, match="new exists already"):

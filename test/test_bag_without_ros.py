@@ -30,6 +30,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.law("BAG-10")
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -49,6 +50,7 @@ def test_a_bag_is_read_without_ros(
     assert said in done.stdout
 
 
+@pytest.mark.law("BAG-10")
 def test_that_environment_really_has_no_ros() -> None:
     done = run("replay", NODE)
     assert done.returncode == 1

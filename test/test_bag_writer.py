@@ -228,6 +228,7 @@ def test_messages_out_of_order_count_from_the_earliest_to_the_latest(tmp_path: P
     assert metadata["duration"] == {"nanoseconds": 800}
 
 
+@pytest.mark.law("BAG-09")
 def test_an_existing_directory_is_refused_and_left_alone(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     with pytest.raises(BagError, match="run exists already"):
@@ -505,6 +506,7 @@ def left_by_a_killed_writer(
     return [record.log_time for record in records if isinstance(record, Message)]
 
 
+@pytest.mark.law("BAG-05")
 def test_a_killed_writer_loses_at_most_the_last_flush_interval(tmp_path: Path) -> None:
     written = range(0, 10_120_000_000, 10_000_000)
     found = left_by_a_killed_writer(tmp_path / "run", repr(written))
@@ -564,6 +566,7 @@ writer.close()
 """
 
 
+@pytest.mark.law("BAG-08")
 def test_a_full_disk_ends_the_bag_and_says_so(tmp_path: Path) -> None:
     command = [sys.executable, "-c", FILLING, str(tmp_path / "run")]
     output = subprocess.run(command, check=True, capture_output=True, text=True).stdout

@@ -151,6 +151,7 @@ def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None
     assert not np.array_equal(numbers(2)[:7], numbers(7)[:7])
 
 
+@pytest.mark.law("PLAN-33")
 @pytest.mark.ci
 def test_the_benchmark_plans_them_and_tells_of_each_situation_and_robot() -> None:
     found = shapes_measurement(6, load_parameters().planner)

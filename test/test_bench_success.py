@@ -13,6 +13,7 @@ from ff_planner_ros.problems.scenarios import scenario
 SETTINGS = load_parameters().planner
 
 
+@pytest.mark.law("PLAN-33")
 @pytest.mark.ci
 @pytest.mark.parametrize(("kind", "missed_at_night"), [("ordinary", 0), ("cluttered", 1)])
 def test_where_there_is_a_plan_it_is_found(kind, missed_at_night, times):

@@ -100,6 +100,7 @@ def test_the_attitude_and_the_duration_count_with_their_weights(
     assert duration_of(no_weight.best(monkeypatch, moment(12.0, 0.0))) == 12.0
 
 
+@pytest.mark.law("PLAN-31")
 def test_a_plan_gets_shorter_as_long_as_that_is_better_and_not_beyond_the_range(
     asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -166,6 +166,7 @@ def test_limits_that_bind_are_kept_at_all_times(
     assert binding >= 2, "too few of the limits are reached for this test to say anything"
 
 
+@pytest.mark.law("PLAN-06")
 def test_an_effort_limit_between_the_largest_torque_at_the_points_and_between_them_refuses() -> (
     None
 ):

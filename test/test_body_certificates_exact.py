@@ -143,6 +143,7 @@ def test_a_sphere_that_flies_past_a_resting_arm(interval: int, side: float) -> N
     assert divmod(least.pair, 2) == (TIP, 1)
 
 
+@pytest.mark.law("PLAN-10")
 @pytest.mark.parametrize("spin", [3.0, -3.0])
 def test_a_sphere_that_swings_past_on_a_body_that_spins(spin: float) -> None:
     """A boom of 2 m; it points to the tip at the middle of an interval."""

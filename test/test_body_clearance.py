@@ -101,6 +101,7 @@ def centers_of(robot: Robot, places: list[pin.SE3]) -> Array:
     )
 
 
+@pytest.mark.law("PLAN-08")
 @pytest.mark.parametrize("family", list(Parametrisation)[1:])
 def test_no_body_touches_anything_between_the_points_of_a_plan(family: Parametrisation) -> None:
     problem, answer = capture(), solved(family)
@@ -159,6 +160,7 @@ def certified(robot: Robot, motion: FollowedMotion, spheres: tuple[Sphere, ...])
     ]
 
 
+@pytest.mark.law("PLAN-09")
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_the_certificate_is_below_what_is_found_between_the_points_and_hardly_so(seed: int) -> None:
     robot, rng = random_robot(seed), np.random.default_rng(seed)

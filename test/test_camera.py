@@ -191,6 +191,8 @@ def test_the_camera_sees_the_goal_move_as_its_place_changes(link: str) -> None:
     assert places(0.0)[1] == pytest.approx(slope, abs=1e-8)
 
 
+@pytest.mark.sampled
+@pytest.mark.law("PLAN-13")
 @pytest.mark.parametrize("points", [50, pytest.param(13, marks=pytest.mark.ci)])
 @pytest.mark.parametrize("family", ["end_effector_polynomial", "joint_spline"])
 @pytest.mark.parametrize(
@@ -247,6 +249,7 @@ def without_camera(scene: str) -> Plan:
     return perform(PlanningTask(SCENES[scene], SETTINGS))
 
 
+@pytest.mark.law("PLAN-13")
 @pytest.mark.parametrize("scene", ["resting", "tumbling"])
 def test_a_plan_that_loses_the_goal_is_refused_with_link_angle_and_time(scene: str) -> None:
     problem = looking(SCENES[scene], "end_effector", 0.1, 0.1)

@@ -36,7 +36,7 @@ from ff_planner_ros.commands import campaigns
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
-from ff_planner_ros.report import campaign_page
+from ff_planner_ros.report.study import page as study_page
 
 ROWS = 2 * 3 * 2  # of the small study
 
@@ -70,6 +70,7 @@ def ids(directory: Path) -> list[str]:
     return found
 
 
+@pytest.mark.law("FILE-06")
 def test_two_workers_write_the_rows_that_one_process_computes(on_two: Path, tmp_path: Path) -> None:
     expected = {case.id: run_case(case).row for case in cases(study(tmp_path))}
     rows = {row["id"]: row for row in read_plans(on_two).to_pylist()}
@@ -81,6 +82,7 @@ def test_two_workers_write_the_rows_that_one_process_computes(on_two: Path, tmp_
     assert {row["solved"] for row in rows.values() if row["method"] == "ours"} == {True}
 
 
+@pytest.mark.law("FILE-06")
 @pytest.mark.ci
 def test_any_number_of_workers_of_a_cluster_of_its_own_writes_the_same_bits(
     on_two: Path, tmp_path: Path, times: Callable[[int, int], int]
@@ -91,6 +93,7 @@ def test_any_number_of_workers_of_a_cluster_of_its_own_writes_the_same_bits(
         assert digest_of(read_plans(out)) == digest_of(read_plans(on_two))
 
 
+@pytest.mark.law("FILE-06")
 @pytest.mark.ci
 def test_a_worker_that_is_killed_costs_and_doubles_no_row(
     scheduler: str, on_two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -245,7 +248,7 @@ def test_trajectories_are_those_whose_digest_the_row_has(on_two: Path) -> None:
 def test_the_commands_of_the_report_plan_the_cases_of_their_rows(
     on_two: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["campaign", "report", str(on_two)]) == 0
+    assert main(["campaign", "report", str(on_two), "--plans", "0"]) == 0
     page = Path(capsys.readouterr().out.strip())
     text = page.read_text(encoding="utf-8")
     rows = {row["id"]: row for row in read_plans(on_two).to_pylist()}
@@ -289,7 +292,7 @@ def test_where_the_system_names_no_file_a_full_disk_is_still_told_clearly(
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(campaign_page, "save_campaign_page", full)
+    monkeypatch.setattr(study_page, "save_campaign_page", full)
     assert main(["campaign", "report", str(on_two)]) == 2
     said = capsys.readouterr().err
     assert f"the report could not be written; the plans in {on_two} are kept" in said
@@ -396,3 +399,20 @@ def test_what_the_command_lacks_is_named(
     monkeypatch.setattr(campaigns, "find_spec", lambda _name: None)  # as where there is no bokeh
     assert main(["campaign", *arguments]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("linked", ["plans", "trajectories", "plans/part-000001.parquet"])
+def test_a_table_that_is_a_link_is_neither_read_nor_written_nor_emptied(
+    linked: str, tmp_path: Path
+) -> None:
+    """Or else whoever hands on a campaign has files removed that lie elsewhere."""
+    elsewhere, place = tmp_path / "elsewhere", tmp_path / "campaign" / linked
+    elsewhere.mkdir()
+    theirs = [elsewhere / "part-000001.parquet", elsewhere / "notes.unfinished"]
+    for file in theirs:
+        file.touch()
+    place.parent.mkdir(parents=True)
+    place.symlink_to(theirs[0] if place.suffix else elsewhere)
+    with pytest.raises(InvalidInput, match="links are not followed here"):
+        Writer(tmp_path / "campaign", plan_schema({}))
+    assert all(file.exists() for file in theirs)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
+from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import yaml
 from campaigns import study, study_file
 from quick_capture import quick_capture
 from robots import LEMUR_SCENARIO, LEMUR_URDF
+from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 from test_target_urdf import scenario_with_urdf, tetrahedron
 
@@ -29,7 +31,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.scenarios import scenario
-from ff_planner_ros.report.statistics import Rate, bins
+from ff_planner_ros.report.statistics import Rate
 from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text
 
 OURS = MethodOfStudy("ours", "optimal", ())
@@ -166,6 +168,49 @@ def test_scenario_values_are_changed_in_place_by_number_by_id_or_in_a_new_block(
     )
 
 
+@pytest.mark.parametrize("attitude", ["quaternion_xyzw", "euler_xyz_deg"])
+def test_a_frame_is_turned_about_its_own_axes_in_the_order_of_the_keys(
+    attitude: str, defaults: Defaults
+) -> None:
+    """R Rx(a) Ry(b), of matrices that are written out, whichever of the two comes first."""
+    source = written(LEMUR_SCENARIO, "capture", defaults)
+    before = load_task(LEMUR_SCENARIO, defaults).problem.target.quaternion_xyzw
+    document = deepcopy(source.document)
+    if attitude == "quaternion_xyzw":
+        del document["target"]["euler_xyz_deg"]
+        document["target"][attitude] = before.tolist()
+    a, b = 0.3, -1.1
+    about_x = [[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]]
+    about_y = [[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]]
+    wanted = Rotation.from_quat(before).as_matrix() @ about_x @ about_y
+    changes = [
+        Change("turn.target.y", "set", np.rad2deg(b)),
+        Change("turn.target.x", "plus", np.rad2deg(a)),
+    ]
+    turned, urdf, values = changed(document, source.urdf, changes)
+    found = task_of(turned, urdf, defaults).problem.target.quaternion_xyzw
+    np.testing.assert_allclose(Rotation.from_quat(found).as_matrix(), wanted, atol=1e-12)
+    assert values == {"turn.target.x": np.rad2deg(a), "turn.target.y": np.rad2deg(b)}
+
+
+def test_a_range_of_a_grid_is_its_values_and_times_and_plus_are_as_in_draws(tmp_path: Path) -> None:
+    grid = {
+        "duration": {"range": [2.0, 3.0, 11]},
+        "target.position[0]": {"plus": {"range": [-0.1, 0.1, 3]}},
+        "chaser.angular_velocity": {"times": [0.5, 2.0]},
+    }
+    asked = study(tmp_path, variations={"grid": grid}, methods=[{"name": "x"}])
+    document = asked.sources[0].document
+    place, spin = document["target"]["position"][0], document["chaser"]["angular_velocity"]
+    told = [case.scenario()[2] for case in cases(asked)]
+    assert [one["duration"] for one in told[:33:3]] == [(20 + k) / 10 for k in range(11)]
+    moved = [one["target.position[0]"] - place for one in told[:3]]
+    assert moved == pytest.approx([-0.1, 0.0, 0.1])
+    assert told[0]["chaser.angular_velocity"] == [0.5 * one for one in spin]
+    assert not any(case.is_drawn for case in cases(asked))
+    assert all(case.is_drawn for case in cases(study(tmp_path)))
+
+
 @pytest.mark.parametrize("name", ["lemur_capture", "lemur_capture_bodies", "canadarm2_capture"])
 def test_a_source_is_the_task_of_its_file_without_the_file(name: str, defaults: Defaults) -> None:
     path = LEMUR_SCENARIO.with_name(f"{name}.yaml")
@@ -255,6 +300,12 @@ def test_a_worker_of_another_version_plans_nothing_and_says_what_differs(
         ),
         ({"variations": {"grid": {"planner.strats": [1]}}}, "planner.strats is unknown"),
         ({"variations": {"grid": {"planner.starts": []}}}, "planner.starts is empty"),
+        ({"variations": {"grid": {"duration": {"range": [1, 2]}}}}, r"range is .1, 2.: .*count"),
+        ({"variations": {"grid": {"duration": {"range": [1, 2, 1]}}}}, "range is .*2 to 10000"),
+        ({"variations": {"grid": {"points": {"range": [1, 2, 10**9]}}}}, "range is .*2 to 10000"),
+        ({"variations": {"grid": {"turn.target": [1.0]}}}, "'turn.target': to turn a frame"),
+        ({"variations": {"grid": {"turn.joints.x": [1.0]}}}, "turn.joints.x is unknown"),
+        ({"variations": {"grid": {"turn.target.x": ["far"]}}}, "turn.target.x"),
         ({"variations": {"grid": {"planner.starts": 3}}}, "planner.starts is 3: .* a list"),
         ({"variations": {"grid": {"duration": {"by": [1]}}}}, "duration.by is unknown"),
         (
@@ -322,19 +373,6 @@ def test_the_interval_of_a_rate_is_that_of_clopper_and_pearson() -> None:
     for count, total in ((0, 1), (1, 1), (0, 40), (40, 40), (7, 10), (9_990, 10_000)):
         expected = binomtest(count, total).proportion_ci(0.95, method="exact")
         assert Rate(count, total).interval == pytest.approx(tuple(expected), abs=1e-12)
-
-
-def test_bins_hold_every_row_once() -> None:
-    rng = np.random.default_rng(18)
-    rows = [{"x": float(x), "solved": bool(x > 0.0)} for x in rng.normal(size=100)]
-    found = bins(rows, "x", 12)
-    assert len(found) == 12
-    assert sum(one.rate.total for one in found) == 100
-    for one in found:
-        inside = [row for row in rows if one.lower <= row["x"] <= one.upper]
-        assert one.rate == Rate(sum(row["solved"] for row in inside), len(inside))
-    few = bins([{"x": 1, "solved": True}, {"x": 2, "solved": False}], "x", 12)
-    assert [(one.lower, one.rate.count) for one in few] == [(1.0, 1), (2.0, 0)]
 
 
 def test_the_same_study_in_another_place_has_the_same_cases(tmp_path: Path) -> None:

@@ -61,6 +61,7 @@ TOO_MANY: dict[str, tuple[dict[str, Any], int]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("verb", ["campaign", "check"])
 @pytest.mark.parametrize("kind", TOO_MANY)
 def test_a_study_of_too_many_cases_says_its_number_and_its_limit_at_once(
@@ -74,6 +75,40 @@ def test_a_study_of_too_many_cases_says_its_number_and_its_limit_at_once(
     assert f"{count} cases: a campaign has {MOST_CASES} cases at most" in done.out + done.err, done
     require_soon(done)
     assert not (tmp_path / "out").exists()
+
+
+def varied(keys: int) -> dict[str, Any]:
+    return {f"k{number}.x[0]": [1, 2] for number in range(keys)}
+
+
+ENDLESS: dict[str, tuple[dict[str, Any], str]] = {
+    "values": ({"variations": {"grid": varied(30_000)}}, "30000 keys: a study varies 500 at most"),
+    "values whose cases nobody counts": (
+        {"variations": {"grid": varied(500)}},
+        f"8752 cases: a campaign has {MOST_CASES} cases at most",
+    ),
+    "values of a method": (
+        {"methods": [{"name": "ours", "set": varied(30_000)}]},
+        "methods[0].set is 30000 keys",
+    ),
+    "one scenario": (
+        {"scenarios": ["quick_capture.yaml"] * 10_000},
+        "scenarios is quick_capture: each scenario must have a name of its own",
+    ),
+    "factors": (
+        {"variations": {"grid": {"duration": {"times": [10**390]}}}},
+        "no computer calculates with numbers of this size",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ENDLESS)
+def test_a_study_without_end_is_refused_in_words(kind: str, tmp_path: Path, run: Run) -> None:
+    changes, words = ENDLESS[kind]
+    done = run(["campaign", study_file(tmp_path, **changes), "--out", tmp_path / "out"])
+    assert done.code == 2, done
+    assert words in done.out + done.err, done
+    require_soon(done)
 
 
 def require_soon(done: Done) -> None:
@@ -96,6 +131,7 @@ SCENARIOS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("named", SCENARIOS)
 def test_a_pattern_that_stands_for_no_scenarios_is_refused_in_words(
     named: str, tmp_path: Path, run: Run
@@ -119,6 +155,7 @@ ROBOTS = ["", "arm", "arm5", "arm0", "arm06", "arm-6", "arm 6", " arm6", "arm6\n
 ROBOTS += ["arm\u0666", "arm31", "planar3", "planar", "r2", "../lemur", "Lemur", "\0", "a" * 5000]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_robot_that_no_generator_knows_is_refused_by_name(
     robot: str, tmp_path: Path, run: Run

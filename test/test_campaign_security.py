@@ -45,6 +45,7 @@ def touch(path: str) -> None:
     Path(path).touch()
 
 
+@pytest.mark.law("FILE-04")
 @pytest.mark.parametrize("keys", ["none", "his own"])
 def test_a_stranger_runs_no_code_on_the_cluster(address: str, keys: str, tmp_path: Path) -> None:
     security = distributed.Security(require_encryption=False)
@@ -56,6 +57,7 @@ def test_a_stranger_runs_no_code_on_the_cluster(address: str, keys: str, tmp_pat
     assert not (tmp_path / TOUCHED).exists()
 
 
+@pytest.mark.law("FILE-04")
 @pytest.mark.usefixtures("address")
 def test_every_port_of_the_cluster_asks_for_keys_or_tells_nothing() -> None:
     """A port that speaks no TLS is the one of HTTP, which has no pages."""

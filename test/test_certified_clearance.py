@@ -76,6 +76,7 @@ def test_a_base_that_comes_near_and_turns_back_between_two_points(near: float, a
     require(motion, [rock], (0.4 if axis == 0 else 0.8) - near)
 
 
+@pytest.mark.law("PLAN-10")
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("when", [0.21, 0.9, 1.8, 2.7, 3.9])
 def test_a_sphere_that_flies_past_a_resting_arm(when: float, side: float) -> None:
@@ -157,6 +158,7 @@ def test_a_base_and_a_sphere_that_fly_at_each_other_or_one_after_the_other(
     require(flying, [Sphere("debris", place, 0.2, velocity)], 0.1)
 
 
+@pytest.mark.law("PLAN-09")
 @pytest.mark.parametrize("depth", [0.004, 0.19])
 def test_what_is_pierced_between_the_points_is_as_deep_as_it_is(depth: float) -> None:
     """A sphere of 0.2 m that the tip, or nearly its middle, goes through."""

@@ -67,6 +67,7 @@ def test_a_plan_beyond_the_limit_is_refused_with_time_and_amount(
     assert not list(failures(limited(lemur_capture, angle + 1e-5), free, SETTINGS))
 
 
+@pytest.mark.law("PLAN-11")
 def test_a_turn_between_two_points_is_seen(lemur_capture: PlanningProblem) -> None:
     """The points keep the limit. Between the last two a joint swings and takes the chaser along."""
     found = plan(limited(lemur_capture, LIMIT), SETTINGS)

@@ -111,6 +111,7 @@ PROBLEMS: dict[str, Callable[[], PlanningProblem]] = {
 }
 
 
+@pytest.mark.law("PLAN-11")
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_whatever_is_planned_keeps_it_at_all_times(name: str) -> None:
     problem = PROBLEMS[name]()
@@ -152,7 +153,8 @@ def test_a_limit_that_nothing_keeps_is_a_refusal_by_name(lemur_capture: Planning
     assert any("limits.chaser_rotation" in found.finding for found in refusal.value.failures)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.ci) for n in (1, 2))])
+@pytest.mark.ci
+@pytest.mark.parametrize("seed", range(3))
 def test_the_same_task_in_another_frame_keeps_the_same_angle(
     lemur_capture: PlanningProblem, seed: int
 ) -> None:
@@ -174,6 +176,7 @@ def test_the_same_task_in_another_frame_keeps_the_same_angle(
     assert [word.startswith(turned) for word in words] == [True]
 
 
+@pytest.mark.law("PLAN-11")
 @pytest.mark.parametrize("behaviour", [EndBehaviour.HOLD_END_EFFECTOR, EndBehaviour.STOP_JOINTS])
 def test_the_tail_keeps_it_or_is_refused(
     lemur_capture: PlanningProblem, lemur_plan: Plan, behaviour: EndBehaviour

@@ -95,6 +95,7 @@ def test_a_sound_plan_passes(problem, sound):
     require_sound(problem, sound, SETTINGS)
 
 
+@pytest.mark.law("PLAN-03")
 def test_momentum_that_changes_on_the_way_is_found(problem, sound):
     velocities = sound.trajectory.chaser_linear_velocities.copy()
     velocities[20] += 1e-6
@@ -103,6 +104,7 @@ def test_momentum_that_changes_on_the_way_is_found(problem, sound):
     assert "momentum_error" in str(error)
 
 
+@pytest.mark.law("PLAN-02")
 def test_an_end_beside_the_target_is_found(problem, sound):
     positions = sound.trajectory.chaser_positions.copy()
     positions[-1] += [0.0, 0.0, 0.002]
@@ -114,6 +116,7 @@ def test_an_end_beside_the_target_is_found(problem, sound):
     assert "final_position_error is 0.002 m, allowed is 0.001 m" in str(error)
 
 
+@pytest.mark.law("PLAN-02")
 def test_an_end_that_is_turned_is_found(problem, sound):
     quaternions = sound.trajectory.chaser_quaternions_xyzw.copy()
     turn = pin.Quaternion(pin.exp3(np.array([0.0, 0.0, 0.01])))
@@ -122,6 +125,7 @@ def test_an_end_that_is_turned_is_found(problem, sound):
     assert answer.metrics.final_orientation_error == pytest.approx(0.01, rel=1e-3)
 
 
+@pytest.mark.law("PLAN-28")
 def test_a_joint_beyond_its_limit_is_found_by_name_time_and_amount(problem, sound):
     times, joints, _, _ = joints_between(sound.trajectory, 1000)
     upper = problem.robot.upper_position_limits.copy()
@@ -230,6 +234,7 @@ def test_an_obstacle_in_the_way_is_found_by_name_link_and_depth(problem, sound):
     assert "0.05" in str(error)
 
 
+@pytest.mark.law("PLAN-07")
 def test_a_pin_between_two_points_is_found_though_every_point_is_clear(problem, sound):
     """Smaller than the way between two points: the samples alone would not see it."""
     q, v = from_trajectory(problem.robot, sound.trajectory)
@@ -243,6 +248,7 @@ def test_a_pin_between_two_points_is_found_though_every_point_is_clear(problem, 
     assert certified_clearance(problem.robot, q, v, times, [pin_head]) < 0.0
 
 
+@pytest.mark.law("PLAN-09")
 @pytest.mark.parametrize("seed", range(8))
 def test_the_certified_clearance_is_a_tight_lower_bound(problem, sound, seed):
     """Against a hundred times denser samples of the same cubics, with random spheres."""

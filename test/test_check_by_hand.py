@@ -60,6 +60,7 @@ def chasers_own(found: Made) -> float:
     return own
 
 
+@pytest.mark.law("PLAN-03")
 @at_points
 @both_ways
 def test_a_chaser_that_moves_as_if_it_were_pushed_is_refused(place: str, sign: float) -> None:
@@ -82,6 +83,7 @@ def test_a_chaser_that_moves_as_if_it_were_pushed_is_refused(place: str, sign: f
     the_one(judged(found.problem, answer), Status.CHECK_FAILED, "momentum_error is")
 
 
+@pytest.mark.law("PLAN-03")
 @at_points
 @both_ways
 def test_a_chaser_that_turns_as_if_it_were_pushed_is_refused(place: str, sign: float) -> None:
@@ -157,6 +159,7 @@ def test_a_torque_that_does_not_make_the_motion_is_refused(
     assert not tumbling().told(joint_torques=torques + 0.4 * (off - torques))
 
 
+@pytest.mark.law("PLAN-01")
 @both_ways
 @pytest.mark.parametrize("joint", [0, 5])
 def test_a_jump_of_joint_rates_at_the_start_is_refused(sign: float, joint: int) -> None:
@@ -195,6 +198,7 @@ def jacobian_at_zero_momentum(found: Made, q: Array) -> Array:
     return np.asarray(jacobian[:, 6:] + jacobian[:, :6] @ follows)
 
 
+@pytest.mark.law("PLAN-12")
 @at_points
 def test_a_singular_posture_is_refused_wherever_it_is(place: str) -> None:
     """The wrist of the paper's arm in line: but for one point the arm is bent."""
@@ -241,6 +245,7 @@ def of_plane(found: list[Failure]) -> list[str]:
     return [one.finding for one in found if "leaves the plane of its base" in one.finding]
 
 
+@pytest.mark.law("PLAN-16")
 @at_points
 @both_ways
 @pytest.mark.parametrize("words", [*LEAVES, "turns about y", "tilts by"])

@@ -117,6 +117,8 @@ def leaning(place: str, beyond: float) -> Made:
     return made(lemur_with_bodies(), joints, np.zeros(6), PLACE)
 
 
+@pytest.mark.sampled
+@pytest.mark.law("PLAN-08")
 @everywhere
 def test_a_body_in_another_is_refused(place: str) -> None:
     _, names = least_of_pairs(touching_angle())

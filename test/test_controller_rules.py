@@ -55,6 +55,17 @@ def test_a_sound_trajectory_is_taken(change: dict[str, Any]) -> None:
     require_acceptable(STRICT, replace(SOUND, **change))
 
 
+def test_a_controller_that_gives_up_joints_that_have_not_stopped_names_the_first() -> None:
+    moves = replace(SOUND, velocities=changed(SOUND.velocities, 2, [0.0, 0.01, -0.02]))
+    require_acceptable(replace(MILD, stopped_velocity_tolerance=0.02), moves)
+    with pytest.raises(
+        NoPlanFound, match=r"joint elbow still moves at -0\.02 .* 0\.015 rad/s"
+    ) as no:
+        require_acceptable(replace(MILD, stopped_velocity_tolerance=0.015), moves)
+    assert no.value.status is Status.CONTROLLER_CONSTRAINT
+
+
+@pytest.mark.law("PLAN-32")
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -194,6 +194,7 @@ def test_singular_values_within_the_interest_do_not_depend_on_it(name: str) -> N
     assert (far == found.min() / 2).all()
 
 
+@pytest.mark.law("PLAN-21")
 def test_the_check_of_a_plan_uses_nothing_of_the_core(
     lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,6 +40,7 @@ def require_near(certified: float, least: float, part: float, where: str) -> Non
     assert lowest - CERTIFICATE_GAP <= certified <= least + CERTIFICATE_GAP, where
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("part", [EXACT_PART, 0.5])
 @pytest.mark.parametrize("seed", [1, 2, 3, 21, 23])
 def test_the_search_certifies_what_the_check_does(

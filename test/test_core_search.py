@@ -29,6 +29,7 @@ from ff_planner_ros.robot.configuration import configuration
 SETTINGS = load_parameters().planner
 
 
+@pytest.mark.law("PLAN-21")
 @pytest.mark.parametrize("family", ["joint_spline", "end_effector_polynomial"])
 def test_the_check_says_the_same_of_a_plan_with_the_core_taken_away(
     family: str, lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch

@@ -62,6 +62,8 @@ def ways(places: Array) -> tuple[Array, Array]:
     return there, across / np.linalg.norm(across)
 
 
+@pytest.mark.sampled
+@pytest.mark.law("PLAN-13")
 @pytest.mark.parametrize(
     ("place", "drifts"), [("start", True), ("between", False), ("before the goal", True)]
 )

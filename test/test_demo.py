@@ -111,6 +111,7 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
     assert codes[-1] == Status.SOLVED
 
 
+@pytest.mark.law("BAG-02")
 @pytest.mark.ci
 def test_its_bag_alone_gives_the_same_plans_again(demo: tuple[Path, list[str]]) -> None:
     directory, lines = demo

@@ -110,6 +110,7 @@ def near(found: Array, expected: Array, tolerance: float = 1e-9) -> None:
     assert error < tolerance, f"relative error {error:.1e}"
 
 
+@pytest.mark.sampled
 def test_forces_are_those_of_eq_20(case: Case) -> None:
     """Wrench on the chaser's centre of mass and torques; both sides do the same work."""
     q_v_dot = np.random.default_rng(1).normal(scale=0.1, size=len(case.q_v))

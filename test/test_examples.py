@@ -80,6 +80,7 @@ def fly(
     return ended.returncode, report, ended.stdout + ended.stderr
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("world")
 def test_a_capture_is_flown_and_comes_out_as_predicted(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)

@@ -10,7 +10,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 from ff_planner_msgs.msg import PlanEvent
 from rclpy.lifecycle import LifecycleNode
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import load_parameters
@@ -129,6 +129,7 @@ def test_however_late_the_clock_is_looked_at_things_are_told_in_their_order(
     ]
 
 
+@pytest.mark.law("NODE-20")
 def test_a_goal_is_sent_just_in_time_and_the_controller_says_when_it_is_over(
     by_action: World,
 ) -> None:
@@ -261,6 +262,19 @@ def test_plans_of_before_a_jump_of_the_clock_are_void(by_action: World) -> None:
 def test_a_result_is_told_in_the_actions_words(status: int, code: int, ended: Ended) -> None:
     result = SimpleNamespace(error_code=code, error_string="so")
     assert ended_by(SimpleNamespace(status=status, result=result)) == ended
+
+
+@pytest.mark.parametrize("position", [0.0, 0.05])
+def test_a_joint_that_is_to_move_at_the_end_need_not_have_stopped(position: float) -> None:
+    """The controller would want its rate and its place for ever: those of the last point."""
+    points = [JointTrajectoryPoint(velocities=[9.0, 9.0]), JointTrajectoryPoint()]
+    points[1].velocities = [0.0, -0.02]
+    trajectory = JointTrajectory(joint_names=["shoulder", "elbow"], points=points)
+    settings = replaced(load_parameters(), "controller.goal_tolerance", position).controller
+    told = {one.name: one for one in goal_of(trajectory, settings).goal_tolerance}
+    assert (told["elbow"].position, told["elbow"].velocity) == (position, -1.0)
+    assert told.keys() == ({"elbow", "shoulder"} if position else {"elbow"})
+    assert not position or told["shoulder"].velocity == 0.0
 
 
 def test_tolerances_that_are_not_given_are_the_controllers() -> None:

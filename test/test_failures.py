@@ -45,6 +45,7 @@ def test_a_sound_plan_has_none(
     assert judged(lemur_capture, sound, settings) == []
 
 
+@pytest.mark.law("PLAN-28")
 def test_every_constraint_is_told_and_the_first_gives_the_status(
     lemur_capture: PlanningProblem, sound: Plan, settings: PlannerSettings
 ) -> None:

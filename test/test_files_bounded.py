@@ -18,7 +18,6 @@ from campaigns import study
 from measured_commands import MEGABYTES, SECONDS, Done, Run, measured_commands
 from mutants import bytes_mutated
 from robots import LEMUR_SCENARIO
-from tiers import a_tenth_every_day
 
 from ff_planner_ros.campaign.cases import cases
 from ff_planner_ros.campaign.part_file import read_part
@@ -115,6 +114,8 @@ NO_LIBRARY: dict[str, Callable[[], bytes]] = {
 }
 
 
+@pytest.mark.sampled
+@pytest.mark.law("FILE-01")
 @pytest.mark.parametrize("kind", NO_LIBRARY)
 def test_a_file_that_is_no_library_is_refused_before_it_takes_time_or_memory(
     kind: str, tmp_path: Path, run: Run
@@ -147,7 +148,7 @@ def test_what_is_no_file_is_refused_as_library_and_as_table(
     require_refused(run(["plan", LEMUR_SCENARIO, "--library", tmp_path]), "library can be read")
     (tmp_path / "plans").mkdir()
     NO_FILES[kind](tmp_path / "plans" / "part-000000.parquet")
-    require_refused(run(["campaign", "report", tmp_path]), "part-000000.parquet: it is a ")
+    require_refused(run(["campaign", "report", tmp_path]), "part-000000.parquet: ")
 
 
 def test_a_damaged_library_is_refused_in_words_or_read(
@@ -240,6 +241,7 @@ def written(directory: Path, content: pyarrow.Table) -> Path:
     return path
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", NO_TABLE)
 def test_a_table_that_is_none_of_ours_is_refused_before_it_takes_time_or_memory(
     kind: str, rows: list[dict[str, Any]], tmp_path: Path, run: Run
@@ -293,7 +295,8 @@ VERSIONS_OF = {
 }
 
 
-@pytest.mark.parametrize("kind", a_tenth_every_day({kind: kind for kind in VERSIONS_OF}))
+@pytest.mark.sampled
+@pytest.mark.parametrize("kind", VERSIONS_OF)
 def test_versions_that_cannot_be_read_are_not_known(
     kind: str, rows: list[dict[str, Any]], tmp_path: Path, run: Run
 ) -> None:

@@ -1,4 +1,4 @@
-"""Many bags at once: each answer counts once, a broken bag is named and costs no other."""
+"""Many bags at once: each answer counts once, copies too; a broken bag costs no other."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from ff_planner_ros.report import fleet_page
 from ff_planner_ros.report.fleet import MEASURED, PERCENTILES, bags_below, read_fleet
 
 GOLDEN = Path(__file__).parent / "golden_bags"
-# Copies of each bag, and one more below.
+# Copies of each bag, which count once, and one more below.
 COPIES = {"offline_solved": 3, "node": 2, "offline_refused": 2}
 BROKEN = ("a_empty", "b_zero", "c_noise")
 
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory of eight bags, three of which nothing can be read, and what is no bag."""
+    """A directory of bags, three of which nothing can be read, copies, and what is no bag."""
     directory = tmp_path_factory.mktemp("fleet") / "runs"
     for name, copies in COPIES.items():
         for number in range(copies):
@@ -46,9 +46,8 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def answers() -> Counter[str]:
     """By status, how many answers the bags of the fleet hold, counted bag by bag."""
     found: Counter[str] = Counter()
-    for name, copies in (*COPIES.items(), ("offline_solved", 1)):
-        for plan in read_plans(GOLDEN / name):
-            found[plan.status] += copies
+    for name in COPIES:
+        found.update(plan.status for plan in read_plans(GOLDEN / name))
     return found
 
 
@@ -62,8 +61,13 @@ def test_every_answer_of_every_bag_is_counted_once(
     assert told["requests_by_status"] == dict(expected)
     assert told["solved_count"] == expected["SOLVED"]
     assert set(told["skipped"]) == set(BROKEN)
-    assert len(told["bags"]) == sum(COPIES.values()) + 1
-    assert "day/two/late" in told["bags"]
+    # Of copies the first by name counts.
+    assert told["bags"] == ["day/two/late", "node_0", "offline_refused_0"]
+    assert told["copies"] == {
+        **{f"offline_solved_{k}": "day/two/late" for k in range(3)},
+        "node_1": "node_0",
+        "offline_refused_1": "offline_refused_0",
+    }
     # At an end of the interval what was seen, or more of its kind, is as rare as 2.5 %.
     count, total = expected["SOLVED"], expected.total()
     low, high = told["success_interval"]
@@ -71,10 +75,9 @@ def test_every_answer_of_every_bag_is_counted_once(
     assert binom.cdf(count, total, high) == pytest.approx(0.025)
     clearances = [
         plan.metrics["min_clearance"]
-        for name, copies in (*COPIES.items(), ("offline_solved", 1))
+        for name in COPIES
         for plan in read_plans(GOLDEN / name)
         if plan.status == "SOLVED"
-        for _ in range(copies)
     ]
     expected_percentiles = np.percentile(clearances, PERCENTILES)
     found = list(told["percentiles"]["min_clearance_m"].values())
@@ -89,6 +92,7 @@ def test_lines_and_table_tell_the_same(
     lines = capsys.readouterr().out
     for name in BROKEN:
         assert f"skipped: {name}: " in lines
+    assert "copy: node_1 is a copy of node_0, and counts once" in lines
     file = tmp_path / "answers.parquet"
     assert main(["export", str(fleet), "--parquet", str(file)]) == 0
     rows = pyarrow.parquet.read_table(file).to_pylist()
@@ -116,7 +120,7 @@ def test_the_page_has_the_worst_runs_first_with_links_to_their_pages(
     assert main(["report", str(fleet), "--output", str(page), "--plans", "1"]) == 0
     text = page.read_text(encoding="utf-8")
     links = re.findall(r'<a href="([^"]*)">([^<]*)</a>', text)
-    assert [name for _, name in links] == ["offline_refused_0", "offline_refused_1"]
+    assert [name for _, name in links] == ["offline_refused_0", "node_0"]
     for link, name in links:
         assert name in (tmp_path / link).read_text(encoding="utf-8")
     places = [text.index(f">{run.name}<") for run in read_fleet(fleet).runs]

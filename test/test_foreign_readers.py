@@ -141,6 +141,7 @@ def plain_of_mcap_ros2(told: Any) -> Any:
     return told
 
 
+@pytest.mark.law("BAG-04")
 def test_mcap_ros2_support_reads_every_message_as_it_was_told(bag: Path, filled: list[Any]) -> None:
     (file,) = bag.glob("*.mcap")
     with file.open("rb") as stream:
@@ -162,6 +163,7 @@ def plain_of_rosbags(told: Any) -> Any:
     return [plain_of_rosbags(one) for one in told] if isinstance(told, list) else told
 
 
+@pytest.mark.law("BAG-04")
 def test_rosbags_reads_every_message_as_it_was_told(bag: Path, filled: list[Any]) -> None:
     with AnyReader([bag]) as reader:
         read = [
@@ -180,6 +182,7 @@ def test_what_is_no_message_is_held_as_one(kind: type) -> None:
     assert name == recorded_name(type_name(kind))
 
 
+@pytest.mark.law("BAG-04")
 @pytest.mark.ci
 @pytest.mark.skipif(shutil.which("npm") is None, reason="there is no npm on this machine")
 def test_foxglove_reads_every_message_to_its_last_byte(

@@ -106,6 +106,7 @@ def by_the_papers_equations(
     return SystemState(y[:3], attitude, twist[:3], twist[3:], y[12:], rates)
 
 
+@pytest.mark.law("NODE-03")
 @pytest.mark.parametrize("seconds", [0.7, SECONDS])
 def test_an_arm_that_nothing_drives_goes_on_as_an_independent_integrator_says(
     seconds: float,

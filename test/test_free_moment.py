@@ -191,6 +191,7 @@ def test_motions_of_another_duration_are_those_of_the_problem_with_that_duration
 _NARROW = {1: (1.6, 2.2), 7: (2.9, 4.0)}
 
 
+@pytest.mark.law("PLAN-31")
 @pytest.mark.ci
 def test_the_fastest_capture_is_as_fast_as_a_sweep_finds(times: Callable[[int, int], int]) -> None:
     at_night = times(0, 1) == 1

@@ -23,6 +23,7 @@ from ff_planner_ros.robot.model import robot_from_urdf_text
 AXES = (*np.eye(3), *-np.eye(3))
 
 
+@pytest.mark.law("PLAN-02")
 @pytest.mark.parametrize("axis", range(6))
 def test_a_goal_is_where_the_motion_comes_and_where_it_is_told_to_come(axis: int) -> None:
     """A system without momentum may be told to be elsewhere, and breaks nothing else."""

@@ -39,6 +39,7 @@ def test_there_are_golden_bags() -> None:
     assert BAGS
 
 
+@pytest.mark.law("BAG-03")
 @pytest.mark.parametrize("path", BAGS, ids=lambda path: path.name)
 def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
     with open_bag(path) as bag:

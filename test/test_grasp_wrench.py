@@ -46,6 +46,7 @@ def sample(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
     return q[None], v[None], rng.normal(size=(1, robot.joints))
 
 
+@pytest.mark.law("PLAN-19")
 @pytest.mark.parametrize("seed", range(6))
 def test_it_is_what_moves_the_body_by_newton_and_euler(seed: int) -> None:
     """Force m a of the centre of mass, torque d(spin)/dt plus arm times force: by differences."""
@@ -130,6 +131,7 @@ def peaks_by_hand(problem: PlanningProblem, plan: Plan) -> Array:
     return peaks
 
 
+@pytest.mark.law("PLAN-19")
 @pytest.mark.parametrize("kept", ["grasp_force", "grasp_torque"])
 def test_a_plan_keeps_a_limit_that_it_would_break(
     kept: str, stop: PlanningProblem, free: Plan

@@ -181,6 +181,7 @@ def test_what_was_asked_for_a_time_of_its_own_is_told_to_ask_for_a_later_one(
     assert found.status.message.endswith("; ask for a later start_time first")
 
 
+@pytest.mark.law("NODE-13")
 def test_where_answers_take_longer_than_the_lead_time_requests_are_answered_all_the_same(
     lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:

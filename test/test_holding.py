@@ -99,6 +99,7 @@ def test_a_hold_that_slips_at_one_point_alone_is_refused_wherever_that_is(
     assert name == "orientation" or "0.02 m off" in found[name]
 
 
+@pytest.mark.law("PLAN-17")
 @SIGNS
 @pytest.mark.parametrize("point", [GOAL + 1, GOAL + 9, -1])
 @pytest.mark.parametrize("name", ["position", "orientation"])

@@ -70,6 +70,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Robot, SystemState, Array, Imp
     return robot, state, twist, impact(robot, INERTIA, state, twist)
 
 
+@pytest.mark.law("PLAN-18")
 def test_it_solves_the_equations_of_both_bodies(
     case: tuple[Robot, SystemState, Array, Impact],
 ) -> None:
@@ -152,6 +153,7 @@ def test_wheels_take_what_turns() -> None:
     assert not found.after.angular_velocity_chaser_in_inertial.any()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(5))
 def test_no_error_of_the_twist_does_more_than_is_told_and_one_does_as_much(seed: int) -> None:
     robot, rng = arm(seed), np.random.default_rng(seed)

@@ -11,7 +11,8 @@ from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanStatus
 from ff_planner_msgs.srv import Describe
 from pages import SOURCE_TREE
 from ros_processes import read_bag
-from test_node_hand_over import SCENE, Arm, arm
+from test_node_hand_over import LATCHED, SCENE, Arm, arm
+from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
@@ -41,6 +42,12 @@ def frames(heard: list[TFMessage]) -> dict[str, str]:
     return {one.child_frame_id: one.header.frame_id for told in heard for one in told.transforms}
 
 
+def waiting(heard: list[MarkerArray]) -> list[str]:
+    """What the newest markers say of a plan that waits."""
+    newest = heard[-1].markers if heard else ()
+    return [one.text for one in newest if one.ns == "waiting/words"]
+
+
 @pytest.mark.ci
 def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (parameters,) = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
@@ -49,6 +56,7 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
     with arm(tmp_path, "--params-file", str(tmp_path / "mine.yaml"), **limits) as at:
         client, controller = at.client, at.controller
         transforms = client.hear(TFMessage, "/tf")
+        markers = client.hear(MarkerArray, "markers", LATCHED)
         client.wait_until(lambda: at.figure("constraints.goal_time"), "its parameters")
         # 3. what it can do
         told = client.call(Describe, "/ff_planner/describe", Describe.Request())
@@ -58,11 +66,15 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
         client.publish_state(SCENE.state(client.now_ns()))
         made = at.plan(4.0, plan_only=True)
         assert at.of(made) == []
+        client.wait_until(
+            lambda: waiting(markers) == [f"{made.plan_id} waits to be released"], "it"
+        )
         wrong = client.publish_plan(made, publish_token="guessed")
         assert (wrong.field, wrong.retry) == ("publish_token", PlanStatus.CHANGED)
         client.publish_state(SCENE.state(client.now_ns()))
         approved = client.publish_plan(made, start_state=[SCENE.state(client.now_ns())])
         assert approved.code == Status.SOLVED, approved
+        client.wait_until(lambda: waiting(markers) == [], "markers of a plan that is released")
         # 5. execution
         at.wait_for(made, Event.STARTED)
         client.publish_state(along(at, made))

@@ -77,6 +77,7 @@ def planar_splines() -> tuple[JointSplines, Array]:
     return family, np.random.default_rng(2).normal(scale=0.5, size=family.variables)
 
 
+@pytest.mark.law("PLAN-27")
 @pytest.mark.parametrize("which", [*Orientation, "planar"])
 def test_all_derivatives_are_those_of_finite_differences(which: str) -> None:
     family, x = planar_splines() if which == "planar" else drawn_splines(Orientation(which))

@@ -79,7 +79,7 @@ def retreated() -> PlanningProblem:
     return replace(problem, target=Target(back, pin.Quaternion(tip.rotation).coeffs()))
 
 
-@pytest.mark.parametrize("goal", ["posture", "pose"])
+@pytest.mark.parametrize("goal", ["posture", pytest.param("pose", marks=pytest.mark.ci)])
 def test_what_is_grasped_is_let_go_of_and_nothing_else_is_touched(goal: str) -> None:
     problem = captured() if goal == "posture" else retreated()
     plan = perform(PlanningTask(problem, SETTINGS))
@@ -128,6 +128,7 @@ def test_another_contact_at_the_start_is_refused() -> None:
     require_plannable(captured(), SETTINGS)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("way", [0.8, 0.02])
 @pytest.mark.parametrize("is_back", [True, False])
 @pytest.mark.parametrize("goal", ["pose", "posture"])

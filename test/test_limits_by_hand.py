@@ -68,6 +68,7 @@ def test_what_is_made_by_hand_breaks_nothing() -> None:
         assert not moving(kind, place, 2, 0.3).judged()
 
 
+@pytest.mark.law("PLAN-04")
 @everywhere
 @both_ways
 def test_a_joint_outside_its_limits_between_two_points_is_refused(place: str, sign: float) -> None:
@@ -84,6 +85,7 @@ def test_a_joint_outside_its_limits_between_two_points_is_refused(place: str, si
         the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
+@pytest.mark.law("PLAN-04")
 @at_points
 @both_ways
 def test_a_joint_that_is_furthest_out_at_a_point_is_refused(place: str, sign: float) -> None:
@@ -97,6 +99,7 @@ def test_a_joint_that_is_furthest_out_at_a_point_is_refused(place: str, sign: fl
             the_one(failures, Status.LIMIT_VIOLATED, "joint joint_5 is 0.1 rad outside")
 
 
+@pytest.mark.law("PLAN-05")
 @everywhere
 @both_ways
 def test_a_joint_that_is_too_fast_between_two_points_is_refused(place: str, sign: float) -> None:
@@ -112,6 +115,7 @@ def test_a_joint_that_is_too_fast_between_two_points_is_refused(place: str, sign
             the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
+@pytest.mark.law("PLAN-05")
 @at_points
 @both_ways
 def test_a_joint_that_is_too_fast_at_a_point_is_refused(place: str, sign: float) -> None:
@@ -132,6 +136,7 @@ def accelerating(joint: int, limit: float) -> Limits:
     return Limits(joint_accelerations=tuple(limits.tolist()))
 
 
+@pytest.mark.sampled
 @at_points
 @both_ways
 def test_a_joint_that_accelerates_too_much_at_a_point_is_refused(place: str, sign: float) -> None:
@@ -147,6 +152,7 @@ def test_a_joint_that_accelerates_too_much_at_a_point_is_refused(place: str, sig
             the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
+@pytest.mark.law("PLAN-06")
 @everywhere
 def test_a_joint_that_accelerates_too_much_between_two_points_is_refused(place: str) -> None:
     found, highest = moving("step", place, 5, 0.2), STRONGEST * 0.2 / STEP**2
@@ -157,6 +163,8 @@ def test_a_joint_that_accelerates_too_much_between_two_points_is_refused(place: 
             the_one(failures, Status.LIMIT_VIOLATED, "joint joint_6 accelerates by")
 
 
+@pytest.mark.sampled
+@pytest.mark.law("PLAN-06")
 @pytest.mark.parametrize(("kind", "places"), [("accelerations", AT_POINTS), ("step", PLACES)])
 @pytest.mark.parametrize("number", range(4))
 @both_ways
@@ -221,6 +229,7 @@ def swinging(place: str, joint: int, size: float) -> Made:
     return made(robot(), joints, np.zeros(6), PLACE)
 
 
+@pytest.mark.sampled
 @everywhere
 @both_ways
 def test_a_chaser_that_turns_too_far_is_refused_wherever_that_is(place: str, sign: float) -> None:
@@ -247,6 +256,8 @@ def rotated(found: Made) -> Array:
     return np.asarray((base[0].inv() * base).magnitude())
 
 
+@pytest.mark.sampled
+@pytest.mark.law("PLAN-11")
 @everywhere
 @both_ways
 def test_a_chaser_that_rotates_too_far_is_refused_though_its_euler_angles_are_allowed(
@@ -275,6 +286,7 @@ def test_a_chaser_that_rotates_too_far_is_refused_though_its_euler_angles_are_al
             assert told == pytest.approx(time, abs=0.03)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(4))
 @both_ways
 def test_the_rotation_counts_from_the_first_point_whatever_the_attitude_is_there(
@@ -294,6 +306,7 @@ def test_the_rotation_counts_from_the_first_point_whatever_the_attitude_is_there
             the_one(failures, Status.LIMIT_VIOLATED, "more than limits.chaser_rotation")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axis", range(3))
 @both_ways
 def test_a_chaser_that_spins_rotates_by_no_more_than_half_a_turn(axis: int, sign: float) -> None:

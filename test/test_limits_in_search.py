@@ -180,6 +180,7 @@ def test_limits_that_are_far_change_no_bit_of_a_plan(
     np.testing.assert_array_equal(found.coefficients, lemur_plan.coefficients)
 
 
+@pytest.mark.law("PLAN-06")
 @pytest.mark.parametrize("which", FAMILIES)
 def test_torques_are_brought_below_limits_that_the_shortest_path_exceeds(
     lemur_capture: PlanningProblem, lemur_plan: Plan, which: Parametrisation

@@ -77,6 +77,7 @@ EVIL = {
 }
 
 
+@pytest.mark.law("FILE-02")
 @pytest.mark.parametrize("kind", EVIL)
 def test_a_mesh_that_harms_its_reader_is_refused_in_words_and_the_next_one_is_read(
     kind: str, tmp_path: Path
@@ -131,6 +132,7 @@ LARGEST = {
 LARGE_AND_LARGEST = [*LARGE, *(pytest.param(name, marks=pytest.mark.ci) for name in LARGEST)]
 
 
+@pytest.mark.law("FILE-02")
 @pytest.mark.parametrize("kind", LARGE_AND_LARGEST)
 def test_every_mesh_of_the_documented_size_is_read_in_its_processor_time(
     kind: str, tmp_path: Path

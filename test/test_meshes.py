@@ -188,7 +188,7 @@ def test_a_hull_of_very_many_corners_is_simplified_to_one_that_holds_it(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "cannot be read"),
+        (b"", "it is empty"),
         (b"garbage" * 100, "cannot be read"),
         (b"solid a\nendsolid a\n", "cannot be read"),
         (bytes(80) + b"\xff\xff\xff\xff", "cannot be read"),
@@ -217,7 +217,8 @@ def test_a_file_that_holds_no_solid_is_refused_by_its_name(
         ('<mesh filename="package://gone/a.stl"/>', "no package 'gone' with this file"),
         ('<mesh filename="http://example.org/a.stl"/>', "it must be a path, file:// or package://"),
         ('<mesh filename="/etc/passwd"/>', "it must be a file that ends in .stl, .obj, .dae"),
-        ('<mesh filename="directory.stl"/>', "it is no regular file"),
+        ('<mesh filename="directory.stl"/>', "it is a directory, not a file"),
+        ('<mesh filename="empty.stl"/>', "it is empty"),
         ('<mesh filename="box.stl" scale="1 1"/>', "its scale is '1 1'"),
         ('<mesh filename="box.stl" scale="1 0 1"/>', "none 0"),
         ('<mesh filename="box.stl" scale="1 nan 1"/>', "its scale is '1 nan 1'"),
@@ -239,6 +240,7 @@ def test_a_mesh_that_cannot_be_taken_is_refused_in_words(
 ) -> None:
     (tmp_path / "box.stl").write_bytes(stl(BOX))
     (tmp_path / "directory.stl").mkdir()
+    (tmp_path / "empty.stl").symlink_to("/proc/kmsg")  # says so, and lets a reader wait for ever
     (tmp_path / "loop.stl").symlink_to(tmp_path / "loop.stl")
     with (tmp_path / "big.stl").open("wb") as file:
         file.truncate(10**9)  # a hole: nothing is written

@@ -110,7 +110,7 @@ def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
 def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
     urdf = tmp_path / "binary.urdf"
     urdf.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InvalidInput, match=r"binary\.urdf: it cannot be read: not UTF-8"):
+    with pytest.raises(InvalidInput, match=r"binary\.urdf: it is not UTF-8"):
         load_robot(urdf, "chaser", "end_effector")
 
 

@@ -92,6 +92,7 @@ def test_at_an_interval_s_ends_what_was_seen_is_as_rare_as_it_says() -> None:
     assert binom.cdf(7, 300, high) == pytest.approx(0.025)
 
 
+@pytest.mark.law("PLAN-20")
 def test_at_one_percent_the_linear_prediction_holds_within_a_tenth(
     planned: tuple[PlanningProblem, Plan],
 ) -> None:

@@ -96,6 +96,7 @@ def outcome(problem: PlanningProblem) -> Plan | FfPlannerError:
         return error
 
 
+@pytest.mark.law("PLAN-29")
 @geometries
 @pytest.mark.parametrize("kind", ["sphere", *SOLIDS])
 def test_a_start_at_rest_beside_an_obstacle_is_planned_away_from(
@@ -110,6 +111,7 @@ def test_a_start_at_rest_beside_an_obstacle_is_planned_away_from(
         assert 0.0 < found.metrics.min_clearance <= gap
 
 
+@pytest.mark.law("PLAN-29")
 @geometries
 def test_a_start_nearer_than_a_plan_needs_is_refused_at_once(geometry: str) -> None:
     for kind in ("sphere", "box"):
@@ -170,6 +172,7 @@ def end_of(problem: PlanningProblem, plan: Plan) -> PlanningProblem:
     return replace(problem, start=start)
 
 
+@pytest.mark.law("PLAN-25")
 @geometries
 @pytest.mark.parametrize("kind", ["sphere", "box"])
 def test_a_plan_ends_no_nearer_to_an_obstacle_than_another_one_may_start(
@@ -192,6 +195,7 @@ def test_a_plan_ends_no_nearer_to_an_obstacle_than_another_one_may_start(
             require_plannable(start, SETTINGS)
 
 
+@pytest.mark.law("PLAN-25")
 def test_a_plan_ends_with_joints_that_can_stop_before_their_limits() -> None:
     """Joints move at the goal, since the chaser drifts: limits are put just beyond that."""
     problem = load_scenario(LEMUR_SCENARIO)

@@ -124,6 +124,7 @@ def test_a_goal_that_is_refused_is_aborted_with_its_code_and_words(
     assert result.status.message.startswith("duration is -1")
 
 
+@pytest.mark.law("NODE-10")
 def test_cancelled_at_random_moments_a_goal_ends_cancelled_or_was_solved_before(
     planner: PlannerProcess, client: Client, scene: Scene, times: Callable[[int, int], int]
 ) -> None:
@@ -222,6 +223,7 @@ def test_a_request_is_answered_when_its_start_passes_whatever_its_solver_does(
     assert planner.worker == solver
 
 
+@pytest.mark.law("NODE-12")
 def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(
     planner: PlannerProcess, client: Client, scene: Scene
 ) -> None:

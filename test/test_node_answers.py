@@ -139,6 +139,7 @@ def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
     )
 
 
+@pytest.mark.law("NODE-03")
 def test_a_plan_for_the_states_own_time_starts_at_the_state_and_ends_at_the_target(
     run: Run, lemur_capture: PlanningProblem
 ) -> None:
@@ -188,6 +189,7 @@ def test_every_row_of_the_answer_belongs_to_one_point(run: Run) -> None:
         assert pose.header.frame_id == FRAME
 
 
+@pytest.mark.law("NODE-02")
 def test_what_is_published_equals_the_answer(run: Run) -> None:
     answers = [run.from_topics, run.again, run.overriding, run.shuffled]
     published = [_without_torques(answer.plans[0].joint_trajectory) for answer in answers]
@@ -201,6 +203,7 @@ def test_a_late_subscriber_still_gets_the_last_plan(run: Run) -> None:
     assert run.received_late["predicted_chaser_path"] == [run.shuffled.plans[0].chaser_path]
 
 
+@pytest.mark.law("NODE-19")
 def test_the_streamed_poses_lie_on_the_predicted_path(run: Run) -> None:
     (planned,) = run.from_topics.plans
     path, twists = planned.chaser_path.poses, planned.chaser_twists
@@ -282,6 +285,7 @@ def test_the_bag_holds_what_was_said_on_every_topic(run: Run) -> None:
     assert all(counts[topic] for topic in SPOKEN_ON), counts
 
 
+@pytest.mark.law("BAG-01")
 def test_the_bag_holds_every_answer_and_what_was_published(run: Run) -> None:
     answers = [run.from_topics, run.again, run.overriding, run.shuffled]
     told = [
@@ -302,6 +306,7 @@ def test_the_bag_holds_every_answer_and_what_was_published(run: Run) -> None:
         assert [p.positions.tolist() for p in in_answer] == expected
 
 
+@pytest.mark.law("BAG-01")
 def test_the_bag_explains_itself(run: Run) -> None:
     assert b"<robot" in run.attachments["robot.urdf"]
     assert b"state_max_age: 3600.0" in run.attachments["parameters.yaml"]

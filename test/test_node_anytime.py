@@ -103,6 +103,8 @@ def test_the_attitude_is_looked_for_no_longer_than_its_own_budget(tmp_path: Path
         assert "the time budget of 0.001 s is used up" in answer.status.message
 
 
+@pytest.mark.ci
+@pytest.mark.law("NODE-11")
 def test_what_the_clock_or_a_client_ends_replays_identically(
     tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:

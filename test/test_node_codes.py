@@ -178,6 +178,7 @@ def ask(client: Client, scene: Scene, case: Case) -> Any:
         manager.configure_with(name, normally)
 
 
+@pytest.mark.law("NODE-07")
 @pytest.mark.parametrize("status", CASES, ids=lambda status: status.name)
 def test_a_request_is_refused_with_its_cause(
     client: Client, lemur_capture: PlanningProblem, status: Status
@@ -228,6 +229,7 @@ def test_what_comes_after_the_goal_is_what_the_request_says(
     )
 
 
+@pytest.mark.law("NODE-19")
 def test_a_chaser_that_leaves_its_plan_is_a_warning_in_the_diagnostics(
     client: Client, lemur_capture: PlanningProblem
 ) -> None:
@@ -260,6 +262,7 @@ def test_a_chaser_that_leaves_its_plan_is_a_warning_in_the_diagnostics(
         state.pose.position.x = moved
 
 
+@pytest.mark.law("NODE-07")
 def test_every_code_has_a_test_that_provokes_it() -> None:
     by_request = {case.status for case in test_node_refusals.CASES.values()} | CASES.keys()
     assert by_request | ELSEWHERE.keys() | {Status.BAD_ROBOT} == set(Status)

@@ -51,6 +51,7 @@ def wait_seconds(client: Client, heard: list[Any], seconds: int) -> None:
     client.wait_until(lambda: len(heard) >= before + seconds, "diagnostics")
 
 
+@pytest.mark.law("NODE-18")
 def test_the_node_costs_little_idle_and_with_states_at_a_hundred_hertz(
     planner: PlannerProcess,
 ) -> None:

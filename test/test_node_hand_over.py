@@ -120,6 +120,7 @@ def arm(directory: Path, *arguments: str, **parameters: Any) -> Iterator[Arm]:
             found.controller.close()
 
 
+@pytest.mark.law("NODE-20")
 def test_a_plan_is_executed_replaced_aborted_and_all_of_it_told(tmp_path: Path) -> None:
     """One life of a node: what an executive sees, and what the bag has."""
     with arm(tmp_path) as at:
@@ -155,6 +156,7 @@ def test_a_plan_is_executed_replaced_aborted_and_all_of_it_told(tmp_path: Path) 
     assert bag[f"/{NAME}/follow_joint_trajectory/_action/feedback"]
 
 
+@pytest.mark.ci
 def test_the_controllers_own_parameters_decide_what_it_takes(tmp_path: Path) -> None:
     """Its node says that moving joints are fine, whatever the planner's parameters say."""
     allowed = {"allow_nonzero_velocity_at_trajectory_end": True, "constraints.goal_time": 0.25}
@@ -183,6 +185,19 @@ def test_a_plan_that_the_controller_would_refuse_is_told_so_before(tmp_path: Pat
         status = at.client.plan(at.request(end_behaviour="none")).status
         assert Status(status.code) is Status.CONTROLLER_CONSTRAINT
         assert (status.field, status.retry) == ("controller", status.CHANGED)
+
+
+@pytest.mark.ci
+def test_a_plan_that_is_to_end_in_motion_is_brought_to_its_end(tmp_path: Path) -> None:
+    """By a controller that gives up joints which have not stopped, for the goal says otherwise."""
+    sees: dict[str, Any] = {"command_interfaces": ["position", "velocity"]}
+    sees |= {"allow_nonzero_velocity_at_trajectory_end": True, "constraints.goal_time": 0.25}
+    with arm(tmp_path, "-p", f"controller.from_node:=/{NAME}", **sees) as at:
+        at.client.wait_until(lambda: at.figure("constraints.goal_time") == "0.25", "its parameters")
+        moving = at.plan(end_behaviour="none")
+        rates = np.abs(moving.plans[0].joint_trajectory.points[-1].velocities)
+        assert rates.max() > at.controller.parameter("constraints.stopped_velocity_tolerance")
+        at.wait_for(moving, Event.AT_GOAL)
 
 
 @pytest.mark.ci

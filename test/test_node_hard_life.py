@@ -196,6 +196,7 @@ SPOILS: tuple[Spoil, ...] = (
 )
 
 
+@pytest.mark.law("NODE-16")
 @pytest.mark.ci
 def test_huge_arrays_leave_nothing_behind(
     planner: PlannerProcess, times: Callable[[int, int], int]
@@ -223,6 +224,7 @@ def test_huge_arrays_leave_nothing_behind(
     _assert_no_growth(warm, last)
 
 
+@pytest.mark.law("NODE-16")
 def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
     planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:
@@ -246,6 +248,7 @@ def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
         assert client.plan(scene.complete_request()).status.code == Status.SOLVED
 
 
+@pytest.mark.law("NODE-16")
 @pytest.mark.usefixtures("planner")
 def test_malformed_messages_on_the_topics_are_refused_by_name(
     times: Callable[[int, int], int],
@@ -310,6 +313,7 @@ def _later(client: Client, request: PlanRequest) -> PlanRequest:
     return request
 
 
+@pytest.mark.ci
 def test_a_flood_of_states_and_spheres_starves_no_plan(planner: PlannerProcess) -> None:
     """What floods is a process of its own, and keeps its rate whatever the planner does."""
     scene = Scene(resting_capture())

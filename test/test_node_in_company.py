@@ -34,6 +34,7 @@ SPEED, BEGINS = 10.0, 1000.0  # of the simulated clock, and where it begins [s]
 TICK = 0.005  # [s] of the host
 
 
+@pytest.mark.ci
 def test_two_planners_in_one_domain_keep_to_their_namespaces(tmp_path: Path) -> None:
     scene, paths = Scene(resting_capture()), [tmp_path / name for name in ("one", "two")]
     for path in paths:

@@ -42,6 +42,7 @@ def planner(tmp_path: Path) -> Iterator[PlannerProcess]:
         yield planner
 
 
+@pytest.mark.law("NODE-14")
 def test_it_plans_only_while_it_is_active(
     planner: PlannerProcess,
 ) -> None:
@@ -135,6 +136,7 @@ def test_a_robot_that_cannot_be_loaded_leaves_it_unconfigured_and_can_be_set_rig
     assert "finger" in planner.log
 
 
+@pytest.mark.law("NODE-14")
 @pytest.mark.ci
 def test_it_goes_through_its_states_again_and_again_without_growing(
     planner: PlannerProcess, times: Callable[[int, int], int]
@@ -177,6 +179,7 @@ def test_clean_up_and_shutdown_have_codes_of_their_own(monkeypatch: pytest.Monke
         rclpy.shutdown()
 
 
+@pytest.mark.law("NODE-14")
 @pytest.mark.usefixtures("planner")
 def test_after_clean_up_configure_activate_the_first_request_waits_for_latched_obstacles(
     times: Callable[[int, int], int],

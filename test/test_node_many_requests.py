@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
+from lifecycle_msgs.srv import ChangeState, GetState
 from quick_capture import resting_capture
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
@@ -88,6 +89,7 @@ def most_waiting(heard: list[DiagnosticArray]) -> int:
     return max((int(one.value) for one in values if one.key.startswith("waited at")), default=0)
 
 
+@pytest.mark.law("NODE-01")
 def test_every_one_of_many_requests_at_once_is_answered(
     planner: PlannerProcess,
 ) -> None:
@@ -108,13 +110,21 @@ def test_every_one_of_many_requests_at_once_is_answered(
     assert "a callback failed" not in planner.log
 
 
+@pytest.mark.law("NODE-01")
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
         (PublishPlan, "ff_planner/publish_plan"),
         (Trigger, "ff_planner/pause_recording"),
-        (Trigger, "ff_planner/resume_recording"),
-        pytest.param(Trigger, "ff_planner/split_bag", marks=pytest.mark.ci),
+        (GetState, "ff_planner/get_state"),
+        *(
+            pytest.param(kind, f"ff_planner/{name}", marks=pytest.mark.ci)
+            for kind, name in (
+                (Trigger, "resume_recording"),
+                (Trigger, "split_bag"),
+                (ChangeState, "change_state"),
+            )
+        ),
     ],
 )
 def test_so_is_every_one_at_the_other_services(
@@ -127,6 +137,7 @@ def test_so_is_every_one_at_the_other_services(
         assert len(all_at_once(planner, client, kind, name, kind.Request(), many)) == many
 
 
+@pytest.mark.law("NODE-01")
 @pytest.mark.ci
 def test_so_is_every_one_of_many_goals(
     planner: PlannerProcess, times: Callable[[int, int], int]

@@ -115,6 +115,7 @@ def test_a_plan_that_is_only_asked_for_goes_out_by_its_id(client: Client) -> Non
     assert "published already" in again.message
 
 
+@pytest.mark.law("NODE-08")
 def test_neither_an_id_nor_a_token_is_told_to_whoever_has_not_both(client: Client) -> None:
     at_once = client.plan(request(client))
     made, other = (client.plan(request(client, plan_only=True)) for _ in range(2))
@@ -150,6 +151,7 @@ def test_a_plan_that_is_published_at_once_says_who_asked(client: Client) -> None
     assert published(client, result.plan_id).requester == "plan_trajectory_action"
 
 
+@pytest.mark.law("NODE-09")
 def test_a_plan_goes_out_only_from_where_it_begins(client: Client) -> None:
     asked = request(client, plan_only=True)
     made = client.plan(asked)

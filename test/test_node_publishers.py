@@ -57,6 +57,7 @@ def told(client: Client, heard: list[Any], part: str, words: str) -> None:
     client.wait_until(lambda: heard and is_told(), f"{part}: {words}")
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("planner")
 def test_a_publisher_with_another_quality_of_service_is_named_in_answer_and_diagnostics() -> None:
     """First of all, while there are no obstacles."""
@@ -76,6 +77,7 @@ def test_a_publisher_with_another_quality_of_service_is_named_in_answer_and_diag
             client.plan_until(scene.request(), named)
 
 
+@pytest.mark.law("NODE-06")
 @pytest.mark.usefixtures("planner")
 def test_publishers_that_contradict_each_other_are_refused_by_name_till_one_stops() -> None:
     scene = Scene(resting_capture())

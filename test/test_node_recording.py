@@ -130,6 +130,7 @@ def _explains_itself(file: Path) -> None:
     assert origin["use_sim_time"] == "false"
 
 
+@pytest.mark.law("BAG-08")
 @pytest.mark.ci
 def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
     tmp_path: Path,

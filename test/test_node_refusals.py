@@ -464,6 +464,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run
 
 
+@pytest.mark.law("NODE-07")
 @pytest.mark.parametrize("name", CASES)
 def test_a_request_is_refused_with_its_cause(run: Run, name: str) -> None:
     case, status = CASES[name], run.refusals[name].status
@@ -528,6 +529,7 @@ def test_a_refusal_is_empty_but_for_its_cause_its_sources_and_the_worth_of_the_b
         assert answer.plan_id, name
 
 
+@pytest.mark.law("NODE-07")
 def test_a_refused_value_is_told_to_programs_and_whether_to_ask_again(run: Run) -> None:
     for name, answer in run.refusals.items():
         status = answer.status
@@ -599,6 +601,7 @@ def test_what_is_planned_beside_bodies_comes_again_from_the_bag(run: Run) -> Non
         assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))
 
 
+@pytest.mark.law("NODE-02")
 def test_nothing_is_published_for_a_refusal(run: Run) -> None:
     # The first and only plan that anybody heard of is the one of the good request.
     for topic in ("joint_trajectory", "predicted_chaser_path"):
@@ -608,6 +611,7 @@ def test_nothing_is_published_for_a_refusal(run: Run) -> None:
     assert run.bag["/predicted_chaser_pose"] == []  # it starts when all is over
 
 
+@pytest.mark.law("BAG-01")
 def test_every_refusal_is_in_the_bag_with_its_request(run: Run) -> None:
     events = run.bag[EVENT_TOPIC]
     asked = {

@@ -84,6 +84,7 @@ def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
     assert recorded[-len(expected) :] == expected
 
 
+@pytest.mark.law("NODE-12")
 @pytest.mark.ci
 def test_a_solver_that_dies_before_it_begins_a_plan_is_replaced_and_costs_no_answer(
     tmp_path: Path,

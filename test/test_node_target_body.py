@@ -135,6 +135,7 @@ def _listens(client: Client) -> Any:
     return client.node.create_publisher(TargetBody, "target_body", 10)
 
 
+@pytest.mark.law("NODE-05")
 def test_a_body_that_was_seen_an_hour_ago_is_refused(run: Run) -> None:
     assert run.stale.status.code == Status.TARGET_TOO_OLD
     assert "target_body.header.stamp" in run.stale.status.message

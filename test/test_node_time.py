@@ -100,6 +100,7 @@ def test_another_clock_at_run_time_makes_it_forget_and_is_not_told_as_a_jump_of_
     assert "jumped back by" not in planner.log
 
 
+@pytest.mark.law("NODE-15")
 @pytest.mark.ci
 @pytest.mark.usefixtures("planner")
 def test_a_simulated_clock_that_stands_still_is_told() -> None:
@@ -119,6 +120,7 @@ def test_a_simulated_clock_that_stands_still_is_told() -> None:
         ]
 
 
+@pytest.mark.law("NODE-15")
 def test_time_goes_on_and_jumps_back(
     planner: PlannerProcess, lemur_capture: PlanningProblem
 ) -> None:

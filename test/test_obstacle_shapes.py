@@ -166,6 +166,7 @@ def test_solids_that_touch_or_are_deep_in_each_other_have_their_depths() -> None
             assert unknown.tolist() == [0], (solid.kind, place)
 
 
+@pytest.mark.law("PLAN-27")
 @pytest.mark.parametrize("lines", [False, True])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_derivatives_by_base_joints_and_time_are_those_of_differences(
@@ -212,6 +213,7 @@ def test_derivatives_by_base_joints_and_time_are_those_of_differences(
     assert np.quantile(np.abs(of_coal - jacobian)[far].max(axis=1), 0.97) < 1e-3
 
 
+@pytest.mark.law("PLAN-09")
 @pytest.mark.parametrize("part", [EXACT_PART, 0.5])
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(

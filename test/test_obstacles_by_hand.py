@@ -68,6 +68,8 @@ def in_the_way(found: Made, furthest: int, kind: str, motion: str, beyond: float
     return ObstacleBody("panel", solid, place, pin.Quaternion(begin).coeffs(), velocity, rate)
 
 
+@pytest.mark.sampled
+@pytest.mark.law("PLAN-07")
 @as_they_come
 @every_shape
 @pytest.mark.parametrize("place", PLACES)
@@ -93,6 +95,7 @@ def test_a_body_in_an_obstacle_is_refused_wherever_and_however_it_comes(
             )
 
 
+@pytest.mark.law("PLAN-07")
 def test_lines_are_kept_clear_of_shapes_too() -> None:
     found, furthest = reaching_out(next(iter(PLACES)), False)
     tip = arm(found.problem.robot, found.q[furthest])[-1]

@@ -93,6 +93,7 @@ def test_every_value_of_a_request_arrives() -> None:
     as_installed(present, PlanRequest)  # of the types of this version
 
 
+@pytest.mark.law("BAG-03")
 def test_every_value_of_an_answer_with_a_plan_arrives() -> None:
     old = old_answer(Status.SOLVED)
     old.first_guess = old.xi

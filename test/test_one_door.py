@@ -56,6 +56,7 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.law("NODE-21")
 def test_command_line_solver_process_and_replay_enter_with_equal_tasks(
     scenario: Path, entered: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -69,6 +70,7 @@ def test_command_line_solver_process_and_replay_enter_with_equal_tasks(
     assert entered == 3 * [task.digest]
 
 
+@pytest.mark.law("NODE-21")
 def test_every_other_command_enters_it_too(
     scenario: Path, entered: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,6 +98,7 @@ def test_a_digest_is_in_every_answer_with_a_task(
     capsys.readouterr()
 
 
+@pytest.mark.law("PLAN-21")
 def test_only_the_room_of_planning_judges_plans_and_words_refusals() -> None:
     package = Path(door.__file__).parents[2]
     for path in package.rglob("*.py"):

@@ -263,6 +263,7 @@ OF_ONE_NUMBER = tuple(f"limits.{name}" for name in limits.OF_ONE_NUMBER)
 STRICT = {name: one.strictness for name, one in DECLARATIONS.items() if one.strictness}
 
 
+@pytest.mark.law("NODE-17")
 def test_every_tolerance_margin_and_limit_says_which_way_is_stricter() -> None:
     named = re.compile(
         r"tolerance|margin|threshold|horizon|(^|[._])(max|limits?)[._]|allow_|robust"
@@ -294,6 +295,7 @@ def _other_values(name: str) -> tuple[Any, Any]:
     return (less, more) if raised else (more, less)
 
 
+@pytest.mark.law("NODE-17")
 @pytest.mark.parametrize("name", STRICT)
 def test_while_the_node_is_configured_it_is_only_tightened(name: str) -> None:
     node = _node()

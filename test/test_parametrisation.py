@@ -72,6 +72,7 @@ def test_the_plan_itself_is_a_first_guess_that_leads_to_it_again(
     assert refusal.value.field == "first_guess"
 
 
+@pytest.mark.law("PLAN-12")
 @pytest.mark.parametrize("number", range(3))
 def test_from_a_singular_start_the_plan_comes_true(number: int) -> None:
     """Three arms; executed open loop in another physics engine, where the end effector arrives."""

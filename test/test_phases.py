@@ -12,29 +12,44 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from ff_planner_msgs.msg import PlanRequest
 from robots import CONFIG
+from ros_processes import read_bag
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary
+from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import SEARCHING, Watch
-from ff_planner_ros.planning.problem.problem import Sphere, lasting
+from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.problem import Parametrisation, Posture, Sphere, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.captured import captured_in
+from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.following import following, held_body, phase_tasks
+from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.task import perform
-from ff_planner_ros.planning.task.whole import whole
+from ff_planner_ros.planning.task.whole import whole, whole_scene
+from ff_planner_ros.report.from_bag import report_of_bag
+from ff_planner_ros.report.run_page import save_page
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_in
+from ff_planner_ros.ros.messages.to_messages import request_message
+from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
+from ff_planner_ros.ros.outputs.prediction import predicted_relative_pose, predicted_target
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -72,6 +87,7 @@ def test_every_phase_passes_the_check_of_its_own_task(task: PlanningTask, plan: 
     assert plan.phases[2].trajectory.joint_velocities[-1] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.law("PLAN-18")
 def test_each_begins_where_the_one_before_ends(plan: Plan) -> None:
     """At the grasp what moves apart, by what a plan may miss its goal, moves together then."""
     names = {item.name for item in fields(plan.trajectory)} - {"time", "joint_torques"}
@@ -81,6 +97,7 @@ def test_each_begins_where_the_one_before_ends(plan: Plan) -> None:
             np.testing.assert_allclose(first, last, atol=1e-5, err_msg=name)
 
 
+@pytest.mark.law("PLAN-18")
 def test_the_momentum_of_chaser_arm_and_target_is_one_from_the_first_point_to_the_last(
     task: PlanningTask, plan: Plan
 ) -> None:
@@ -178,6 +195,7 @@ def test_every_phase_comes_true_in_mujoco(task: PlanningTask, plan: Plan) -> Non
         assert verify(problem.robot, found.trajectory, scene_of(problem)).passed
 
 
+@pytest.mark.law("PLAN-19")
 @pytest.mark.ci
 def test_the_impulse_is_told_and_its_limit_refuses_by_name(task: PlanningTask, plan: Plan) -> None:
     told = plan.metrics.capture_impulse
@@ -210,6 +228,30 @@ def test_its_bag_replays_to_the_last_bit(task: PlanningTask, plan: Plan, tmp_pat
 
 
 @pytest.mark.ci
+def test_a_report_of_its_bag_draws_each_phase_with_what_it_holds(
+    task: PlanningTask, plan: Plan, tmp_path: Path
+) -> None:
+    record_answer(tmp_path / "bag", task, plan, 1.0, SCENARIO, "optimal")
+    report = report_of_bag(tmp_path / "bag", 20)
+    (request,) = report.requests
+    assert request.plan is not None
+    drawn, wanted = (request.plan, *request.then), list(phase_tasks(task, plan))
+    assert len(drawn) == len(wanted) == 3
+    for found, (one, phase) in zip(drawn, wanted, strict=True):
+        for name in ("joint_positions", "chaser_positions", "ee_quaternions_xyzw"):
+            expected = getattr(phase.trajectory, name)
+            np.testing.assert_allclose(getattr(found.motion, name), expected, atol=1e-9)
+        masses = (sum(i.mass for i in of.model.inertias) for of in (found.robot, one.problem.robot))
+        assert next(masses) == pytest.approx(next(masses))
+        assert found.obstacles is not None
+        assert [o.id for o in found.obstacles] == [o.id for o in one.problem.obstacles]
+    save_page(report, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    for part in ("plan-0", "plan-0-2", "plan-0-3"):
+        assert f'id="{part}"' in page
+        assert f'id="{part}-scene"' in page
+
+
 def test_the_json_has_the_whole_motion_and_each_phase(
     task: PlanningTask, plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -239,8 +281,153 @@ def test_the_whole_is_one_motion_with_the_worst_of_all_phases(plan: Plan) -> Non
     assert total.metrics.min_self_clearance_time == pytest.approx(
         [0.0, *ends][worst] + each[worst].min_self_clearance_time
     )
-    alone = plan.phases[0]
+    alone, stop, stow = plan.phases
     assert whole(alone) is alone
+    near = replace(
+        stop.metrics,
+        min_self_clearance=1e-3,
+        min_self_clearance_pair="a/b",
+        min_self_clearance_time=0.25,
+    )
+    metrics = whole(replace(plan, then=(replace(stop, metrics=near), stow))).metrics
+    assert metrics.min_self_clearance_pair == "a/b"
+    assert metrics.min_self_clearance_time == pytest.approx(ends[0] + 0.25)
+
+
+def payload_poses(task: PlanningTask, plan: Plan) -> tuple[Array, Array, Array]:
+    """The body by the arm that holds it, by Pinocchio: times, twists and frames."""
+    body, times = task.problem.target_body, list[float]()
+    frames, twists = list[pin.SE3](), list[Array]()
+    assert body is not None
+    grasp = pin.SE3(pin.Quaternion(body.grasp_quaternion_xyzw), body.grasp_position)
+    for begin, (one, phase) in zip(plan.begins, phase_tasks(task, plan), strict=True):
+        if not begin:
+            continue
+        model = one.problem.robot.model.copy()
+        tip = model.frames[one.problem.robot.tip_frame_id]
+        place = tip.placement * grasp.inverse()
+        number = model.addFrame(pin.Frame("body", tip.parentJoint, place, pin.FrameType.OP_FRAME))
+        data = model.createData()
+        for q, v in zip(*from_trajectory(one.problem.robot, phase.trajectory), strict=True):
+            pin.forwardKinematics(model, data, q, v)
+            frames.append(pin.SE3(pin.updateFramePlacement(model, data, number)))
+            twists.append(pin.getFrameVelocity(model, data, number, pin.LOCAL_WORLD_ALIGNED).vector)
+        times += (begin + phase.trajectory.time).tolist()
+    return np.array(times), np.array(twists), np.array([one.homogeneous for one in frames])
+
+
+def test_from_the_grasp_on_the_body_is_told_where_the_arm_has_it(
+    task: PlanningTask, plan: Plan
+) -> None:
+    scene, motion = whole_scene(task, plan), whole(plan).trajectory
+    captured, body = captured_in(scene), task.problem.target_body
+    assert captured is not None
+    assert body is not None
+    told = captured.along(motion)
+    # Until then it moves freely.
+    for row in (0, 20, len(plan.phases[0].trajectory.time) - 1):
+        there = body.after(float(motion.time[row]))
+        np.testing.assert_allclose(told.positions[row], there.position, atol=1e-9)
+        np.testing.assert_allclose(told.angular_velocities[row], there.angular_velocity, atol=1e-9)
+    times, twists, frames = payload_poses(task, plan)
+    later = ~np.isin(times, plan.begins)  # the point of the contact is still the free body's
+    rows = np.searchsorted(motion.time, times[later] - 1e-9)
+    np.testing.assert_allclose(motion.time[rows], times[later], atol=1e-9)
+    for row, there in zip(rows, frames[later], strict=True):
+        np.testing.assert_allclose(told.positions[row], there[:3, 3], atol=1e-9)
+        turn = pin.Quaternion(told.quaternions_xyzw[row]).toRotationMatrix()
+        np.testing.assert_allclose(turn, there[:3, :3], atol=1e-9)
+    found = np.hstack([told.linear_velocities, told.angular_velocities])[rows]
+    np.testing.assert_allclose(found, twists[later], atol=1e-8)
+
+
+def test_streams_and_markers_have_the_body_at_the_end_effector_from_the_grasp_on(
+    task: PlanningTask, plan: Plan
+) -> None:
+    scene, total = whole_scene(task, plan), whole(plan)
+    captured, motion = captured_in(scene), total.trajectory
+    assert captured is not None
+    for row in (10, 60, 120):
+        time_ns = round(float(motion.time[row]) * NANOSECONDS)
+        there = predicted_target(motion, time_ns / NANOSECONDS, captured)
+        np.testing.assert_allclose(there.position, captured.along(motion).positions[row], atol=1e-8)
+        relative = predicted_relative_pose(motion, 0, time_ns, captured)
+        assert relative is not None
+        at, way = relative.pose.position, relative.pose.orientation
+        apart = np.linalg.norm([at.x, at.y, at.z])
+        assert (apart < 1e-9) == (abs(abs(way.w) - 1.0) < 1e-12) == (row > 50)
+    markers = plan_markers(task.problem.robot, total, scene, "inertial").markers
+    (path,) = (one for one in markers if one.ns == "grasp_path")
+    drawn = np.array([[point.x, point.y, point.z] for point in path.points])
+    held = motion.time > plan.begins[1]
+    np.testing.assert_allclose(drawn[held], motion.ee_positions[held], atol=1e-9)
+    assert np.linalg.norm(drawn[0] - motion.ee_positions[0]) > 0.1
+    # What is fixed to the body stays where it is beside the end effector.
+    fixed = [one.pose.position for one in markers if one.ns == "target_body"]
+    shapes = len(fixed) // SNAPSHOTS
+    shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
+    beside = [
+        Rotation.from_quat(motion.ee_quaternions_xyzw[row])
+        .inv()
+        .apply([place.x, place.y, place.z] - motion.ee_positions[row])
+        for row, place in zip(shown[-2:], (fixed[-shapes - 1], fixed[-1]), strict=True)
+    ]
+    np.testing.assert_allclose(*beside, atol=1e-6)
+
+
+def test_a_bags_columns_have_the_body_through_all_phases(
+    task: PlanningTask, plan: Plan, tmp_path: Path
+) -> None:
+    record_answer(tmp_path / "bag", task, plan, 0.5)
+    (told,) = read_plans(tmp_path / "bag")
+    columns = told.columns()
+    assert len({len(column) for column in columns.values()}) == 1
+    captured, motion = captured_in(whole_scene(task, plan)), whole(plan).trajectory
+    assert captured is not None
+    along = captured.along(motion)
+    np.testing.assert_allclose(told.target_body["positions"], along.positions, atol=1e-4)
+    (path,) = read_bag(tmp_path / "bag")["/predicted_target_path"]
+    poses = [pose.pose.position for pose in path.poses]
+    np.testing.assert_allclose([[p.x, p.y, p.z] for p in poses], along.positions, atol=1e-12)
+
+
+def test_a_body_that_a_later_phase_captures_is_told_from_the_first_point_on(
+    task: PlanningTask, plan: Plan
+) -> None:
+    approach, stop, _ = plan.phases
+    then = (replace(task.then[0], target=None, target_body=task.problem.target_body),)
+    problem = replace(task.problem, target_body=None, posture=Posture(at_rest=True))
+    later = replace(task, problem=problem, then=then)
+    scene = whole_scene(later, replace(approach, then=(stop,)))
+    assert scene.target_body is task.problem.target_body
+    assert scene.held_from == np.inf
+    assert scene.capture_time == pytest.approx(approach.trajectory.time[-1] + stop.duration)
+    assert len(bodies_of(later, replace(approach, then=(stop,)))) == 2
+
+
+def phase_of(request: PlanRequest, phase: Phase, task: PlanningTask) -> Phase:
+    """A phase by way of a request's message."""
+    robot = task.problem.robot
+    request.then = [phase_message(phase, robot.joint_names, "inertial")]
+    (found,) = phases_in(request, robot, load_parameters(), task.problem.target_body)
+    return found
+
+
+def test_a_request_has_for_a_phase_what_a_scenario_has(task: PlanningTask) -> None:
+    camera = Camera("end_effector", np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.5, 0.2)
+    given = {"points": 31, "parametrisation": Parametrisation.JOINT_SPLINE, "camera": camera}
+    phase = replace(task.then[1], **given)
+    request = request_message(task.problem, "inertial")
+    found = phase_of(request, phase, task)
+    assert digest_of(found) == digest_of(phase)
+    # What a phase leaves out is as in the phase before.
+    left_out = replace(task.then[1], points=None, parametrisation=None, camera=None)
+    found = phase_of(request, left_out, task)
+    assert (found.points, found.parametrisation, found.camera) == (None, None, None)
+    request.then[0].points = 1
+    with pytest.raises(InvalidInput) as refused:
+        phases_in(request, task.problem.robot, load_parameters(), None)
+    assert refused.value.field == "then[0].points"
 
 
 @pytest.mark.ci

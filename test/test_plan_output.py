@@ -18,7 +18,7 @@ from robots import random_state
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
-from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
@@ -52,13 +52,13 @@ class Output:
         plan: Plan,
         plan_id: str,
         start_ns: int = START,
-        body: TargetBody | None = None,
+        captured: CapturedBody | None = None,
         previous_plan_id: str = "",
     ) -> None:
-        written = plan_message(plan, start_ns, "inertial", body)
+        written = plan_message(plan, start_ns, "inertial", captured)
         trajectory = written.joint_trajectory
         self.output.publish(
-            plan_id, plan, written, trajectory, "me", "none", body, previous_plan_id
+            plan_id, plan, written, trajectory, "me", "none", captured, previous_plan_id
         )
 
 
@@ -175,7 +175,7 @@ def test_of_a_capture_the_way_of_the_body_and_the_way_to_the_grasp_are_told(lemu
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
     output, plan = Output(lemur), drawn_plan(lemur, seed=4)
-    output.publish(plan, "run.1", body=body)
+    output.publish(plan, "run.1", captured=CapturedBody(body))
     assert len(output.heard["predicted_target_path"]) == 1
     output.now_ns = START + round(float(plan.trajectory.time[9]) * NANOSECONDS)
     output.output.stream(None)

@@ -156,6 +156,7 @@ def waving(joints: int, rng: np.random.Generator, seconds: float = 4.0) -> Joint
     )
 
 
+@pytest.mark.law("PLAN-16")
 def test_a_motion_keeps_height_attitude_and_momentum_written_out(case: Case) -> None:
     rng = np.random.default_rng(5)
     motion = waving(case.robot.joints, rng)

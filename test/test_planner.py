@@ -97,6 +97,7 @@ def test_a_weighted_plan_turns_the_chaser_less_than_the_shortest(capture, settin
     assert weighted.joint_path_length > shortest.metrics.joint_path_length
 
 
+@pytest.mark.law("PLAN-23")
 def test_the_same_problem_gives_the_same_plan_to_the_last_bit(capture, settings, shortest):
     again = plan(replace(capture, objective=LENGTH), settings)
     assert (
@@ -106,6 +107,7 @@ def test_the_same_problem_gives_the_same_plan_to_the_last_bit(capture, settings,
     assert again.metrics == shortest.metrics
 
 
+@pytest.mark.law("PLAN-01")
 def test_the_plan_starts_at_the_start_and_ends_at_the_target(capture, shortest):
     motion, target = shortest.trajectory, capture.target
     assert motion.time[[0, -1]].tolist() == [0.0, 10.0]
@@ -116,6 +118,7 @@ def test_the_plan_starts_at_the_start_and_ends_at_the_target(capture, shortest):
     assert motion.ee_linear_velocities[-1] == pytest.approx(np.zeros(3), abs=1e-12)
 
 
+@pytest.mark.law("PLAN-02")
 def test_a_tangent_capture_ends_with_the_wanted_twist(capture, settings):
     target = replace(
         capture.target,
@@ -199,6 +202,7 @@ def test_a_start_faster_than_a_joint_may_be_is_refused_by_joint_where_rates_are_
     assert answer.trajectory.joint_velocities[0] == pytest.approx(rates, abs=1e-9)
 
 
+@pytest.mark.law("PLAN-05")
 def test_joint_rates_are_kept_within_their_limits_where_they_are_limited(
     capture, settings, shortest
 ):
@@ -288,6 +292,7 @@ def test_a_plan_is_a_first_guess_for_another_plan(capture, settings, shortest):
     assert shortest.family == again.family == "end_effector_polynomial"
 
 
+@pytest.mark.law("PLAN-26")
 def test_a_guess_that_leads_nowhere_does_not_cost_a_plan(capture, settings, shortest):
     """From a path far away the search finds nothing, and goes on as if there had been no guess."""
     problem = replace(capture, objective=LENGTH, parametrisation=PAPERS)
@@ -344,6 +349,7 @@ def test_a_goal_inside_an_obstacle_is_refused_by_obstacle(capture, settings):
     assert refusal.value.status is Status.COLLISION
 
 
+@pytest.mark.law("PLAN-28")
 def test_a_goal_behind_a_wall_is_refused_with_the_collision_and_the_attempt(capture, settings):
     wall = tuple(
         Sphere(f"wall_{y}_{z}", np.array([1.25, y, z]), 0.3)
@@ -369,6 +375,7 @@ def test_a_goal_beyond_the_edge_of_the_workspace_is_refused_as_singular(capture,
     assert refusal.value.status is Status.SINGULAR
 
 
+@pytest.mark.law("NODE-02")
 def test_the_search_goes_on_when_the_check_refuses_what_it_found(capture, settings):
     """Near the workspace's edge the straight path leads the solver through a singularity."""
     edge = replace(capture.target, position=np.array([3.35, 0.4, 0.6]))

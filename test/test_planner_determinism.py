@@ -47,6 +47,7 @@ def started(hash_seed: str, threads: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.law("PLAN-23")
 @pytest.mark.ci
 def test_fresh_processes_with_other_hashes_and_threads_plan_the_same_to_the_last_bit() -> None:
     processes = [started("1", threads="1"), started("2", threads="2")]

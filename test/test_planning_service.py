@@ -33,6 +33,7 @@ from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.interfaces import SEND_GOAL
 from ff_planner_ros.ros.messages.to_messages import bodies_message
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
+from ff_planner_ros.ros.outputs.preview import Preview
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.requests.planning_service import PlanningService
 from ff_planner_ros.ros.requests.worker import Worker
@@ -60,7 +61,7 @@ def service(
             worker,
             Mock(spec=StateInput),
             SceneInput("inertial"),
-            Mock(spec=PlanOutput, published=None),
+            Mock(spec=PlanOutput, published=None, preview=Mock(spec=Preview)),
             "run",
             None,
         )
@@ -74,6 +75,7 @@ def answer(answering: PlanningService, request: PlanRequest) -> PlanAnswer:
     return answering._serve(asked, PlanTrajectory.Response()).answer
 
 
+@pytest.mark.law("NODE-01")
 def test_an_error_that_nobody_foresaw_is_answered_and_logged_with_its_traceback(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -88,6 +88,7 @@ def least_height(problem: PlanningProblem, found: Plan) -> float:
     return lowest
 
 
+@pytest.mark.law("PLAN-30")
 @pytest.mark.parametrize("family", [Parametrisation.AUTO, Parametrisation.JOINT_SPLINE])
 def test_a_plan_keeps_it_between_the_points_too(
     kept: PlanningProblem, lemur_capture: PlanningProblem, family: Parametrisation
@@ -128,6 +129,7 @@ def test_its_rows_have_exact_derivatives(kept: PlanningProblem) -> None:
         assert exact == pytest.approx((after - before) / (2.0 * step), abs=1e-6)
 
 
+@pytest.mark.law("PLAN-30")
 def test_the_check_finds_what_a_search_did_not_keep_and_names_it(
     kept: PlanningProblem, lemur_capture: PlanningProblem
 ) -> None:

@@ -51,6 +51,7 @@ def start_beyond(problem: PlanningProblem, limit: str, excess: float) -> Plannin
     return with_limits(problem, **{limit: beyond[limit]})
 
 
+@pytest.mark.law("PLAN-25")
 @pytest.mark.parametrize(
     ("limit", "words", "allowed"),
     [
@@ -85,6 +86,7 @@ def test_a_start_as_near_to_a_singularity_as_allowed_but_for_rounding_is_not_ref
     assert refused.value.status is Status.START_SINGULAR
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("beyond", [ROUNDING, 1.5e-5, 0.9e-4])
 @pytest.mark.parametrize("family", [PAPERS, Parametrisation.JOINT_SPLINE])
 def test_a_plan_is_found_from_a_start_beyond_a_limit_by_what_plans_may_be(

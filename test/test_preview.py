@@ -11,6 +11,8 @@ import pytest
 from builtin_interfaces.msg import Time
 from drawn_plans import POINTS, drawn_plan
 from rclpy.lifecycle import LifecycleNode
+from test_plan_output import Output
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
@@ -18,9 +20,9 @@ from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.outputs import plan_output
-from ff_planner_ros.ros.outputs.plan_output import PlanOutput
-from ff_planner_ros.ros.outputs.preview import preview_joint_states
+from ff_planner_ros.ros.outputs import preview
+from ff_planner_ros.ros.outputs.preview import Drawn, Preview, preview_joint_states
+from ff_planner_ros.ros.outputs.transforms import Transforms
 
 DURATION = 10.0
 
@@ -78,19 +80,94 @@ def test_it_is_played_again_and_again_and_only_the_first_time_is_new(
     node = Mock(spec=LifecycleNode)
     now = node.get_clock.return_value.now.return_value
     now.to_msg.return_value, now.nanoseconds = Time(), 0
-    played = PlanOutput(node, lemur, replaced(load_parameters(), "tf.preview_prefix", ""))
+    parameters = replaced(load_parameters(), "tf.preview_prefix", "")
+    played = Preview(node, Transforms(node, lemur, parameters), parameters)
     states = node.create_lifecycle_publisher.return_value
     for number in range(2):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(plan_output, "plan_markers", Mock())
-            played.show(Mock(), plan, Scene())
+            patch.setattr(preview, "plan_markers", Mock(return_value=MarkerArray()))
+            played.release(Drawn(f"run.{number}", lemur, plan, Scene(), "inertial"))
+            played.draw()
         rate = load_parameters().rates.preview
         states.publish.reset_mock()
         for _ in preview_joint_states(plan, rate):
-            played._play_preview()
+            played._play()
             assert not played.is_repeated(time.time_ns()), number
         for _ in range(5):
-            played._play_preview()
+            played._play()
             assert played.is_repeated(time.time_ns()), number
         first, again = states.publish.call_args_list[0], states.publish.call_args_list[-5]
         assert first.args[0].position == again.args[0].position
+
+
+@pytest.fixture
+def screen(lemur: Robot) -> Output:
+    return Output(lemur)
+
+
+def namespaces(screen: Output) -> dict[str, list[Marker]]:
+    """What the newest markers draw."""
+    deleting, *markers = screen.heard["markers"][-1].markers
+    assert deleting.action == Marker.DELETEALL
+    return {name: [one for one in markers if one.ns == name] for name in {m.ns for m in markers}}
+
+
+def played(screen: Output, plan: Plan) -> bool:
+    """Whether the next state of the preview is one of a plan."""
+    screen.output.preview._play()
+    shown = np.array(screen.heard["planned_joint_states"][-1].position)
+    states = preview_joint_states(plan, load_parameters().rates.preview)
+    return any(np.array_equal(one.joints.position, shown) for one in states)
+
+
+def test_a_plan_that_waits_is_played_and_drawn_beside_the_one_that_was_published(
+    lemur: Robot, plan: Plan, screen: Output
+) -> None:
+    other, shows = drawn_plan(lemur, seed=9), screen.output.preview
+    published, waits = (
+        Drawn(name, lemur, one, Scene(), "inertial")
+        for name, one in (("run.1", plan), ("run.2", other))
+    )
+    shows.release(published)
+    shows.draw()
+    alone = namespaces(screen)
+    assert played(screen, plan)
+    assert shows.let_wait(waits)
+    assert not shows.let_wait(waits), "nothing changes"
+    shows.draw()
+    both = namespaces(screen)
+    assert {name: both[name] for name in alone} == alone
+    added = both.keys() - alone.keys()
+    assert added == {f"waiting/{name}" for name in (*alone, "words")}
+    (words,) = both["waiting/words"]
+    assert words.text == "run.2 waits to be released"
+    assert words.header.frame_id == "inertial"
+    (path,), (other_path,) = both["end_effector_path"], both["waiting/end_effector_path"]
+    found = [[point.x, point.y, point.z] for point in other_path.points]
+    np.testing.assert_array_equal(found, other.trajectory.ee_positions)
+    assert other_path.color != path.color
+    assert played(screen, other)
+    # Rejected, or too late: all is as before.
+    assert shows.let_wait(None)
+    shows.draw()
+    assert namespaces(screen) == alone
+    assert played(screen, plan)
+
+
+def test_a_plan_that_is_released_is_no_longer_drawn_as_one_that_waits(
+    lemur: Robot, plan: Plan, screen: Output
+) -> None:
+    shows, waits = screen.output.preview, Drawn("run.2", lemur, plan, Scene(), "inertial")
+    shows.let_wait(waits)
+    shows.draw()
+    assert all(name.startswith("waiting/") for name in namespaces(screen))
+    assert played(screen, plan)
+    shows.release(waits)
+    shows.let_wait(None)
+    shows.draw()
+    assert not any(name.startswith("waiting/") for name in namespaces(screen))
+    assert namespaces(screen)["arm"]
+    # It is played on, not again for the bag.
+    first = preview_joint_states(plan, load_parameters().rates.preview)[1].joints
+    assert played(screen, plan)
+    assert screen.heard["planned_joint_states"][-1].position == first.position

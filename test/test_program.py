@@ -75,6 +75,7 @@ def case(request: pytest.FixtureRequest) -> Case:
     return Case(program, rng.normal(scale=0.05, size=18))
 
 
+@pytest.mark.law("PLAN-27")
 def test_every_derivative_is_that_of_differences(case: Case) -> None:
     program, step = _with_slow_joints(case).with_requirements(frozenset({Torques.name})), 1e-6
     at_x = program.linearise(case.x)

@@ -131,6 +131,7 @@ def test_an_unknown_id_is_refused_by_name_and_the_known_ones_are_not_told(
     assert world.out == []
 
 
+@pytest.mark.law("NODE-08")
 @pytest.mark.parametrize(
     ("given", "value"),
     [
@@ -212,6 +213,7 @@ AWAY = {
 }
 
 
+@pytest.mark.law("NODE-09")
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("tolerance", AWAY)
 def test_a_plan_goes_out_only_while_the_system_will_be_where_it_begins(
@@ -255,9 +257,50 @@ def test_a_plan_goes_out_with_all_that_was_made_of_it(world: World) -> None:
     plan_id, plan, _, _, _, *more = world.output.publish.call_args.args
     assert (plan_id, plan, more) == ("run.2", made.plan, ["stop_joints", None, "run.1"])
     executor: Any = world.publication._node.executor
-    shown = executor.create_task.call_args.args[0]
-    shown()
-    world.output.show.assert_called_once_with(made.robot, made.plan, made.scene)
+    world.output.preview.release.assert_called_once_with(made.drawn)
+    executor.create_task.assert_called_with(world.output.preview.draw)
+
+
+def waits(world: World) -> str:
+    """Id of the plan that screens are told to show as one that waits; empty: none."""
+    (shown,) = world.output.preview.let_wait.call_args.args
+    return "" if shown is None else str(shown.plan_id)
+
+
+def test_the_newest_plan_that_waits_is_shown_until_it_is_released(world: World) -> None:
+    assert waits(world) == "run.1"
+    world.publication.keep(world.made("run.2"))
+    assert waits(world) == "run.2"
+    assert world.ask("run.2").code == Status.SOLVED
+    assert waits(world) == "run.1", "it may still be released"
+    assert world.ask().code == Status.SOLVED
+    assert waits(world) == ""
+
+
+def test_a_plan_that_cannot_go_out_any_more_is_not_shown(world: World) -> None:
+    world.publication.keep(world.made("run.2", START + 20 * NANOSECONDS))
+    world.parameters = replaced(world.parameters, "publication.max_age", 10.0)
+    for now_ns, shown in ((START, "run.2"), (NOW + 10 * NANOSECONDS + 1, "")):
+        world.now_ns = now_ns
+        world.publication.look()
+        assert waits(world) == shown
+    world.now_ns = NOW
+    world.publication.look()
+    assert waits(world) == "run.2"
+    world.publication.forget()
+    assert waits(world) == ""
+
+
+def test_a_plan_that_is_rejected_is_shown_no_more_and_never_goes_out(world: World) -> None:
+    unknown = world.ask(reject=True, publish_token="guessed")
+    assert unknown.code == Status.UNKNOWN_PLAN
+    assert waits(world) == "run.1"
+    status = world.ask(reject=True, requester="flight director")
+    assert status.code == Status.SOLVED
+    assert "flight director rejected it" in status.message
+    assert waits(world) == ""
+    assert world.ask().code == Status.UNKNOWN_PLAN
+    assert world.out == []
 
 
 def test_torques_go_to_a_controller_that_takes_them(world: World) -> None:
@@ -376,6 +419,7 @@ def test_an_old_plan_is_not_published_whatever_its_start(world: World) -> None:
     assert "run.2 was made 0.41 s ago, longer than publication.max_age, 0.4 s" in status.message
 
 
+@pytest.mark.law("NODE-09")
 @pytest.mark.parametrize(
     ("name", "value"),
     [("planner.clearance_margin", 0.05), ("limits.chaser_attitude", 0.01), ("state_max_age", 0.1)],

@@ -59,6 +59,7 @@ def _left(bag: Path) -> list[tuple[int, int]]:
     return left
 
 
+@pytest.mark.law("BAG-05")
 @pytest.mark.parametrize("number", range(KILLS))
 def test_only_the_last_flush_interval_is_lost(killed: Path, number: int) -> None:
     published, until = _published(killed, number)

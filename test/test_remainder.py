@@ -49,6 +49,7 @@ def refusal_of(task: PlanningTask) -> NoPlanFound:
     return refused.value
 
 
+@pytest.mark.law("NODE-13")
 def test_a_search_without_time_answers_with_what_remains(
     problem: PlanningProblem, motion: JointMotion, truth: SystemState
 ) -> None:
@@ -84,6 +85,7 @@ def test_with_its_tail_too(
         assert found.trajectory.time[-1] == pytest.approx(found.duration + 1.0)
 
 
+@pytest.mark.law("NODE-13")
 def test_what_does_not_keep_everything_any_more_is_no_answer(
     problem: PlanningProblem, motion: JointMotion, truth: SystemState
 ) -> None:

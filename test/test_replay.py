@@ -212,6 +212,7 @@ def test_the_run_had_everything_that_a_replay_must_cope_with(run: Run) -> None:
     assert run.recorded.requests[0].status is Status.NO_STATE
 
 
+@pytest.mark.law("BAG-01")
 def test_every_answer_tells_what_it_was_made_from(run: Run) -> None:
     assert run.recorded.notes == ()
     answers = {name: run.request(name).response for name in run.plan_ids}
@@ -230,6 +231,7 @@ def test_every_answer_tells_what_it_was_made_from(run: Run) -> None:
     assert (sources["negative"], sources["blocked"]) == ("start_state", "start_state")
 
 
+@pytest.mark.law("BAG-02")
 def test_every_answer_comes_again_to_the_last_bit(run: Run) -> None:
     replayed = {one.name: replay(one) for one in run.recorded.requests}
     special = {run.plan_ids[name]: Verdict.NOT_REPLAYABLE for name in NO_PROBLEM}
@@ -305,6 +307,7 @@ def test_another_task_than_the_recorded_one_is_named(
     assert "digest was 0123456789abcdef, is" in line
 
 
+@pytest.mark.law("BAG-02")
 def test_an_exported_request_is_planned_again_to_the_last_bit(
     run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

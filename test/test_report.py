@@ -281,6 +281,25 @@ def test_solve_times_are_a_histogram_where_there_are_enough(answers: int, tmp_pa
         assert sorted(numbers(page.plot("solve-times")["data"][0]["x"])) == pytest.approx(times)
 
 
+def test_a_page_begins_with_what_happened_and_ends_with_the_file(told: Told) -> None:
+    words = told.page.words
+    happened = words.index("6 requests: 3 solved, 2 refused, 1 unanswered")
+    worst = words.index("Least clearance: 1.8 mm, run.1.")
+    facts, plans = words.index("About this file"), words.index("Plans")
+    assert happened < worst < words.index("Requests") < plans < facts < words.index("/run")
+
+
+def test_a_single_plan_is_its_page_with_the_picture_before_every_table(
+    answer: dict[str, Any], tmp_path: Path
+) -> None:
+    text = (page_of(report_of(answer, tmp_path), tmp_path)).words
+    assert "Solved. It takes 10 s; clearance 1.8 mm; " in text
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    scene, table = page.index('id="plan-0-scene"'), page.index("<table")
+    assert page.index("Solved. It takes") < scene < table
+    assert page.index(">At its worst, as planned<") < page.index(">Asked<")
+
+
 def test_every_plan_has_its_plots_and_nothing_else_has(told: Told) -> None:
     expected = [f"plan-{k}-{name}" for k in (0, 4, 5) for name in PLOTS]
     expected += ["plan-0-deviations", "plan-4-deviations"]

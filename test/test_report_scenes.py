@@ -54,7 +54,7 @@ def test_all_is_drawn_where_it_is_at_the_first_point_and_the_goal_at_the_time_ch
     answer.inputs.obstacles_stamp = answer.inputs.target_body_stamp = time_message(seen_ns)
     monkeypatch.setattr(from_bag, "reported_plan", lambda *told: told)
     exchange: Any = SimpleNamespace(request=request, response=answer)
-    drawn: Any = from_bag._plan(exchange, lemur_capture.robot, {})
+    (drawn,) = from_bag._phases(exchange, lemur_capture.robot, {})
     _, _, (moved, *attached), scene, _ = drawn
     np.testing.assert_allclose(moved.center, rock.center + later * VELOCITY, atol=1e-9)
     assert [one.id for one in attached] == [one.id for one in body.obstacles]

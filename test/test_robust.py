@@ -53,6 +53,7 @@ def share_of_violations(problem: PlanningProblem, plan: Plan, seed: int) -> floa
     return monte_carlo(problem.robot, plan.trajectory, *asked).violations[-1].share
 
 
+@pytest.mark.law("PLAN-20")
 def test_at_most_one_run_in_a_hundred_violates_a_robust_plan(
     robust_plan: Plan, lemur_plan: Plan, lemur_capture: PlanningProblem
 ) -> None:
@@ -68,6 +69,7 @@ def test_so_do_few_runs_of_other_robots(name: str) -> None:
     assert share_of_violations(task.problem, perform(task), seed=12) <= 0.01
 
 
+@pytest.mark.law("PLAN-20")
 def test_so_do_few_runs_among_bodies_of_any_shape() -> None:
     """Of the plain plan, whose arm is one of lines, more do: cubes have corners."""
     task = task_of("lemur_capture")

@@ -199,6 +199,7 @@ def test_the_end_effector_has_the_wanted_twist_at_every_point(case: Case) -> Non
         np.testing.assert_allclose(found, wanted[i], rtol=0.0, atol=1e-11, err_msg=f"point {i}")
 
 
+@pytest.mark.law("PLAN-03")
 def test_momentum_is_constant_along_the_rollout(case: Case) -> None:
     rollout = case.roll_out(points=21)
     data = case.robot.model.createData()
@@ -226,6 +227,7 @@ def test_configurations_half_way_are_of_order_three(case: Case) -> None:
     assert 7.0 < ratio < 9.0, ratio
 
 
+@pytest.mark.law("PLAN-27")
 def test_sensitivities_are_those_of_differences(case: Case) -> None:
     step, x = 1e-5, case.coefficients.ravel()
     centre = case.roll_out(points=9)

@@ -45,6 +45,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.law("FILE-03")
 def test_every_fault_of_a_file_is_listed_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

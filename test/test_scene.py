@@ -178,8 +178,25 @@ def test_each_method_has_one_entry_in_the_legend_and_hides_as_a_whole(
         assert {trace.name for trace in traces} == {method.label}
         lines_of = [t for t in traces if t.type == "scatter3d" and "axes" not in t.hovertemplate]
         assert {trace.line.color for trace in lines_of} == {method.colour}
+        # A click in the legend shows its paths; buttons show one robot at a time.
         visible = True if method is SHORTEST else "legendonly"
-        assert {trace.visible for trace in traces} == {visible}
+        assert {trace.visible for trace in traces[4:]} == {visible}
+        assert {trace.visible for trace in traces[:4]} == {method is SHORTEST}
+    (menu,) = (one for one in figure.layout.updatemenus if one.buttons[0].method == "restyle")
+    assert [one.label for one in menu.buttons] == [method.label for method in plans]
+    for method, button in zip(plans, menu.buttons, strict=True):
+        told, traces = button.args
+        shown = {
+            figure.data[k].name for k, seen in zip(traces, told["visible"], strict=True) if seen
+        }
+        assert shown == {method.label}
+
+
+def test_robots_and_obstacles_are_opaque_and_lit(figure: go.Figure) -> None:
+    surfaces = [trace for trace in figure.data if trace.type == "mesh3d"]
+    assert surfaces
+    assert {trace.opacity for trace in surfaces} == {None}
+    assert all(trace.lighting.diffuse > 0.5 for trace in surfaces)
 
 
 def test_the_goal_is_marked(figure: go.Figure, lemur_capture: PlanningProblem) -> None:

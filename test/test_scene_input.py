@@ -320,6 +320,7 @@ def test_a_target_body_is_as_old_and_as_early_as_it_may_be_and_no_more(
     assert name in refused.value.allowed
 
 
+@pytest.mark.law("NODE-04")
 def test_a_target_body_stamped_ahead_never_becomes_a_measurement_of_now() -> None:
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
@@ -371,6 +372,7 @@ class Published:
         publishers: Any = SimpleNamespace(
             heard=lambda topic: [] if topic == self.silent else self.names,
             unheard=lambda _: self.unheard,
+            are_several=lambda _: len(self.names) > 1,
         )
         self.now_ns = 1000 * SECOND
         self.input = SceneInput(FRAME, lambda: self.now_ns, publishers, self.told.append)
@@ -408,6 +410,7 @@ def test_an_obstacle_array_older_than_the_last_or_stamped_ahead_is_refused_aloud
         assert published.ask().stamp_ns == 1000 * SECOND
 
 
+@pytest.mark.law("NODE-06")
 def test_two_publishers_of_obstacles_that_contradict_each_other_are_refused_by_name() -> None:
     published = Published("/mapper", "/operator")
     published.input.keep(_array(0.1, 0.2), 7)
@@ -490,6 +493,24 @@ def test_two_publishers_that_have_published_once_contradict_each_other() -> None
     assert published.ask().spheres == ()
 
 
+@pytest.mark.parametrize(
+    ("first", "second"), [((1,), (1, 2, 3)), ((1,), (2, 3)), ((4,), (3, 4, 5, 6))]
+)
+def test_a_publisher_that_speaks_once_is_heard_whatever_numbers_the_other_one_has(
+    first: tuple[int, ...], second: tuple[int, ...]
+) -> None:
+    """Or else a plan leads through what the mapper has seen, once another one saw nothing."""
+    published = Published("/mapper", "/operator")
+    for number in first:
+        published.input.keep(_array(0.1, 0.2), number)
+    for sec, number in enumerate(second, start=11):
+        published.input.keep(_array(sec=sec), number)
+        assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
+    # One that changes its mind, and the other one after it, agree again.
+    published.input.keep(_array(sec=20), 5)
+    assert published.ask().spheres == ()
+
+
 def test_two_publishers_of_target_bodies_that_contradict_each_other_are_refused_by_name() -> None:
     published = Published("/camera", "/radar")
     keep, body = (
@@ -523,6 +544,7 @@ def test_a_publisher_that_the_node_cannot_hear_is_named_where_nothing_was_receiv
         published.input.target_body(None, 0, 1.0, 1.0)
 
 
+@pytest.mark.law("NODE-05")
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize(
     ("sec", "max_age", "status"),

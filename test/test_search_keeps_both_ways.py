@@ -96,6 +96,7 @@ def one_bulge(order: int, sign: float) -> tuple[Array, Array]:
     return positions, rates
 
 
+@pytest.mark.law("PLAN-04")
 @pytest.mark.parametrize("seed", [0, 1, 2, None])
 @both_ways
 @pytest.mark.parametrize("order", [0, 1])

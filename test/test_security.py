@@ -20,10 +20,12 @@ from ff_planner_ros.ros.joining import joining_ros, security_gap
 DEMAND = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
 
 
+@pytest.mark.law("NODE-22")
 def test_the_policy_is_made_from_the_table_of_interfaces() -> None:
     assert POLICY.read_text(encoding="utf-8") == policy(), "run test/security_policy.py"
 
 
+@pytest.mark.law("NODE-22")
 def test_only_the_operator_sets_parameters_and_drives_the_lifecycle() -> None:
     of_operators = {"set_parameters", "set_parameters_atomically", "change_state", "split_bag"}
     may_ask = {

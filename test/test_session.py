@@ -144,6 +144,7 @@ def test_only_a_state_that_may_be_planned_from_is_held_against_the_plan(
     assert measured.stamp_ns == NOW - round((PARAMETERS.state_max_age - 0.1) * NANOSECONDS)
 
 
+@pytest.mark.law("NODE-15")
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -222,6 +222,7 @@ def test_momentum_and_the_end_effector_s_way_do_not_depend_on_null_space_motion(
 # Plans.
 
 
+@pytest.mark.law("PLAN-01")
 @pytest.mark.parametrize(
     "objective",
     [
@@ -377,6 +378,7 @@ IMPOSSIBLE: dict[str, tuple[Callable[[PlanningProblem], PlanningProblem], str]] 
 }
 
 
+@pytest.mark.law("PLAN-29")
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_what_the_start_alone_decides_is_refused_before_any_search(
     lemur_capture: PlanningProblem, name: str

@@ -102,6 +102,7 @@ def test_a_joint_that_becomes_too_fast_whatever_follows_is_refused(
     assert f"joints.acceleration[joint_{joint + 1}] is {sign * 2.0:.6f} rad/s2" in message
 
 
+@pytest.mark.law("PLAN-29")
 @each_joint
 @both_ways
 def test_a_joint_that_slows_down_is_not_refused(joint: int, sign: float) -> None:
@@ -249,6 +250,7 @@ def beside(problem: PlanningProblem, gap: float, velocity: Array | None = None) 
     return replace(problem, obstacles=(sphere,))
 
 
+@pytest.mark.law("PLAN-29")
 @pytest.mark.parametrize("known", [True, False])
 def test_a_start_that_moves_into_an_obstacle_whatever_follows_is_refused_at_once(
     known: bool,

@@ -224,6 +224,7 @@ def test_a_bad_message_never_pairs_even_where_its_stamp_is_the_nearest(
     assert testbed.ask().state.joint_positions[0] == 0.25
 
 
+@pytest.mark.law("NODE-05")
 @pytest.mark.parametrize("source", ["states", "testbed"])
 @pytest.mark.parametrize(
     ("age_ns", "status"),
@@ -503,6 +504,7 @@ class Navigation:
         return self.fed.refusal(self.now_ns)
 
 
+@pytest.mark.law("NODE-04")
 @pytest.mark.parametrize("source", STATE_SOURCES)
 @pytest.mark.parametrize("ahead", [0.06, 3.0, 3600.0])
 def test_a_stamp_ahead_of_now_never_becomes_a_measurement_of_now(
@@ -534,6 +536,7 @@ def test_what_came_with_a_stamp_ahead_hides_no_measurement_when_its_time_has_com
     assert navigation.fed.ask(navigation.now_ns).stamp_ns == measured_ns
 
 
+@pytest.mark.law("NODE-04")
 @pytest.mark.parametrize("source", STATE_SOURCES)
 def test_a_clock_that_is_ahead_is_refused_whichever_message_comes_until_it_was_right_for_seconds(
     lemur_capture: PlanningProblem, source: str
@@ -627,6 +630,7 @@ class TwoPublishers:
         return self.input.snapshot(self.now_ns, MAX_AGE, MAX_LEAD)
 
 
+@pytest.mark.law("NODE-06")
 @pytest.mark.parametrize("source", STATE_SOURCES)
 @pytest.mark.parametrize(
     ("off", "words"),
@@ -650,6 +654,19 @@ def test_two_publishers_of_states_that_contradict_each_other_are_refused_by_name
     # One of them is stopped.
     two.names = ["/nav_b"]
     assert two.ask().stamp_ns == two.now_ns
+
+
+def test_publishers_that_count_alike_are_told_apart_in_whatever_order_they_speak(
+    lemur_capture: PlanningProblem,
+) -> None:
+    two = TwoPublishers(lemur_capture, "chaser_state")
+    two._numbers = dict.fromkeys("ab", 0)
+    for place, who in enumerate("abbaababbaba"):
+        two.now_ns += SECOND // 100
+        two.say(who, joint=0.5 if who == "b" else 0.0)
+        if place:
+            with pytest.raises(InvalidInput, match="/nav_a and /nav_b"):
+                two.ask()
 
 
 @pytest.mark.parametrize("source", STATE_SOURCES)

@@ -201,6 +201,7 @@ def test_its_torques_make_it_come_true_in_an_independent_engine(
     assert found.deviation.final_position_error < 1e-4
 
 
+@pytest.mark.law("PLAN-17")
 def test_an_obstacle_beside_the_goal_is_found_by_the_tail_that_drifts_into_it(
     lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
@@ -220,6 +221,7 @@ def test_an_obstacle_beside_the_goal_is_found_by_the_tail_that_drifts_into_it(
     with_tail(problem, lemur_plan, HOLD, 8.0, SETTINGS)
 
 
+@pytest.mark.law("PLAN-17")
 def test_a_joint_limit_in_the_way_of_a_stop_is_found(
     lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:

@@ -87,6 +87,7 @@ def test_a_symmetric_top_precesses_as_in_the_textbook() -> None:
     assert np.abs(found - expected).max() < 1e-10
 
 
+@pytest.mark.law("PLAN-14")
 @pytest.mark.parametrize("case", ["about the largest", "about the smallest"])
 def test_an_asymmetric_body_turns_as_jacobis_elliptic_functions(case: str) -> None:
     """Landau and Lifshitz, Mechanics, Sec. 37, with I1 < I2 < I3 and w2 = 0 at time zero."""

@@ -37,6 +37,7 @@ from ff_planner_ros.planning.problem.problem import (
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import tumbling
@@ -342,7 +343,7 @@ def test_a_sphere_that_turns_is_refused_for_nobody_knows_about_what(
 def test_the_answer_has_the_bodys_predicted_poses_and_twists(
     problem: PlanningProblem, plan: Plan
 ) -> None:
-    written = plan_message(plan, NOW, FRAME, body_of(problem))
+    written = plan_message(plan, NOW, FRAME, CapturedBody(body_of(problem)))
     centers, attitudes, rates = moved(body_of(problem), plan.trajectory.time)
     poses = written.target_path.poses
     assert [pose.header for pose in poses] == [pose.header for pose in written.chaser_path.poses]
@@ -361,8 +362,9 @@ def test_the_predicted_relative_pose_is_zero_at_the_capture(
     problem: PlanningProblem, plan: Plan
 ) -> None:
     body, motion = body_of(problem), plan.trajectory
+    captured = CapturedBody(body)
     end_ns = NOW + int(float(motion.time[-1]) * NANOSECONDS)
-    found = predicted_relative_pose(motion, NOW, end_ns, body)
+    found = predicted_relative_pose(motion, NOW, end_ns, captured)
     assert found is not None
     assert found.header.frame_id == "target_grasp"
     place, turn = found.pose.position, found.pose.orientation
@@ -370,7 +372,7 @@ def test_the_predicted_relative_pose_is_zero_at_the_capture(
     assert abs(turn.w) == pytest.approx(1.0, abs=1e-9)
     # At a point before: in axes of the grasp, which turn with the body.
     found = predicted_relative_pose(
-        motion, NOW, NOW + round(float(motion.time[7]) * NANOSECONDS), body
+        motion, NOW, NOW + round(float(motion.time[7]) * NANOSECONDS), captured
     )
     assert found is not None
     (center,), (attitude,), _ = moved(body, motion.time[7:8])
@@ -378,7 +380,7 @@ def test_the_predicted_relative_pose_is_zero_at_the_capture(
     way = motion.ee_positions[7] - center - attitude.apply(body.grasp_position.copy())
     place = found.pose.position
     assert [place.x, place.y, place.z] == pytest.approx(grasp.inv().apply(way), abs=1e-8)
-    assert predicted_relative_pose(motion, NOW, NOW - 1, body) is None
+    assert predicted_relative_pose(motion, NOW, NOW - 1, captured) is None
 
 
 def test_what_is_drawn_of_the_relative_motion_ends_at_the_grasp_and_at_rest(

@@ -87,6 +87,7 @@ def _reached(problem: PlanningProblem, plan: Plan) -> Array:
     return run.ee_positions[-1]
 
 
+@pytest.mark.law("NODE-03")
 def test_a_plan_from_the_snapshot_itself_misses_by_what_the_chaser_drifts_meanwhile(
     drifting: PlanningProblem, settings: PlannerSettings
 ) -> None:
@@ -95,6 +96,7 @@ def test_a_plan_from_the_snapshot_itself_misses_by_what_the_chaser_drifts_meanwh
     assert np.linalg.norm(miss) > 0.15
 
 
+@pytest.mark.law("NODE-03")
 def test_a_plan_from_where_the_chaser_will_be_reaches_the_goal(
     drifting: PlanningProblem, settings: PlannerSettings
 ) -> None:
@@ -132,6 +134,7 @@ def test_progress_is_told_and_the_search_ends_when_it_is_told_to(
     assert all(progress.starts == 1 and progress.violation >= 0.0 for progress in told)
 
 
+@pytest.mark.law("PLAN-23")
 def test_equal_tasks_have_equal_digests_and_every_difference_counts(
     lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
@@ -192,10 +195,14 @@ def test_a_controller_that_takes_every_sound_plan_changes_no_digest(
     lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     mild = Controller(lemur_capture.robot.joint_names, True, False)
-    alone, taken = (PlanningTask(lemur_capture, settings, controller=c) for c in (None, mild))
-    assert alone.digest == taken.digest
+    picky = replace(mild, stopped_velocity_tolerance=0.01)
+    alone, taken, not_taken = (
+        PlanningTask(lemur_capture, settings, controller=c) for c in (None, mild, picky)
+    )
+    assert alone.digest == taken.digest != not_taken.digest
 
 
+@pytest.mark.law("PLAN-32")
 def test_the_controllers_rules_are_kept(
     lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:

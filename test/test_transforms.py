@@ -16,17 +16,20 @@ from rclpy.lifecycle import LifecycleNode
 from robots import ROBOTS, random_state
 from scipy.spatial.transform import Rotation
 from test_plan_output import START, Output
+from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.outputs import plan_output
+from ff_planner_ros.ros.outputs import preview
+from ff_planner_ros.ros.outputs import transforms as transforms_module
 from ff_planner_ros.ros.outputs.prediction import FramePose
+from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.outputs.transforms import Transforms, root_link, root_pose
 
 
@@ -72,6 +75,12 @@ def test_the_root_link_is_where_the_chasers_centre_of_mass_and_axes_say(name: st
     assert all(root_link(robot) != joint for joint in children(text))
 
 
+def captured() -> CapturedBody:
+    body = tumbling.problem("tumbling", 0).target_body
+    assert body is not None
+    return CapturedBody(body)
+
+
 def children(text: str) -> set[str]:
     return {part.split('"')[1] for part in text.split("<child link=")[1:]}
 
@@ -94,8 +103,7 @@ def test_the_chain_of_frames_leads_to_the_pose_that_the_topic_tells(lemur: Robot
 
 def test_the_frames_of_a_capture_lead_to_the_way_that_the_topic_tells(lemur: Robot) -> None:
     output, plan = Output(lemur), drawn_plan(lemur, seed=4)
-    body = tumbling.problem("tumbling", 0).target_body
-    output.publish(plan, "run.1", body=body)
+    output.publish(plan, "run.1", captured=captured())
     output.now_ns = START + 6_400_000_000
     output.output.stream(None)
     found = frames([*output.heard["/tf"], *output.heard["/tf_static"]])
@@ -113,14 +121,15 @@ def test_the_preview_moves_in_the_inertial_frame(
     lemur: Robot, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever puts the joints on the root link sees the end effector on its planned path."""
-    monkeypatch.setattr(plan_output, "plan_markers", Mock())
+    monkeypatch.setattr(preview, "plan_markers", Mock(return_value=MarkerArray()))
     output, motion = Output(lemur), lemur_plan.trajectory
-    output.output.show(lemur, lemur_plan, Scene())
+    output.output.preview.release(Drawn("run.1", lemur, lemur_plan, Scene(), "inertial"))
+    output.output.preview.draw()
     model = lemur.model
     data, rate = model.createData(), load_parameters().rates.preview
     for number in range(round(motion.time[-1] * rate) + 1):
         output.now_ns += NANOSECONDS
-        output.output._play_preview()
+        output.output.preview._play()
         root, joints = output.heard["/tf"][-1].transforms[0], output.heard["planned_joint_states"]
         assert (root.child_frame_id, root.header.frame_id) == ("preview/chaser", "inertial")
         assert root.header.stamp == joints[-1].header.stamp
@@ -131,23 +140,39 @@ def test_the_preview_moves_in_the_inertial_frame(
         np.testing.assert_allclose(tip, path, atol=5e-3)
 
 
-@pytest.mark.parametrize("wanted", [True, False])
-def test_the_measured_chaser_is_told_where_nobody_else_does(lemur: Robot, wanted: bool) -> None:
-    output = Output(lemur, replaced(load_parameters(), "tf.measured", wanted))
+def test_the_measured_chaser_is_told_where_it_was_measured(lemur: Robot) -> None:
+    told, heard = transforms(lemur, replaced(load_parameters(), "tf.measured", True))
     state = random_state(lemur, np.random.default_rng(3))
     for _ in range(2):  # buffers complain about a stamp that comes again
-        output.output.stream(Snapshot(state, START - 5, "chaser_state"))
-    assert output.output.is_streamed is wanted
-    told = output.heard["/tf"]
-    assert len(told) == wanted
-    if wanted:
-        (root,) = told[0].transforms
-        assert (root.child_frame_id, root.header.frame_id) == ("chaser", "inertial")
-        assert nanoseconds(root.header.stamp) == START - 5
-        output.output.transforms.describe()
-        center = frames(output.heard["/tf_static"])["chaser_center_of_mass"]
-        chain = placement(root.transform) * placement(center.transform)
-        np.testing.assert_allclose(chain.translation, state.position_chaser_in_inertial, atol=1e-12)
+        told.measured(state, START - 5)
+    (message,) = heard["/tf"]
+    (root,) = message.transforms
+    assert (root.child_frame_id, root.header.frame_id) == ("chaser", "inertial")
+    assert nanoseconds(root.header.stamp) == START - 5
+    told.describe()
+    center = frames(heard["/tf_static"])["chaser_center_of_mass"]
+    chain = placement(root.transform) * placement(center.transform)
+    np.testing.assert_allclose(chain.translation, state.position_chaser_in_inertial, atol=1e-12)
+
+
+def test_the_measured_chaser_is_due_on_request_and_at_most_at_the_rate_of_predictions(
+    lemur: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = Mock(return_value=100.0)
+    monkeypatch.setattr(transforms_module, "time", SimpleNamespace(monotonic=clock))
+    unasked, _ = transforms(lemur, load_parameters())
+    assert not unasked.is_due
+    parameters = replaced(load_parameters(), "tf.measured", True)
+    told, _ = transforms(lemur, parameters)
+    state, period = (
+        random_state(lemur, np.random.default_rng(3)),
+        1.0 / parameters.rates.predicted_pose,
+    )
+    assert told.is_due
+    told.measured(state, START)
+    for after, due in ((0.0, False), (0.9 * period, False), (period, True)):
+        clock.return_value = 100.0 + after
+        assert told.is_due is due
 
 
 def test_the_sensor_of_odometry_is_fixed_to_the_chaser(lemur: Robot) -> None:
@@ -179,7 +204,7 @@ def test_without_a_prefix_there_is_no_frame(lemur: Robot) -> None:
         Output(lemur, replaced(parameters, "tf.preview_prefix", "")),
         drawn_plan(lemur, 4),
     )
-    output.publish(plan, "run.1", body=tumbling.problem("tumbling", 0).target_body)
+    output.publish(plan, "run.1", captured=captured())
     output.output.stream(None)
     assert output.heard["predicted_chaser_pose"]
     assert not output.heard["/tf"]

@@ -89,6 +89,7 @@ def moved(body: TargetBody, times: Array) -> tuple[Array, Rotation, Array]:
     return centers, attitudes, attitudes.apply(found[4:].T)
 
 
+@pytest.mark.law("PLAN-14")
 def test_the_end_effector_rests_in_the_body_at_capture(
     problem: PlanningProblem, plan: Plan
 ) -> None:
@@ -128,6 +129,7 @@ def test_the_arm_stays_outside_what_is_fixed_to_the_body(
     assert plan.metrics.min_clearance == pytest.approx(nearest, abs=5e-3)
 
 
+@pytest.mark.law("PLAN-14")
 def test_mujoco_sees_the_capture_come_true(problem: PlanningProblem, plan: Plan) -> None:
     found = verify(problem.robot, plan.trajectory, scene_of(problem))
     assert found.passed
@@ -145,6 +147,7 @@ def test_mujoco_sees_the_capture_come_true(problem: PlanningProblem, plan: Plan)
         assert not verify(problem.robot, plan.trajectory, Scene(target_body=other)).passed
 
 
+@pytest.mark.law("PLAN-24")
 @pytest.mark.parametrize("name", ["turned", "in orbit"])
 def test_the_plan_is_the_same_in_every_inertial_frame(
     name: str, problem: PlanningProblem, plan: Plan
@@ -310,6 +313,7 @@ def swinging(radius: float, turns: float, duration: float) -> Sphere:
     return sphere
 
 
+@pytest.mark.law("PLAN-10")
 def test_what_swings_by_between_first_and_last_point_is_not_overlooked() -> None:
     """At the first and the last point the sphere is where the arm never is."""
     drawn = tumbling.problem("tumbling", 0)

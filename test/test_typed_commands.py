@@ -39,8 +39,8 @@ CI = re.compile(
     r"|--pareto|--draw|--srdf|--sensitivity|--parquet|--set|> my_planner|rs my_planner)"
 )
 NIGHTLY = re.compile(
-    r".*(ff-planner (bench|campaign)|--library|data_set|ten_thousand|two_hundred|before_and_after"
-    r"|by_mass)"
+    r".*(ff-planner (bench|campaign|map)|--library|data_set|ten_thousand|two_hundred"
+    r"|before_and_after|by_mass)"
 )
 FIRST_PAGES = {"README", "without_ros", "your_robot"}
 TIERS = ("everyday", "ci", "nightly")

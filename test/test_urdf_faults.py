@@ -45,6 +45,7 @@ LINK_FAULTS = {
 }
 
 
+@pytest.mark.law("FILE-03")
 @pytest.mark.parametrize("seed", range(20))
 def test_every_fault_is_told_in_one_run(seed: int) -> None:
     """Drawn: which of the joints and links have which fault."""

@@ -60,6 +60,7 @@ def of_other_elements(text: str, chance: random.Random) -> str:
     return ElementTree.tostring(robot, encoding="unicode")
 
 
+@pytest.mark.law("FILE-02")
 @pytest.mark.parametrize("written", [of_other_text, of_other_elements])
 def test_any_urdf_is_a_sound_robot_or_a_refusal_in_words(
     written: Callable[[str, random.Random], str], times: Callable[[int, int], int]

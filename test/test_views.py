@@ -124,7 +124,7 @@ def test_reruns_blueprint_names_topics() -> None:
     text = (VIEWS / "rerun_blueprint.py").read_text(encoding="utf-8")
     named = set(re.findall(r'"(/\w+)"', text))
     assert named <= {*TABLE, *OF_ROS}
-    assert {"/planned_joint_states", "/tracking_error", "/plan_events"} <= named
+    assert {"/planned_joint_states", "/tracking_error"} <= named
     assert f'target_frame="{load_parameters().inertial_frame}"' in text
 
 
@@ -136,7 +136,8 @@ def test_rerun_reads_the_blueprint_that_the_script_writes(tmp_path: Path) -> Non
     if subprocess.run(install, check=False).returncode:
         pytest.skip("rerun-sdk cannot be had here")
     made, script = tmp_path / "planner.rbl", VIEWS / "rerun_blueprint.py"
-    subprocess.run([str(binaries / "python"), str(script), str(made)], check=True)
+    bag = tmp_path / "run_0.mcap"
+    subprocess.run([str(binaries / "python"), str(script), str(bag), str(made)], check=True)
     verified = subprocess.run(
         [str(binaries / "rerun"), "rrd", "verify", str(made)],
         capture_output=True,
@@ -145,6 +146,14 @@ def test_rerun_reads_the_blueprint_that_the_script_writes(tmp_path: Path) -> Non
     )
     assert verified.returncode == 0, verified.stderr
     assert "1 file verified without error" in verified.stdout + verified.stderr
+    # Rerun shows a file by the blueprint whose application is named as the file is.
+    printed = subprocess.run(
+        [str(binaries / "rerun"), "rrd", "print", str(made)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert f'"{bag.stem}"' in printed.stdout
 
 
 @pytest.mark.parametrize("topic", [*TABLE])

@@ -163,6 +163,7 @@ def test_torques_that_are_near_their_limits_have_rows_with_derivatives() -> None
         assert off.min() < 1e-12 * expected.max()
 
 
+@pytest.mark.law("PLAN-15")
 @pytest.mark.parametrize("wheels", [None, FOUR], ids=["own axes", "four"])
 def test_what_wheels_and_bodies_have_of_angular_momentum_together_is_constant(
     wheels: Wheels | None,
@@ -187,6 +188,7 @@ def test_what_wheels_and_bodies_have_of_angular_momentum_together_is_constant(
     np.testing.assert_allclose(torques[2:-2], rates, atol=1e-4 * np.abs(rates).max())
 
 
+@pytest.mark.law("PLAN-15")
 def test_a_plan_keeps_the_limits_of_its_wheels_and_one_without_exceeds_them() -> None:
     task, plan = planned()
     wheels, told = task.problem.robot.wheels, plan.wheels
@@ -210,6 +212,7 @@ def test_a_plan_keeps_the_limits_of_its_wheels_and_one_without_exceeds_them() ->
     assert "more than its limit of 4 N m s, at t = " in found[0].finding
 
 
+@pytest.mark.law("PLAN-15")
 def test_a_wheel_is_refused_that_holds_or_gives_too_much_either_way() -> None:
     """One wheel alone beyond its limit, by a hundredth, of which the largest value is negative."""
     task, plan = planned()
@@ -254,6 +257,7 @@ def test_a_torque_beyond_the_limit_is_refused_by_name() -> None:
         )
 
 
+@pytest.mark.ci
 def test_a_plan_comes_true_on_three_slides_with_the_torque_of_the_wheels() -> None:
     task, plan = planned()
     found = verify(task.problem.robot, plan.trajectory)

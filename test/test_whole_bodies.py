@@ -83,6 +83,7 @@ def link_names(robot: Robot, pair: str) -> str:
     return "/".join(links.get(name, name) for name in pair.split("/"))
 
 
+@pytest.mark.law("PLAN-08")
 def test_no_plan_of_shapes_touches_anything(
     judges: dict[str, WholeBodies], times: Callable[[int, int], int]
 ) -> None:

@@ -67,6 +67,7 @@ def test_every_mesh_is_a_body(urdf: Path, robot: Robot) -> None:
     assert sum(isinstance(body.solid, coal.Convex) for body in robot.bodies) == len(meshes) > 5
 
 
+@pytest.mark.law("PLAN-07")
 @pytest.mark.parametrize(
     "objective", ["min(L)", pytest.param("min(Theta)", marks=pytest.mark.nightly)]
 )

@@ -206,6 +206,7 @@ def test_the_budget_runs_from_when_it_is_told_to_have_begun(
     assert end.value.status is Status.TIMED_OUT
 
 
+@pytest.mark.law("NODE-10")
 def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_plan_is_made(
     worker: Worker,
     lemur_capture: PlanningProblem,
@@ -229,6 +230,7 @@ def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_pl
     assert server(worker) == before
 
 
+@pytest.mark.law("NODE-12")
 def test_a_spare_is_kept_loaded_that_plans_at_once_after_a_death_while_idle(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:

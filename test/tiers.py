@@ -6,18 +6,18 @@ import math
 import random
 import sqlite3
 import sys
-from collections import Counter
-from collections.abc import Callable, Generator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Generator, Iterable
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import pytest
-from _pytest.mark import ParameterSet
+from evidence import known_ids
 
 SEED = 20261123
 # Tests without a mark run every day; `@pytest.mark.ci` and `@pytest.mark.nightly` say from which
-# tier on a test runs.
+# tier on a test runs, `@pytest.mark.sampled` that every day a tenth of its cases will do.
 TIERS = ("everyday", "ci", "nightly")
 SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
 
@@ -34,15 +34,41 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in _beyond_the_sample(items):
+        item.add_marker(pytest.mark.ci)
     longer = TIERS[TIERS.index(config.getoption("tier")) + 1 :]
     later = {
         item: tier for item in items for tier in longer if item.get_closest_marker(tier) is not None
     }
+    require_known_laws(items)
     config.stash[_left_out].update(later.values())
     config.hook.pytest_deselected(items=list(later))
     items[:] = [item for item in items if item not in later]
     # Files that start nodes come first: what waits so much must not be what is waited for.
     items.sort(key=lambda item: not hasattr(item.module, "running_planner"))
+
+
+def _beyond_the_sample(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Nine tenths of the cases of each sampled test, by a fixed seed."""
+    cases: defaultdict[str, list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("sampled") and not any(map(item.get_closest_marker, TIERS)):
+            cases[item.nodeid.partition("[")[0]].append(item)
+    return [
+        item
+        for of_one in cases.values()
+        for item in random.Random(SEED).sample(of_one, len(of_one))[math.ceil(len(of_one) / 10) :]
+    ]
+
+
+def require_known_laws(items: Iterable[pytest.Item]) -> None:
+    """Refuse a test that names a law which laws.yaml does not have."""
+    named = {
+        law: item.nodeid for item in items for mark in item.iter_markers("law") for law in mark.args
+    }
+    if unknown := sorted(named.keys() - known_ids()):
+        told = ", ".join(f"{law} of {named[law]}" for law in unknown)
+        raise pytest.UsageError(f"test/laws.yaml has no law {told}")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
@@ -124,19 +150,3 @@ def times(request: pytest.FixtureRequest) -> Callable[[int, int], int]:
         return {"everyday": math.ceil(in_ci / 10), "ci": in_ci, "nightly": at_night}[tier]
 
     return chosen
-
-
-def a_tenth_every_day(cases: Mapping[str, Any]) -> list[ParameterSet]:
-    """Make the parameters of a test: all in CI and at night, every day a tenth by a fixed seed.
-
-    A case that is a tuple has a value for each argument.
-    """
-    everyday = random.Random(SEED).sample(sorted(cases), math.ceil(len(cases) / 10))
-    return [
-        pytest.param(
-            *(case if isinstance(case, tuple) else (case,)),
-            id=name,
-            marks=[] if name in everyday else [pytest.mark.ci],
-        )
-        for name, case in cases.items()
-    ]

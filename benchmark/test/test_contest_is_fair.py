@@ -71,6 +71,7 @@ REWRITES = (
 )
 
 
+@pytest.mark.law("FILE-07")
 def test_a_method_that_rewrites_the_scenarios_gains_nothing_and_spoils_nothing(
     small, method, tmp_path
 ):
@@ -167,6 +168,7 @@ ANSWERING = (
 )
 
 
+@pytest.mark.law("FILE-07")
 @pytest.mark.parametrize("kind", ANSWERS)
 def test_whatever_a_method_answers_it_alone_loses(small, method, kind):
     evil = method(ANSWERING.replace("{answer}", ANSWERS[kind]))
@@ -244,6 +246,7 @@ HIDES_TIME = {
 }
 
 
+@pytest.mark.law("FILE-07")
 @pytest.mark.parametrize("kind", HIDES_TIME)
 def test_time_is_that_of_all_processes_and_these_end_with_the_method(small, method, kind):
     evil = method(BURNS + HIDES_TIME[kind])

@@ -46,6 +46,7 @@ HASHES = {
 }
 
 
+@pytest.mark.law("FILE-08")
 @pytest.mark.parametrize("kind", dataset.CLASSES)
 def test_the_first_scenario_of_each_class_has_its_published_hash(small, kind):
     file = small / "scenarios" / kind / "0000.yaml"
@@ -233,6 +234,7 @@ def test_a_whole_set_that_is_not_the_published_one_is_refused(small, capfd, monk
     assert f"that of the public seeds is {dataset.PUBLISHED['public']}" in capfd.readouterr().err
 
 
+@pytest.mark.law("FILE-08")
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", dataset.PUBLISHED)
 def test_the_whole_set_that_the_command_writes_is_the_published_one(tmp_path, capfd, name):

@@ -18,6 +18,7 @@ pytest.importorskip("mujoco")
 LARGEST_MISS = 1.0  # [mm]
 
 
+@pytest.mark.law("PLAN-22")
 def test_three_plans_of_each_class_arrive_in_both_engines(tmp_path, times):
     each = times(1, 3)
     dataset.write_dataset(tmp_path / "set", 0, each)
@@ -27,6 +28,7 @@ def test_three_plans_of_each_class_arrive_in_both_engines(tmp_path, times):
         assert float(in_drake) < LARGEST_MISS, kind
 
 
+@pytest.mark.law("PLAN-22")
 @pytest.mark.parametrize("kind", joint_goals.KINDS)
 def test_wheels_rails_stows_and_stops_come_true_in_both_engines(kind, times):
     """The torque that holds a base is the one that the plan's wheels give."""
@@ -48,6 +50,7 @@ def test_wheels_rails_stows_and_stops_come_true_in_both_engines(kind, times):
             assert second.holding_torque < 1e-6
 
 
+@pytest.mark.law("PLAN-22")
 @pytest.mark.parametrize("kind", captured.KINDS)
 def test_what_follows_a_grasp_comes_true_in_both_engines(kind, times):
     """With the body as a payload, which has shapes, of the robot."""

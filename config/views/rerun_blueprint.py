@@ -1,7 +1,9 @@
 """Write the blueprint for a bag of the planner in Rerun, whose blueprints fit one version only.
 
+Rerun shows a file by a blueprint that is made for the file's name.
+
 pip install rerun-sdk
-python rerun_blueprint.py planner.rbl
+python rerun_blueprint.py BAG.mcap planner.rbl
 rerun BAG.mcap planner.rbl
 """
 
@@ -23,7 +25,6 @@ def blueprint() -> rrb.Blueprint:
             rrb.Vertical(
                 rrb.TimeSeriesView(name="Measured from predicted chaser", origin="/tracking_error"),
                 rrb.TimeSeriesView(name="Preview of the joints", origin="/planned_joint_states"),
-                rrb.TimeSeriesView(name="What becomes of plans", origin="/plan_events"),
                 rrb.TextLogView(name="Log", origin="/rosout"),
             ),
             column_shares=[3, 2],
@@ -33,4 +34,5 @@ def blueprint() -> rrb.Blueprint:
 
 
 if __name__ == "__main__":
-    blueprint().save("ff_planner", str(Path(sys.argv[1])))
+    bag, made = map(Path, sys.argv[1:])
+    blueprint().save(bag.stem, str(made))

@@ -1,1 +1,1 @@
-"""Figures of a plan."""
+"""Plans as JSON, tables and figures."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.errors import NoPlanFound, Status
@@ -116,6 +115,8 @@ def front_dictionary(points: Sequence[Point]) -> dict[str, Any]:
 
 def save_front(points: Sequence[Point], directory: Path) -> Path:
     """Draw the Pareto front into a directory, made if needed, and return the PNG file."""
+    from matplotlib.figure import Figure  # half a second, which the console does without
+
     directory.mkdir(parents=True, exist_ok=True)
     figure = Figure(figsize=(6.4, 4.8), layout="constrained")
     axes = figure.subplots()

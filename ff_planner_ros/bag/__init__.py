@@ -1,4 +1,4 @@
-"""Bags: MCAP files in the rosbag2 layout."""
+"""Bags, MCAP files in the layout of rosbag2, written and read without ROS."""
 
 from ff_planner_ros.bag.plans import RecordedPlan, read_plans
 

@@ -107,7 +107,8 @@ def _named(plans: Sequence[RecordedPlan]) -> Iterator[tuple[str, RecordedPlan]]:
 
 def _write(file: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     with file.open("x", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
+        # A text in quotes stays one cell where a spreadsheet takes ; or a tab for the separator.
+        writer = csv.writer(stream, quoting=csv.QUOTE_NONNUMERIC)
         writer.writerow(map(_cell, names))
         writer.writerows([_cell(value) for value in row] for row in rows)
 

@@ -25,7 +25,13 @@ from ff_planner_ros.messages.trajectories import (
     twists_in,
 )
 from ff_planner_ros.messages.wheels import wheels_of
-from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
+from ff_planner_ros.planning.motion.plan import (
+    BodyMotion,
+    Trajectory,
+    WheelMotion,
+    in_end_effector,
+    with_end_effector,
+)
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
 _AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
@@ -232,7 +238,7 @@ def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
         metrics={} if metrics is None else _metrics(metrics),
         solver=solver_in(answer),
         duration=None if plan is None else _duration(answer),
-        target_body={} if plan is None else _target_body(plan),
+        target_body={} if plan is None else _target_body(answer),
         wheels=None if plan is None else wheels_of(answer),
         phases=() if plan is None else _phases(answer),
     )
@@ -250,16 +256,28 @@ def _duration(answer: Any) -> float | None:
     return begin_of(answer, last) + told if told else None
 
 
-def _target_body(plan: Any) -> dict[str, Array]:
-    """Return the predicted motion of the body that is captured; empty: none is."""
-    # Plans of earlier versions capture none.
-    if not value_at(plan, "target_path.poses", ()):
-        return {}
-    points = len(plan.joint_trajectory.points)
-    poses = poses_in(plan.target_path, points)
-    twists = twists_in(plan.target_twists, points)
-    rows = (poses[:, :3], poses[:, 3:], twists[:, :3], twists[:, 3:])
-    return dict(zip(_TARGET_BODY_COLUMNS, rows, strict=True))
+def _target_body(answer: Any) -> dict[str, Array]:
+    """Return the predicted motion of the body that is captured; empty: none is.
+
+    Of a sequence it is not told before the phase of the capture (NaN); in the phases after that the
+    end effector holds the body as it is at the end of that phase.
+    """
+    found: BodyMotion | None = None
+    before, place = 0, np.empty(7)
+    for plan in answer.plans:
+        motion = trajectory_in(plan)
+        if found is not None:
+            found = found.followed_by(with_end_effector(motion, place, slice(1, None)))
+        # Plans of earlier versions capture none.
+        elif value_at(plan, "target_path.poses", ()):
+            poses = poses_in(plan.target_path, len(motion.time))
+            twists = twists_in(plan.target_twists, len(motion.time))
+            found = BodyMotion(*np.hsplit(poses, [3]), *np.hsplit(twists, 2))
+            place = in_end_effector(motion, poses[-1])
+            missing = [np.full((before, rows.shape[1]), np.nan) for rows in found]
+            found = BodyMotion(*missing).followed_by(found)
+        before += len(motion.time) - 1
+    return {} if found is None else dict(zip(_TARGET_BODY_COLUMNS, found, strict=True))
 
 
 def _metrics(metrics: Any) -> dict[str, float | str | tuple[float, ...]]:

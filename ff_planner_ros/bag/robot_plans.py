@@ -24,7 +24,7 @@ from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.messages.payloads import payload_in
 from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
-from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory, begins_of
 from ff_planner_ros.planning.problem.problem import Limits, carried
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
@@ -111,14 +111,16 @@ def robot_plans(bag: Path) -> RobotPlans:
         scene, robot = scenes.pop(name, Scene()), robots.pop(name)
         del motions[name]
         kept, measured = limits.pop(name), metrics[name]
-        for number, phase in enumerate(_phases(exchange.response[0].phases, robot, scene, then), 1):
+        for number, phase in enumerate(
+            phases_of(exchange.response[0].phases, robot, scene, then), 1
+        ):
             key = f"{name}, phase {number}"
             motions[key], robots[key], scenes[key] = phase
             limits[key], metrics[key] = kept, measured
     return RobotPlans(robots, motions, metrics, scenes, limits, _uncertainty(parameters), notes)
 
 
-def _phases(
+def phases_of(
     motions: Sequence[Trajectory], robot: Robot, scene: Scene, then: Sequence[Payload | None]
 ) -> Iterator[tuple[Trajectory, Robot, Scene]]:
     """Yield each phase of a sequence with the robot, what it holds, and what is around.
@@ -126,17 +128,16 @@ def _phases(
     Args:
         then: What the request says that later phases hold; None: what was held, or captured.
     """
-    begin, body = 0.0, scene.target_body
+    body, free = scene.target_body, [one for one in scene.obstacles if one.body is None]
     touching = [pair.partition("/")[0] for pair in scene.allowed_collisions]
-    for motion, given in zip(motions, (None, *then), strict=False):
-        if begin > 0.0:
-            held = given or (None if body is None else held_body(body, robot))
-            if held is not None:
-                robot = with_payload(robot, held, touching)
-            free = [one for one in scene.obstacles if one.body is None]
-            scene, body = Scene(obstacles=carried(free, begin)), None
-        yield motion, robot, scene
-        begin = float(motion.time[-1])
+    for begin, motion, given in zip(begins_of(motions), motions, (None, *then), strict=False):
+        if begin == 0.0:
+            yield motion, robot, scene
+            continue
+        held = given or (None if body is None else held_body(body, robot))
+        if held is not None:
+            robot, body = with_payload(robot, held, touching), None
+        yield motion, robot, Scene(obstacles=carried(free, begin))
 
 
 def _asked(

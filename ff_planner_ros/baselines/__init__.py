@@ -1,1 +1,1 @@
-"""Baselines: what plans without optimisation, or without the chaser's true motion, come to."""
+"""Methods to compare the planner with: no optimisation, or another belief about the chaser."""

@@ -1,1 +1,1 @@
-"""Benchmark: scenarios that have a plan, other methods to compare with, tables."""
+"""How fast, how often and how well the planner and other methods plan."""

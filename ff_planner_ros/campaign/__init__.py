@@ -1,1 +1,1 @@
-"""Thousands of plans: a study becomes cases, a Dask cluster plans them, Parquet keeps them."""
+"""Studies: their cases on a Dask cluster, their tables of plans; workers need no ROS."""

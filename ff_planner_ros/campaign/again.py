@@ -10,8 +10,16 @@ from typing import Any
 from ff_planner_ros.analysis.json_file import json_document
 from ff_planner_ros.campaign.changes import SET, TIMES, Change, changed, is_inertia, require_key
 from ff_planner_ros.campaign.methods import FIXED_BASE, OPTIMAL, ZERO_MOMENTUM
-from ff_planner_ros.campaign.run import PARAMETERS, below, scenario_directory
-from ff_planner_ros.campaign.sources import SCENARIO, URDF, content, generated_by_name, write
+from ff_planner_ros.campaign.run import CASES, PARAMETERS, scenario_directory
+from ff_planner_ros.campaign.sources import (
+    SCENARIO,
+    URDF,
+    content,
+    generated_by_name,
+    names_files,
+    write,
+)
+from ff_planner_ros.campaign.table import below
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import InvalidInput, Status
@@ -36,8 +44,17 @@ def changes_of(row: Mapping[str, Any], column: str) -> dict[str, Any]:
     return told
 
 
-def command_again(row: Mapping[str, Any], directory: Path) -> str:
-    """Write the scenario of a row into its campaign's directory, and return the command.
+def case_directory(row: Mapping[str, Any], directory: Path) -> Path:
+    """Return where a campaign keeps what is written of a case.
+
+    Raises:
+        InvalidInput: It would not be below the campaign's directory.
+    """
+    return below(directory, CASES, row["id"])
+
+
+def scenario_again(row: Mapping[str, Any], directory: Path) -> Path:
+    """Write the scenario of a row into its campaign's directory, and return its path.
 
     Raises:
         InvalidInput: What the campaign kept of its scenarios is not there any more, or leads out
@@ -49,11 +66,20 @@ def command_again(row: Mapping[str, Any], directory: Path) -> str:
     except (AttributeError, LookupError, TypeError, ValueError, SyntaxError) as error:
         allowed = f"what the campaign kept of it makes no scenario ({type(error).__name__})"
         raise InvalidInput(Status.OUT_OF_RANGE, "scenario", row["source"], allowed) from None
-    place = below(directory, "worst", row["id"])
+    place = case_directory(row, directory)
     place.mkdir(parents=True, exist_ok=True)
     for name in (SCENARIO, URDF):
         below(place, name)
-    path, method = str(write(document, urdf, place)), row["planned_by"]
+    return write(document, urdf, place)
+
+
+def command_again(row: Mapping[str, Any], directory: Path, scenario: Path) -> str:
+    """Return the command that plans the scenario of a row again.
+
+    Raises:
+        InvalidInput: A link is in the way.
+    """
+    path, method = str(scenario), row["planned_by"]
     if method in (FIXED_BASE, ZERO_MOMENTUM):
         return shlex.join(["ff-planner", "compare", path])
     words = ["ff-planner", "plan", path]
@@ -64,12 +90,21 @@ def command_again(row: Mapping[str, Any], directory: Path) -> str:
     return shlex.join(words)
 
 
+def defaults_of(directory: Path) -> Defaults:
+    """Return what counts where a campaign's scenarios do not say.
+
+    Raises:
+        InvalidInput: The parameters that it kept are damaged, or a link.
+    """
+    parameters = below(directory, PARAMETERS)
+    if parameters.is_file():
+        return load_parameters(parameters).of_scenarios()
+    return Defaults(load_parameters().planner)
+
+
 def _scenario(row: Mapping[str, Any], directory: Path) -> tuple[dict[str, Any], str]:
     """Return scenario and URDF of a row, with what it changed of them."""
-    parameters = below(directory, PARAMETERS)
-    defaults = Defaults(load_parameters().planner)
-    if parameters.is_file():
-        defaults = load_parameters(parameters).of_scenarios()
+    defaults = defaults_of(directory)
     kept = scenario_directory(directory, row["source"])
     scenario, robot = (below(kept, name) for name in (SCENARIO, URDF))
     if scenario.is_file():
@@ -78,6 +113,9 @@ def _scenario(row: Mapping[str, Any], directory: Path) -> tuple[dict[str, Any], 
     else:
         document, urdf = content(generated_by_name(row["source"]), defaults)
     values = changes_of(row, "changes") | changes_of(row, "settings")
+    if names_files(document):
+        allowed = "a scenario of a campaign names no file but its URDF"
+        raise InvalidInput(Status.UNSUPPORTED, "scenario", row["source"], allowed)
     # Values are as they came out; of an inertia as a whole that is its factor.
     changes = [Change(k, TIMES if is_inertia(k) else SET, value) for k, value in values.items()]
     document, urdf, _ = changed(document, urdf, changes)

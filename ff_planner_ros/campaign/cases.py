@@ -5,15 +5,14 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from ff_planner_ros.campaign.changes import Change, Draw, changed
-from ff_planner_ros.campaign.sources import Source, content, task_of
+from ff_planner_ros.campaign.sources import Generated, Source, content, task_of
 from ff_planner_ros.campaign.study import MethodOfStudy, Study, random_changes
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _DIGITS = 16  # of an id
@@ -44,6 +43,12 @@ class Case:
         ]
         text = json.dumps(described, sort_keys=True, default=str)
         return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_DIGITS]
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether chance has a part in it: a rate of such cases has a confidence interval."""
+        drawn = any(isinstance(change.value, Draw) for change in self.changes)
+        return drawn or isinstance(self.source, Generated)
 
     def scenario(self) -> tuple[dict[str, Any], str, dict[str, Any]]:
         """Return scenario and URDF of the case, and the values that it varies, by key.
@@ -143,15 +148,3 @@ def kind_of(value: Any) -> str:
     if isinstance(value, list) and all(kind_of(one) == "number" for one in value):
         return "numbers"
     return "text"
-
-
-def require_unique_names(study: Study) -> None:
-    """Refuse sources of one name, whose rows nobody could tell apart.
-
-    Raises:
-        InvalidInput: Two have the same name.
-    """
-    (name, count), *_ = Counter(source.name for source in study.sources).most_common(1)
-    if count > 1:
-        allowed = "each scenario must have a name of its own"
-        raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", name, allowed)

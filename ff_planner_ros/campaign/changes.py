@@ -1,4 +1,4 @@
-"""What a case changes: a value of a scenario, or a mass or an inertia of its URDF."""
+"""What a case changes: a value of a scenario, a frame that is turned, a mass of its URDF."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import InvalidInput, Status
 
@@ -19,6 +21,9 @@ SET, TIMES, PLUS = "set", "times", "plus"
 UNIFORM, NORMAL, CHOICE = "uniform", "normal", "choice"
 
 _IN_URDF = re.compile(r"urdf\.(?P<link>.+)\.(?P<part>mass|inertia(\.i(xx|xy|xz|yy|yz|zz))?)")
+# Of a block with an attitude, by how much it is turned about an axis of its own [deg].
+_TURN = re.compile(r"turn\.(?P<block>.+)\.(?P<axis>[xyz])")
+_QUATERNION, _EULER = "quaternion_xyzw", "euler_xyz_deg"
 # What a scenario reads from files: workers have none.
 _FILES = ("robot.urdf", "robot.srdf")
 _STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
@@ -53,7 +58,9 @@ class Draw:
 class Change:
     """One value of a scenario that a case changes."""
 
-    key: str  # `target.position[0]`, `obstacles.c1.radius`, `planner.starts`, `urdf.LINK.mass`
+    # `target.position[0]`, `obstacles.c1.radius`, `planner.starts`, `urdf.LINK.mass`,
+    # `turn.target_body.grasp.y`
+    key: str
     how: str  # `set`; or the value that is there `times` another, or `plus` another
     value: Any  # as in YAML, or a `Draw`
 
@@ -67,13 +74,17 @@ def changed(
 ) -> tuple[dict[str, Any], str, dict[str, Any]]:
     """Return a scenario and its URDF with changes, and the values that came of these, by key.
 
+    Frames are turned last, in the order of their keys: turns do not commute.
+
     Raises:
         InvalidInput: A change of something that is not there.
     """
     document, values = deepcopy(document), {}
-    for change in changes:
+    for change in sorted(changes, key=lambda one: one.key if _TURN.fullmatch(one.key) else ""):
         if in_urdf := _IN_URDF.fullmatch(change.key):
             urdf, values[change.key] = _changed_urdf(urdf, in_urdf, change)
+        elif turn := _TURN.fullmatch(change.key):
+            values[change.key] = _turn(document, turn, change)
         else:
             values[change.key] = _change_document(document, change)
     return document, urdf, values
@@ -92,6 +103,9 @@ def require_key(field: str, key: object) -> str:
         if key.startswith("urdf.") and not _IN_URDF.fullmatch(key):
             allowed = "of a URDF, urdf.LINK.mass, urdf.LINK.inertia or urdf.LINK.inertia.ixx"
             raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(key), allowed)
+        if key.startswith("turn.") and not _TURN.fullmatch(key):
+            allowed = "to turn a frame about an axis of its own [deg], such as turn.target.z"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(key), allowed)
         if key.startswith("urdf.") or _PATH.fullmatch(key):
             return key
     allowed = "it must be a key such as target.position[0] or planner.starts"
@@ -104,9 +118,36 @@ def is_inertia(key: str) -> bool:
     return found is not None and found["part"] == "inertia"
 
 
+def _turn(document: dict[str, Any], turn: re.Match[str], change: Change) -> float:
+    """Turn the frame of a block about one of its own axes, and return the angle [deg]."""
+    block: Any = document
+    for step in _steps(turn["block"]):
+        block = _below(block, step, change)
+    if not isinstance(block, dict) or not {_QUATERNION, _EULER} & block.keys():
+        allowed = f"the scenario has no {_QUATERNION} there"
+        raise InvalidInput(Status.OUT_OF_RANGE, change.key, "unknown", allowed)
+    angle = finite_number(change.key, _new_value(0.0, change))
+    try:
+        if _QUATERNION in block:
+            present = Rotation.from_quat(block[_QUATERNION])
+        else:  # R = Rz Ry Rx
+            present = Rotation.from_euler("xyz", block.pop(_EULER), degrees=True)
+    except (TypeError, ValueError):
+        raise InvalidInput(
+            Status.OUT_OF_RANGE, change.key, "no attitude", f"{_QUATERNION} must be one"
+        ) from None
+    turned = present * Rotation.from_euler(turn["axis"], angle, degrees=True)
+    block[_QUATERNION] = turned.as_quat().tolist()
+    return angle
+
+
+def _steps(path: str) -> list[str | int]:
+    return [name or int(index) for name, index in _STEP.findall(path)]
+
+
 def _change_document(document: dict[str, Any], change: Change) -> Any:
     """Put a value in its place, and return it."""
-    steps: list[str | int] = [name or int(index) for name, index in _STEP.findall(change.key)]
+    steps = _steps(change.key)
     block: Any = document
     for step in steps[:-1]:
         block = _below(block, step, change)
@@ -161,8 +202,12 @@ def _new_value(present: Any, change: Change) -> Any:
     ):
         allowed = "it must be a number, or a list of as many numbers as there are"
         raise InvalidInput(Status.WRONG_SIZE, change.key, quoted(given), allowed)
-    new = np.multiply(present, given) if change.how == TIMES else np.add(present, given)
-    return new.tolist()
+    try:
+        new = np.multiply(present, given) if change.how == TIMES else np.add(present, given)
+        return new.tolist()
+    except (OverflowError, TypeError):  # whole numbers may be of any size
+        allowed = "no computer calculates with numbers of this size"
+        raise InvalidInput(Status.OUT_OF_RANGE, change.key, quoted(given), allowed) from None
 
 
 def _is_numeric(value: Any) -> bool:

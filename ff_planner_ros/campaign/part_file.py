@@ -30,6 +30,7 @@ BEFORE_METRICS: Mapping[str, pyarrow.DataType] = {
     "method": TEXT,
     "planned_by": TEXT,
     "settings": TEXT,
+    "drawn": pyarrow.bool_(),
     "digest": TEXT,
     "geometry": TEXT,
     "status": TEXT,

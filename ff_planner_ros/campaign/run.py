@@ -16,18 +16,23 @@ from ff_planner_ros.campaign.cases import (
     cases,
     kinds_of_values,
     require_sound,
-    require_unique_names,
 )
 from ff_planner_ros.campaign.cluster import local_cluster, outcomes
 from ff_planner_ros.campaign.environment import environment
 from ff_planner_ros.campaign.progress import progress
-from ff_planner_ros.campaign.sources import SCENARIO, URDF, Written, write
+from ff_planner_ros.campaign.sources import SCENARIO, URDF, Written, require_unique, write
 from ff_planner_ros.campaign.study import Study
-from ff_planner_ros.campaign.table import Writer, locked, plan_schema, require_campaign
+from ff_planner_ros.campaign.table import (
+    Writer,
+    below,
+    locked,
+    plan_schema,
+    require_campaign,
+)
 from ff_planner_ros.campaign.work import Outcome
-from ff_planner_ros.errors import InvalidInput, Status
 
 VERSIONS, PARAMETERS = "versions.json", "parameters.yaml"
+CASES = "cases"  # the directory of what a report writes of single cases
 # Rows are written when there are so many, or after so long [s]: what a crash can cost.
 _MOST_ROWS, _LONGEST = 1000, 20.0
 
@@ -64,7 +69,7 @@ def run_campaign(
             scheduler answers; a worker has other software.
         OSError: A table cannot be written; what was written before is kept.
     """
-    require_unique_names(study)
+    require_unique(source.name for source in study.sources)
     require_sound(study)
     require_campaign(directory, environment(), VERSIONS)
     with locked(directory):
@@ -107,24 +112,6 @@ def scenario_directory(directory: Path, source: str) -> Path:
         InvalidInput: It would not be below the campaign's directory.
     """
     return below(directory, "scenarios", source)
-
-
-def below(directory: Path, *names: str) -> Path:
-    """Return a path in a campaign's directory, whoever named it: out of there nothing leads.
-
-    Raises:
-        InvalidInput: A name does, or there is a link on the way.
-    """
-    inside = Path(*names)
-    steps = [inside, *inside.parents]
-    allowed = ""
-    if inside.is_absolute() or ".." in inside.parts or "\0" in str(inside):
-        allowed = "it must be a name below it"
-    elif any((directory / step).is_symlink() for step in steps if step.parts):
-        allowed = "links are not followed here"
-    if allowed:
-        raise InvalidInput(Status.UNSUPPORTED, f"in {directory}", inside, allowed)
-    return directory / inside
 
 
 def _write_down(results: Iterator[list[Outcome] | Case], writer: Writer, missing: int) -> list[str]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
@@ -125,6 +127,12 @@ def written(path: Path, name: str, defaults: Defaults) -> Written:
     return Written(name, document, robot.drawn_urdf, digest)
 
 
+def names_files(document: dict[str, Any]) -> bool:
+    """Tell whether a scenario that a campaign kept names another file than its URDF."""
+    robot = {name: of for name, of in document["robot"].items() if (name, of) != ("urdf", URDF)}
+    return "srdf" in robot or _names_files(document | {"robot": robot})
+
+
 def _names_files(value: Any) -> bool:
     """Tell whether a block of a scenario names a mesh or a URDF, which no worker has."""
     if isinstance(value, dict):
@@ -132,7 +140,22 @@ def _names_files(value: Any) -> bool:
     return isinstance(value, list) and any(map(_names_files, value))
 
 
-def scenario_paths(field: str, named: str, directory: Path) -> list[Path]:
+def scenario_paths(field: str, names: Sequence[str], directory: Path) -> list[Path]:
+    """Return the scenario files that names stand for, before any is read.
+
+    Raises:
+        InvalidInput: One stands for none, or for more than a study may have; two are called alike.
+    """
+    found = [
+        path
+        for place, named in enumerate(names)
+        for path in _paths(f"{field}[{place}]", named, directory)
+    ]
+    require_unique(path.stem for path in found)
+    return found
+
+
+def _paths(field: str, named: str, directory: Path) -> list[Path]:
     """Return the scenario files that a name stands for.
 
     Raises:
@@ -153,6 +176,18 @@ def scenario_paths(field: str, named: str, directory: Path) -> list[Path]:
     except (OSError, ValueError, NotImplementedError, RecursionError) as error:
         reason = f"it stands for no file: {error}"  # no pattern, or a name that no file can have
     raise InvalidInput(Status.OUT_OF_RANGE, field, named, reason)
+
+
+def require_unique(names: Iterable[str]) -> None:
+    """Refuse sources of one name, whose rows nobody could tell apart.
+
+    Raises:
+        InvalidInput: Two have the same name.
+    """
+    name, count = max(Counter(names).items(), key=itemgetter(1), default=("", 0))
+    if count > 1:
+        allowed = "each scenario must have a name of its own"
+        raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", name, allowed)
 
 
 def task_of(document: dict[str, Any], urdf: str, defaults: Defaults) -> PlanningTask:

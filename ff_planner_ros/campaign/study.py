@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ff_planner_ros.campaign.changes import (
-    CHOICE,
-    NORMAL,
-    PLUS,
-    SET,
-    TIMES,
-    UNIFORM,
-    Change,
-    Draw,
-    require_key,
-)
+from ff_planner_ros.campaign.changes import Change, Draw
 from ff_planner_ros.campaign.methods import METHODS, OPTIMAL
 from ff_planner_ros.campaign.sources import (
     BODIES,
@@ -30,95 +20,36 @@ from ff_planner_ros.campaign.sources import (
     scenario_paths,
     written,
 )
+from ff_planner_ros.campaign.variations import DRAWN, GRID, SET_VALUES
 from ff_planner_ros.common.declared import declare, declared, schema_of
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import (
     DIALECT,
     TEXT,
     TRUTH,
-    Form,
     Schema,
     a_whole_number,
     a_word,
     each,
-    of_mapping,
 )
-from ff_planner_ros.common.plain_values import mapping, number, sequence, text
-from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.plain_values import text
 from ff_planner_ros.common.yaml_file import read_yaml
-from ff_planner_ros.errors import Faults, InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _SOURCES = ("scenarios", "generated", "bag")
-_DISTRIBUTIONS = (UNIFORM, NORMAL, CHOICE)
 # Larger numbers are mistakes: they would take months, or all memory before the first plan. A
 # million cases are 37 hours of a core, and their ids 0.3 GB.
 _MOST, MOST_CASES = 10_000_000, 1_000_000
 _KINDS_TURNED = ("ordinary", "cluttered")
 _WITHOUT_BODIES = "off7"
-_ANY_LIST: Schema = {"type": "array", "minItems": 1}
-
-
-def by_key(read: Callable[[str, str, object], Any], written: Any, schema: Schema) -> Form:
-    """Return the form of values by keys of a scenario.
-
-    Args:
-        read: Returns what is made of a key's value; given where it is, and the key.
-    """
-
-    def entries(field: str, value: object) -> tuple[Any, ...]:
-        if not isinstance(value, dict):
-            allowed = "it must hold values by keys of a scenario, such as planner.starts"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
-        faults, found = Faults(), []
-        for key, given in value.items():
-            with faults.gathered():
-                found.append(read(f"{field}.{require_key(field, key)}", key, given))
-        faults.refuse()
-        return tuple(found)
-
-    return Form(
-        entries,
-        lambda: {"type": "object", "additionalProperties": schema},
-        written=lambda found: dict(map(written, found)),
-    )
-
-
-def _changed_by(schema: Schema) -> Schema:
-    """Return the schema of values that replace, multiply or add to what is there."""
-    return {"anyOf": [schema, *(of_mapping({how: schema}) for how in (TIMES, PLUS))]}
-
-
-def _axis(field: str, key: str, given: object) -> tuple[Change, ...]:
-    how, values = _how(field, given)
-    return tuple(Change(key, how, one) for one in _list(field, values))
-
-
-def _drawn(field: str, key: str, given: object) -> tuple[str, str, str, tuple[Any, ...]]:
-    how, drawn = _how(field, given)
-    return (key, how, *_distribution(field, drawn))
 
 
 def _robot(field: str, value: object) -> str:
     name = text(field, value)
     require_robot(field, name)
     return name
-
-
-SET_VALUES = by_key(
-    lambda _field, key, given: Change(key, SET, given), lambda one: (one.key, one.value), {}
-)
-GRID = by_key(
-    _axis,
-    lambda axis: (axis[0].key, {axis[0].how: [one.value for one in axis]}),
-    _changed_by(_ANY_LIST),
-)
-DRAWN = by_key(
-    _drawn,
-    lambda one: (one[0], {one[1]: {one[2]: list(one[3])}}),
-    _changed_by({"anyOf": [of_mapping({name: _ANY_LIST}) for name in _DISTRIBUTIONS]}),
-)
 
 
 @dataclass(frozen=True)
@@ -205,7 +136,10 @@ class StudyFile:
         TEXT, "the node's parameters: they count where a scenario does not say", default=None
     )
     grid: tuple[tuple[Change, ...], ...] = declare(
-        GRID, "by key, a list of values", key="variations.grid", default=()
+        GRID,
+        "by key, a list of values, or range: [low, high, count]",
+        key="variations.grid",
+        default=(),
     )
     random: Randomly = declare(
         part(Randomly),
@@ -251,17 +185,22 @@ def load_study(path: Path) -> Study:
             or of the wrong type; its `faults` are all that is wrong.
         BagError: Its bag cannot be read.
     """
-    document = read_yaml(path)
+    return study_of(read_yaml(path), path.parent)
+
+
+def study_of(document: dict[str, Any], directory: Path) -> Study:
+    """Return what a study file says; the files that it names are relative to a directory.
+
+    Raises:
+        InvalidInput: As of `load_study`.
+        BagError: Its bag cannot be read.
+    """
     told: StudyFile = part(StudyFile).read("", document)
     if not any(name in document for name in _SOURCES):
         found, allowed = "missing", f"a study needs one or more of {', '.join(_SOURCES)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", found, allowed)
-    directory, parameters = path.parent, None
-    paths = [
-        found
-        for place, named in enumerate(told.scenarios)
-        for found in scenario_paths(f"scenarios[{place}]", named, directory)
-    ]
+    parameters = None
+    paths = scenario_paths("scenarios", told.scenarios, directory)
     drawn = 0 if told.generated is None else told.generated.count * len(told.generated.robots)
     _require_few(told, len(paths) + drawn + (told.bag is not None))
     defaults = Defaults(load_parameters().planner)
@@ -292,35 +231,6 @@ def _require_few(told: StudyFile, sources: int) -> None:
         raise InvalidInput(Status.OUT_OF_RANGE, "variations", f"{count} cases", allowed)
 
 
-def _how(field: str, given: object) -> tuple[str, Any]:
-    """Return whether values replace, multiply or add to what is there, and the values."""
-    if isinstance(given, dict) and len(given) == 1 and {TIMES, PLUS} & given.keys():
-        return next(iter(given.items()))
-    if isinstance(given, dict) and not set(_DISTRIBUTIONS) & given.keys():
-        mapping(field, given, (), (TIMES, PLUS, *_DISTRIBUTIONS))
-    return SET, given
-
-
-def _distribution(field: str, value: object) -> tuple[str, tuple[Any, ...]]:
-    entry = mapping(field, value, (), _DISTRIBUTIONS)
-    if len(entry) != 1:
-        allowed = f"it must be one of {', '.join(_DISTRIBUTIONS)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
-    ((name, given),) = entry.items()
-    parameters = _list(f"{field}.{name}", given)
-    if name == CHOICE:
-        return name, tuple(parameters)
-    numbers = [number(f"{field}.{name}", one) for one in parameters]
-    allowed = {
-        UNIFORM: "it must be a lower bound and a higher one",
-        NORMAL: "it must be a mean and a standard deviation, which is not negative",
-    }[name]
-    low, high = numbers if len(numbers) == 2 else (0.0, -1.0)
-    if not (-1e12 < low < 1e12) or not (low if name == UNIFORM else 0.0) <= high < 1e12:
-        raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.{name}", quoted(given), allowed)
-    return name, (low, high)
-
-
 def _require_one_change_a_key(
     grid: tuple[tuple[Change, ...], ...], random: Randomly, methods: tuple[MethodOfStudy, ...]
 ) -> None:
@@ -331,12 +241,6 @@ def _require_one_change_a_key(
             if [*varied, *(change.key for change in method.changes)].count(key) > 1:
                 allowed = "it must be in one of grid, random and what a method sets"
                 raise InvalidInput(Status.OUT_OF_RANGE, key, "varied twice", allowed)
-
-
-def _list(field: str, value: object) -> list[Any]:
-    if not (found := sequence(field, value)):
-        raise InvalidInput(Status.WRONG_SIZE, field, "empty", "it must have one entry or more")
-    return found
 
 
 def random_changes(random: Randomly, draw: int) -> tuple[Change, ...]:

@@ -75,7 +75,7 @@ class Writer:
         self._rows: list[dict[str, Any]] = []
         self._points: list[dict[str, Any]] = []
         for name in (PLANS, TRAJECTORIES):
-            for unfinished in (directory / name).glob(f"*{_UNFINISHED}"):
+            for unfinished in below(directory, name).glob(f"*{_UNFINISHED}"):
                 unfinished.unlink()
         parts = part_files(directory)
         _require_same_kinds([*map(part_schema, parts), schema], directory)
@@ -122,12 +122,12 @@ class Writer:
     def _write(
         self, table: str, name: str, rows: list[dict[str, Any]], schema: pyarrow.Schema
     ) -> None:
-        directory = self._directory / table
+        directory = below(self._directory, table)
         directory.mkdir(exist_ok=True)
         unfinished = directory / f"{name}{_UNFINISHED}"
         content = pyarrow.Table.from_pylist(rows, schema=schema)
         try:
-            with unfinished.open("wb") as file:
+            with unfinished.open("xb") as file:
                 pyarrow.parquet.write_table(
                     content, file, compression="zstd", write_page_checksum=True
                 )
@@ -169,10 +169,33 @@ def _no_link(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NOFOLLOW, _LOCK_MODE)
 
 
+def below(directory: Path, *names: str) -> Path:
+    """Return a path in a campaign's directory, whoever named it: out of there nothing leads.
+
+    Raises:
+        InvalidInput: A name does, or there is a link on the way.
+    """
+    inside = Path(*names)
+    steps = [inside, *inside.parents]
+    allowed = ""
+    if inside.is_absolute() or ".." in inside.parts or "\0" in str(inside):
+        allowed = "it must be a name below it"
+    elif any((directory / step).is_symlink() for step in steps if step.parts):
+        allowed = "links are not followed here"
+    if allowed:
+        raise InvalidInput(Status.UNSUPPORTED, f"in {directory}", inside, allowed)
+    return directory / inside
+
+
 def part_files(directory: Path, table: str = PLANS) -> list[Path]:
-    """Return the files of a table, in the order in which they were written."""
-    there = (directory / table).glob("part-*.parquet")
-    return sorted(path for path in there if _PART.fullmatch(path.name))
+    """Return the files of a table, in the order in which they were written.
+
+    Raises:
+        InvalidInput: One is a link, or the table is.
+    """
+    there = below(directory, table).glob("part-*.parquet")
+    names = sorted(path.name for path in there if _PART.fullmatch(path.name))
+    return [below(directory, table, name) for name in names]
 
 
 def read_plans(directory: Path) -> pyarrow.Table:
@@ -234,7 +257,7 @@ def require_campaign(directory: Path, expected: Mapping[str, str], file: str) ->
         InvalidInput: It holds something else, or plans of another version.
         OSError: It cannot be written.
     """
-    path = directory / file
+    path = below(directory, file)
     if path.is_file():
         found = read_versions(path)
         if found == expected:

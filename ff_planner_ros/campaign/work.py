@@ -23,6 +23,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.task.library import kind_and_place
 from ff_planner_ros.planning.task.task import perform
+from ff_planner_ros.planning.task.whole import whole
 
 _DIGITS = 16  # of a motion's digest
 # A robot's scratch space is for one thread: a worker with several plans one case at a time.
@@ -55,6 +56,7 @@ def run_case(case: Case) -> Outcome:
         "planned_by": case.method.method,
         "changes": "{}",
         "settings": json.dumps({one.key: one.value for one in case.method.changes}),
+        "drawn": case.is_drawn,
         "solve_time": None,
     }
     answer: Plan | Exception
@@ -76,11 +78,11 @@ def run_case(case: Case) -> Outcome:
         answer = error
     points: list[dict[str, Any]] = []
     if isinstance(answer, Plan):
-        row |= _solved(answer)
+        row |= _solved(whole(answer))
         if case.method.method == OPTIMAL:
             kind, place = kind_and_place(task)
             row |= {"kind": kind, "place": place.tolist()}
-        points = _points(case.id, answer) if case.trajectory else []
+        points = _points(case.id, whole(answer)) if case.trajectory else []
     else:
         row |= _refused(answer)
     return Outcome(row, points)
@@ -110,7 +112,7 @@ def _solved(plan: Plan) -> dict[str, Any]:
         "solved": True,
         "message": message,
         "parametrisation": plan.family,
-        "motion_digest": _motion_digest(plan),
+        "motion_digest": motion_digest(plan),
         "coefficients": plan.coefficients.tolist(),
         **metrics,
         **{name: _finite(value) for name, value in report.items()},
@@ -124,7 +126,7 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _motion_digest(plan: Plan) -> str:
+def motion_digest(plan: Plan) -> str:
     """Return a hash of every bit of a motion."""
     rows = [getattr(plan.trajectory, item.name) for item in fields(plan.trajectory)]
     return hashlib.sha256(b"".join(r.astype("<f8").tobytes() for r in rows)).hexdigest()[:_DIGITS]

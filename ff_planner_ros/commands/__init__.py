@@ -1,4 +1,4 @@
-"""Each command of `ff-planner`: its options, and what it does, which loads what it needs itself."""
+"""The command line: the options of each command, and what it does."""
 
 import os
 

@@ -23,8 +23,8 @@ def add_replay(add: Add) -> None:
         parents=[_bag()],
         description="Plan every request of a bag again: the recorded state, obstacles, parameters "
         "and robot, the same code, no ROS graph. Or ask what if.",
-        epilog="Exit code: 0 every answer came again, to the last bit or within tolerance, or is "
-        "no function of its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
+        epilog="Exit code: 0 every answer recurred, to the last bit or within tolerance, or does "
+        "not depend on its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
         "all in the bag; 2 bad bag.",
     )
     changes = replay.add_argument(

@@ -1,20 +1,25 @@
-"""The command that plans thousands of cases, and tells of them."""
+"""The commands that plan thousands of cases, and tell of them: campaign, map."""
 
 from __future__ import annotations
 
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ff_planner_ros.commands import NO_PLAN, SOLVED
 from ff_planner_ros.commands.options import Add
 from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 
+if TYPE_CHECKING:
+    from ff_planner_ros.campaign.study import Study
+
 REPORT = "report"
+_PLANS_OF_A_MAP = 100
 MOST_WORKERS = 10_000  # more than a scheduler of Dask's has been seen to bear
 
 
@@ -25,7 +30,7 @@ def add_campaign(add: Add) -> None:
         run_campaign,
         "plan the thousands of cases of a study, on one machine or a Dask cluster",
         usage="%(prog)s [-h] STUDY.yaml --out DIR [--scheduler ADDRESS] [--workers N]\n"
-        "       %(prog)s [-h] report DIR [--output FILE.html]",
+        "       %(prog)s [-h] report DIR [--output FILE.html] [--plans N | --case ID]",
         description="Plan every case of a study that the directory has no row of yet, into tables "
         "in Parquet; or tell of them on one page.",
         epilog="Exit code: 0 every case has its row, solved or refused; 2 bad input; 3 stopped, or "
@@ -36,20 +41,62 @@ def add_campaign(add: Add) -> None:
     )
     campaign.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="of a campaign")
     campaign.add_argument("--out", type=Path, metavar="DIR", help="new, or one to go on with")
+    _add_cluster(campaign)
     library_help = "make a library of the plans: first guesses for `plan --library DIR`"
     campaign.add_argument("--library", type=Path, metavar="DIR", help=library_help)
-    scheduler_help = "of a Dask cluster, tcp://HOST:8786 (default: a cluster of this machine)"
-    campaign.add_argument("--scheduler", metavar="ADDRESS", help=scheduler_help)
-    workers_help = "processes (default: one a core); with --scheduler: begin when so many are there"
-    campaign.add_argument("--workers", type=int, metavar="N", help=workers_help)
-    dashboard_help = "offer Dask's, at port 8787 of this machine (needs bokeh)"
-    campaign.add_argument("--dashboard", action="store_true", help=dashboard_help)
     page_help = "of the report (default: DIR/report.html)"
     campaign.add_argument("--output", type=Path, metavar="FILE.html", help=page_help)
+    _add_plans(campaign)
+    case_help = "write the page of this case alone"
+    campaign.add_argument("--case", metavar="ID", help=case_help)
+
+
+def add_map(add: Add) -> None:
+    """Add `map`."""
+    command = add(
+        "map",
+        run_map,
+        "plan a scenario over a grid of two or three quantities, and draw where it has plans",
+        description="Plan a scenario at every point of a grid, as a campaign does, and write a "
+        "report: where there are plans, what they cost, and what refuses the others. The same "
+        "command goes on where it was stopped.",
+        epilog="Exit code: 0 every point has its row, solved or refused; 2 bad input; 3 stopped, "
+        "or some points have none.",
+    )
+    command.add_argument("scenario", type=Path, metavar="SCENARIO")
+    over_help = (
+        "two or three of grasp_time, approach, and KEY=LOW:HIGH:COUNT with any key of a study; "
+        "grasp_time is the duration, by itself from half to twice the scenario's; approach turns "
+        "the tool about its y axis at the grasp, by itself from -60 to 60 deg; both take a range, "
+        "too"
+    )
+    command.add_argument("--over", required=True, metavar="QUANTITY,QUANTITY", help=over_help)
+    command.add_argument("--out", type=Path, metavar="DIR", help="default: NAME_map, here")
+    _add_cluster(command)
+    _add_plans(command, default=_PLANS_OF_A_MAP)
+
+
+def _add_cluster(command: ArgumentParser) -> None:
+    """Add the options of who plans."""
+    scheduler_help = "of a Dask cluster, tcp://HOST:8786 (default: a cluster of this machine)"
+    command.add_argument("--scheduler", metavar="ADDRESS", help=scheduler_help)
+    workers_help = "processes (default: one a core); with --scheduler: begin when so many are there"
+    command.add_argument("--workers", type=int, metavar="N", help=workers_help)
+    dashboard_help = "offer Dask's, at port 8787 of this machine (needs bokeh)"
+    command.add_argument("--dashboard", action="store_true", help=dashboard_help)
+
+
+def _add_plans(command: ArgumentParser, default: int = 24) -> None:
+    plans_help = (
+        f"plan up to N cases again and draw each on a page of its own (default: {default}): all, "
+        "if they are no more, or else the worst"
+    )
+    command.add_argument("--plans", type=int, default=default, metavar="N", help=plans_help)
 
 
 def run_campaign(options: Namespace) -> int:
     """Plan the cases of a study, or tell of those that are planned."""
+    _require_cluster(options)
     if options.study == Path(REPORT) and options.directory is not None:
         with _nothing_lost("the report", options.directory):
             return _report(options)
@@ -61,11 +108,36 @@ def run_campaign(options: Namespace) -> int:
     if options.out is None:
         allowed = "a campaign needs a directory for its tables"
         raise InvalidInput(Status.OUT_OF_RANGE, "--out", "missing", allowed)
+    with _nothing_lost("a file of the campaign", options.out):
+        return _run(options)
+
+
+def run_map(options: Namespace) -> int:
+    """Plan a scenario over a grid, and tell of it."""
+    _require_cluster(options)
+    require_packages("a map")
+    from ff_planner_ros.campaign.study import study_of
+    from ff_planner_ros.campaign.variations import grid_over
+    from ff_planner_ros.common.yaml_file import read_yaml
+
+    scenario: Path = options.scenario
+    grid = grid_over(options.over, read_yaml(scenario))
+    study = study_of({"scenarios": [scenario.name], "variations": {"grid": grid}}, scenario.parent)
+    options.directory = options.out or Path(f"{options.scenario.stem}_map")
+    with _nothing_lost("a file of the map", options.directory):
+        code = _planned(study, options.directory, options)
+        options.output, options.case = None, None
+        return _report(options) or code
+
+
+def _require_cluster(options: Namespace) -> None:
+    """Refuse workers and a dashboard that cannot be had."""
     if options.workers is not None and not 1 <= options.workers <= MOST_WORKERS:
         allowed = f"it must be from 1 to {MOST_WORKERS}"
         raise InvalidInput(Status.OUT_OF_RANGE, "--workers", options.workers, allowed)
-    with _nothing_lost("a file of the campaign", options.out):
-        return _run(options)
+    if options.dashboard and find_spec("bokeh") is None:
+        allowed = "it needs bokeh: pip install bokeh"
+        raise InvalidInput(Status.UNSUPPORTED, "--dashboard", "asked for", allowed)
 
 
 @contextmanager
@@ -82,26 +154,28 @@ def _nothing_lost(what: str, directory: Path) -> Iterator[None]:
 
 def _run(options: Namespace) -> int:
     require_packages("a campaign")
-    if options.dashboard and find_spec("bokeh") is None:
-        allowed = "it needs bokeh: pip install bokeh"
-        raise InvalidInput(Status.UNSUPPORTED, "--dashboard", "asked for", allowed)
-    from ff_planner_ros.campaign import table
-    from ff_planner_ros.campaign.run import run_campaign as run
     from ff_planner_ros.campaign.study import load_study
 
-    study = load_study(options.study)
+    return _planned(load_study(options.study), options.out, options, options.library)
+
+
+def _planned(study: Study, out: Path, options: Namespace, library: Path | None = None) -> int:
+    """Plan the cases that a directory has no row of yet, and say what came of it."""
+    from ff_planner_ros.campaign import table
+    from ff_planner_ros.campaign.run import run_campaign as run
+
     print_notes(study.notes)
-    done = run(study, options.out, options.scheduler, options.workers, options.dashboard)
-    print(f"{options.out}: {done.rows} of {done.cases} plans are there")
+    done = run(study, out, options.scheduler, options.workers, options.dashboard)
+    print(f"{out}: {done.rows} of {done.cases} plans are there")
     if done.other_rows:
         print(f"and {done.other_rows} of cases that the study no longer has")
-    if options.library is not None and done.rows:
+    if library is not None and done.rows:
         from ff_planner_ros.campaign.to_library import write_library
 
-        stored = write_library(options.out, options.library)
-        print(f"{options.library}: a library of {stored} plans")
+        stored = write_library(out, library)
+        print(f"{library}: a library of {stored} plans")
     if done.rows == done.cases:
-        print(f"results {table.digest_of(table.read_plans(options.out))}")
+        print(f"results {table.digest_of(table.read_plans(out))}")
         return SOLVED
     for case in done.given_up:
         print(f"ff-planner: case {case}: every worker that planned it died", file=sys.stderr)
@@ -111,9 +185,17 @@ def _run(options: Namespace) -> int:
 
 def _report(options: Namespace) -> int:
     require_packages("a campaign")
-    from ff_planner_ros.report.campaign_page import save_campaign_page
+    from ff_planner_ros.report.study.page import save_campaign_page, save_case_page
 
-    print(save_campaign_page(options.directory, options.output))
+    if options.plans < 0:
+        allowed = "it must not be negative; 0 draws none"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--plans", options.plans, allowed)
+    if options.case is not None:
+        print(save_case_page(options.directory, options.case))
+        return SOLVED
+    page, notes = save_campaign_page(options.directory, options.output, options.plans)
+    print_notes(notes)
+    print(page)
     return SOLVED
 
 

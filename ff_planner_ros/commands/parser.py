@@ -20,6 +20,7 @@ ADDERS = (
     bags.add_export,
     bags.add_info,
     bags.add_recover,
+    campaigns.add_map,
     ros.add_node,
     planning.add_plan,
     bags.add_replay,
@@ -36,7 +37,7 @@ def command_parser() -> ArgumentParser:
     parser = ArgumentParser(
         prog="ff-planner",
         description="Trajectory planning for free-floating space manipulators.",
-        epilog="Exit code: 0 done, 2 bad input, 3 no plan found, or one that does not come true.",
+        epilog="Exit code: 0 done, 2 bad input, 3 no plan found, or one that was not reproduced.",
     )
     parser.add_argument(
         "--version", action=_Version, nargs=0, dest=SUPPRESS, help="print the version and end"

@@ -31,8 +31,8 @@ def add_plan(add: Add) -> None:
     pareto = plan.add_argument(
         "--pareto",
         action="store_true",
-        help="plan with several weights, from least joint path to least chaser attitude; print "
-        "and draw what they trade",
+        help="plan with several weights, from minimum joint path to minimum chaser attitude; print "
+        "and draw the Pareto front",
     )
     add_renamed(plan, "--front", pareto)
     plan.add_argument(
@@ -130,7 +130,7 @@ def add_verify(add: Add) -> None:
         parents=[_how_to_plan()],
         description="Execute plans open loop in MuJoCo: joint torques only, nothing fed back. "
         "Options of planning count for a scenario only.",
-        epilog="Exit code: 0 every plan came true, 2 bad input, 3 one did not, or none was found.",
+        epilog="Exit code: 0 every plan was reproduced, 2 bad input, 3 one was not or is none.",
     )
     verify.add_argument(
         "source",
@@ -233,11 +233,10 @@ def _how_to_plan() -> ArgumentParser:
     options.add_argument(
         "--parametrisation",
         choices=[one.value for one in Parametrisation],
-        help="instead of the scenario's: the paths that the plan is looked for among; auto takes "
-        "the paper's, and joint splines where these do not apply or hold no plan, or where the "
-        "chaser's attitude counts",
+        help="instead of the scenario's; auto takes the paper's paths, and joint splines if these "
+        "do not apply or have no plan, or if the chaser's attitude has a weight or a limit",
     )
-    library_help = "of plans made before (`campaign --library`): the nearest is the first guess"
+    library_help = "of plans (`campaign --library`), whose nearest is the initial guess"
     options.add_argument("--library", type=Path, metavar="DIR", help=library_help)
     parameters_help = (
         "the node's parameters, all or some: they count where the scenario does not say"

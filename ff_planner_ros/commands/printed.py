@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.common.shown import in_log
+from ff_planner_ros.common.shown import in_log, printable
 
 
 def print_notes(notes: Sequence[str]) -> None:
@@ -21,7 +21,7 @@ def print_table(rows: Sequence[tuple[str, str]]) -> None:
     """Print names and values in two columns."""
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
-        print(f"{name:{width}}  {value}")
+        print(f"{name:{width}}  {printable(value, len(value))}")
 
 
 def write_json(file: Path | None, answer: dict[str, Any]) -> None:

@@ -18,13 +18,14 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 if TYPE_CHECKING:
     from ff_planner_ros.analysis.scene_distances import Gap
     from ff_planner_ros.console.entries import Entry
+    from ff_planner_ros.console.serve import Served
     from ff_planner_ros.robot.model import Robot
 
 # Of the distances so many are printed, the least first.
 _PRINTED = 10
 _SCENARIOS = (".yaml", ".yml")
 _DAY = 86_400.0
-_PORTS = 65_535  # less one: behind a gate the page has the next port
+_PORTS = 65_535
 
 
 def add_robot(add: Add) -> None:
@@ -164,17 +165,26 @@ def add_console(add: Add) -> None:
     console = add(
         "console",
         open_console,
-        "see, change and plan a scenario, or see a bag, in the browser",
+        "see, change and plan a scenario, see a bag, or release plans of a node, in the browser",
         description="Serve a page for the browser: the scene over time, what can be changed in "
         "it, and a table of plans. Nothing is fetched from the network.",
+        epilog="With --node, what follows --ros-args goes to ROS.",
     )
     console.add_argument(
         "source",
         type=Path,
+        nargs="?",
         metavar="SCENARIO|BAG",
-        help="a scenario (.yaml), or a bag (a directory or .mcap; needs ROS)",
+        help="a scenario (.yaml), or a bag (a directory or .mcap; needs ROS); with --node, a "
+        "scenario whose goal is asked for first",
     )
-    host_help = "where others can come to, with a token in the address (default: this machine only)"
+    node_help = "a running node, for instance ff_planner: it plans, and publishes what is released"
+    console.add_argument("--node", metavar="NAME", help=node_help)
+    timeout_help = "how long to look for the node (default: %(default)g)"
+    console.add_argument(
+        "--timeout", type=float, default=10.0, metavar="SECONDS", help=timeout_help
+    )
+    host_help = "where others can come to (default: this machine only)"
     console.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help=host_help)
     console.add_argument("--port", type=int, default=8321, metavar="N", help="default: 8321")
 
@@ -187,13 +197,38 @@ def open_console(options: Namespace) -> int:
             "the console needs viser: pip install 'ff_planner_ros[console]', or where this "
             "package came without pip, pip install viser",
         )
-    if not 0 < options.port < _PORTS:
-        allowed = f"it must be from 1 to {_PORTS - 1}"
+    if not 0 < options.port <= _PORTS:
+        allowed = f"it must be from 1 to {_PORTS}"
         raise InvalidInput(Status.OUT_OF_RANGE, "--port", options.port, allowed)
+    if options.node is not None:
+        return _open_live(options)
+    if options.source is None:
+        allowed = "it must be given, or --node"
+        raise InvalidInput(Status.UNSUPPORTED, "SCENARIO|BAG", "missing", allowed)
     entries = _entries(options.source)
+    from ff_planner_ros.console.page import Page
     from ff_planner_ros.console.serve import serve
 
-    served = serve(entries, options.host, options.port)
+    _until_interrupted(serve(lambda server: Page(server, entries), options.host, options.port))
+    return SOLVED
+
+
+def _open_live(options: Namespace) -> int:
+    """Serve the page of a running node."""
+    from ff_planner_ros.common.arrays import finite_number
+    from ff_planner_ros.console.live.open import live_page
+    from ff_planner_ros.console.serve import serve
+
+    patience = finite_number("--timeout", options.timeout, above=0.0)
+    page = live_page(options.node, options.source, patience, options.rest)
+    try:
+        _until_interrupted(serve(page.page_on, options.host, options.port))
+    finally:
+        page.close()
+    return SOLVED
+
+
+def _until_interrupted(served: Served) -> None:
     print(served.address, flush=True)
     print("Open it in a browser; Ctrl+C ends it.", flush=True)
     try:
@@ -201,7 +236,6 @@ def open_console(options: Namespace) -> int:
             time.sleep(_DAY)
     except KeyboardInterrupt:
         served.server.stop()
-    return SOLVED
 
 
 def _entries(source: Path) -> list[Entry]:

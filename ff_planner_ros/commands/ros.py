@@ -30,7 +30,7 @@ def add_ask(add: Add) -> None:
         epilog="What follows --ros-args goes to ROS. Exit code: 0 solved, 2 refused, 3 no plan "
         "found, 130 interrupted: the request is cancelled.",
     )
-    scenario_help = "what to ask for; without one, --set says it all"
+    scenario_help = "the request; without one, --set says all of it"
     ask.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help=scenario_help)
     ask.add_argument(
         "--bring",
@@ -134,17 +134,17 @@ def add_demo(add: Add) -> None:
         nargs="?",
         choices=("capture", _WHOLE),
         default="capture",
-        help="capture: one of the testbeds below, flown in real time (default); whole_capture: "
-        "approach, grasp, stop and stow in one request, flown in MuJoCo",
+        help="capture: one of the testbeds below, executed in real time (default); whole_capture: "
+        "approach, grasp, stop and stow in one request, executed in MuJoCo",
     )
     testbed = demo.add_argument(
         "--testbed",
         choices=("lemur", "lines", "planar", "tumbling", "following"),
         default="lemur",
-        help="lemur: the paper's capture in space, the whole robot kept clear (default); lines: "
-        "the same with the arm's centre lines kept clear, as in the paper; planar: one on an "
-        "air-bearing table; tumbling: of a body that tumbles; following: by an arm that is heavier "
-        "than its model, and planned again five times a second",
+        help="lemur: the paper's capture, the whole robot collision-checked (default); lines: the "
+        "same with the link centre lines, as in the paper; planar: one on an air-bearing table; "
+        "tumbling: of a body that tumbles; following: by an arm that is heavier than its model, "
+        "replanned five times a second",
     )
     add_renamed(demo, "--scene", testbed)
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")

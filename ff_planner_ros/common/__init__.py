@@ -1,1 +1,1 @@
-"""What every room may use: arrays, texts, files of YAML, and fields that are declared once."""
+"""For every package: arrays, texts, YAML files, and fields that are declared once."""

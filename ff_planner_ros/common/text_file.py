@@ -54,15 +54,16 @@ def read_bytes(
 
 
 def not_a_file(path: Path) -> str | None:
-    """Return why a path, links followed, is no file that can be read to its end; None: it is one.
+    """Return why a path, links followed, is no file that holds anything; None: it is one.
 
     Raises:
         OSError: There is nothing of this name, or it cannot be looked at.
         ValueError: It has a character that no path can have.
     """
-    mode = path.stat().st_mode
-    if stat.S_ISREG(mode):
-        return None
-    if stat.S_ISDIR(mode):
+    found = path.stat()
+    if stat.S_ISREG(found.st_mode):
+        # Some files of the kernel's say so, too, and let a reader wait for ever.
+        return None if found.st_size else "it is empty"
+    if stat.S_ISDIR(found.st_mode):
         return "it is a directory, not a file"
     return "it is a pipe or a device, not a file"

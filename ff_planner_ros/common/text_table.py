@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from ff_planner_ros.common.shown import printable
+
 
 class Table(NamedTuple):
     """A title, the cells of a header, and those of each row."""
@@ -22,8 +24,11 @@ def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]
 
 
 def table_lines(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
-    """Yield the lines of a table: the title, the header and the rows."""
-    table = [tuple(header), *rows]
+    """Yield the lines of a table: the title, the header and the rows.
+
+    A name from outside, with line breaks and a terminal's own commands, is one cell like others.
+    """
+    table = [[printable(cell, len(cell)) for cell in row] for row in (header, *rows)]
     columns = list(zip(*table, strict=True))
     widths = [max(map(len, column)) for column in columns]
     numeric = [not any(cell.strip("+-.%0123456789e") for cell in column[1:]) for column in columns]

@@ -1,1 +1,1 @@
-"""A page in the browser where a person sees plans, changes what is asked, and plans."""
+"""A page in the browser where people look at plans, change the request and plan again."""

@@ -1,14 +1,17 @@
-"""What the page lists: tasks with their plans or refusals."""
+"""What the page lists: tasks with their plans or refusals, and how it comes to them."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, TypeAlias
 
+from ff_planner_ros.console.access import CHOOSE, OWN_HEADER
+from ff_planner_ros.console.colours import STYLE
 from ff_planner_ros.console.faults import Place, attempt_in, place_of_fault
-from ff_planner_ros.console.search import Answer
+from ff_planner_ros.console.search import Answer, Search
 from ff_planner_ros.console.stages import Stage, stages_of
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
@@ -24,13 +27,14 @@ _COLUMNS = {
     "torque": "peak_joint_torques",
 }
 
-_STYLE = (
-    "<style>.answers, .said {font-size: 11px; line-height: 1.3}"
-    ".answers {border-collapse: collapse; width: 100%} .answers th {font-weight: normal}"
-    ".answers th, .answers td {text-align: right; padding: 2px 3px; vertical-align: top}"
-    ".answers :is(th, td):first-child {text-align: left; overflow-wrap: anywhere; min-width: 6em}"
-    ".answers .chosen {font-weight: bold; background: #00000012} .said {margin: 4px 12px}</style>"
+# What a click, Enter or the space bar does; the page has no other way of its own to the server.
+_CLICK = (
+    f"onclick=\"fetch('{CHOOSE}?name='+encodeURIComponent(this.dataset.name),"
+    f"{{headers:{{'{OWN_HEADER}':'choose'}}}})\" "
+    "onkeydown=\"if(event.key==='Enter'||event.key===' '){event.preventDefault();"
+    'this.onclick()}"'
 )
+PLANNED = "planned"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,7 @@ class Entry:
     status: str = ""  # in a word
     words: str = ""  # the answer's message
     given: Metrics | None = None  # of the answer, where they are not those of the plan
+    plan_id: str = ""  # of a running node's answer; empty: planned here, or recorded
 
     @cached_property
     def stages(self) -> tuple[Stage, ...]:
@@ -90,10 +95,40 @@ def entry_of(name: str, answer: Answer) -> Entry:
     """Return what a search on the page came to."""
     if answer.plan is not None:
         message = answer.plan.message
-        return Entry(name, answer.task, answer.plan, status="planned", words=message)
+        return Entry(name, answer.task, answer.plan, status=PLANNED, words=message)
     error = answer.error
     status = "cancelled" if answer.cancelled else "refused" if error is None else _named(error)
     return Entry(name, answer.task, error=error, status=status, words=str(error))
+
+
+class Running(Protocol):
+    """A plan that is looked for."""
+
+    def cancel(self) -> None:
+        """End it at its next step."""
+
+    def wait(self) -> None:
+        """Wait until it has ended, and its entry was given."""
+
+
+# Begins to plan a task. It is given what takes each progress in words, and what takes the entry.
+Begin: TypeAlias = Callable[[PlanningTask, Callable[[str], None], Callable[[Entry], None]], Running]
+
+
+class PlansHere:
+    """Plans in this process."""
+
+    def __init__(self) -> None:
+        """Begin to count."""
+        self._planned = 0
+
+    def __call__(
+        self, task: PlanningTask, told: Callable[[str], None], done: Callable[[Entry], None]
+    ) -> Running:
+        """Begin to plan."""
+        self._planned += 1
+        name = f"plan {self._planned}"
+        return Search(task, told, lambda answer: done(entry_of(name, answer)))
 
 
 def table_of(entries: Sequence[Entry], chosen: Entry) -> str:
@@ -103,7 +138,13 @@ def table_of(entries: Sequence[Entry], chosen: Entry) -> str:
         heads.append(f"{head} [{METRIC_BY_NAME[name].shown_unit}]")
     rows = [_row(entry, entry is chosen) for entry in entries]
     head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
-    return f"{_STYLE}<table class='answers'><tr>{head}</tr>{''.join(rows)}</table>"
+    return f"{STYLE}<div class='ff'><table><tr>{head}</tr>{''.join(rows)}</table></div>"
+
+
+def clickable(name: str, words: str) -> str:
+    """Return the attributes of an element in HTML that shows an entry when it is clicked."""
+    named = f"data-name='{html.escape(name)}' aria-label='{html.escape(words)}'"
+    return f"role='button' tabindex='0' {named} {_CLICK}"
 
 
 def _row(entry: Entry, is_chosen: bool) -> str:
@@ -112,19 +153,20 @@ def _row(entry: Entry, is_chosen: bool) -> str:
         "-" if metrics is None else METRIC_BY_NAME[name].shown(getattr(metrics, name))
         for name in _COLUMNS.values()
     ]
-    name = entry.name if entry.plan is not None else f"{entry.name}: {entry.status}"
-    cells = [name, "-" if entry.plan is None else entry.objective, *values]
+    name = entry.name if entry.status == PLANNED else f"{entry.name}: {entry.status}"
+    cells = ["-" if entry.plan is None else entry.objective, *values]
     of_row = " class='chosen'" if is_chosen else ""
-    return f"<tr{of_row}>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>"
+    first = f"<span {clickable(entry.name, f'show {name}')}>{html.escape(name)}</span>"
+    told = (f"<td>{cell}</td>" for cell in (first, *map(html.escape, cells)))
+    return f"<tr{of_row}>{''.join(told)}</tr>"
 
 
 def in_words(entry: Entry) -> str:
     """Return what is said of an entry, in HTML."""
     where = "" if entry.fault is None else f" (marked in the scene: {entry.fault.words})"
     said = html.escape(f"{entry.words}{where}")
-    return (
-        f"{_STYLE}<p class='said'><b>{html.escape(f'{entry.name}: {entry.status}')}</b> {said}</p>"
-    )
+    named = html.escape(f"{entry.name}: {entry.status}")
+    return f"{STYLE}<div class='ff'><p><b>{named}</b> {said}</p></div>"
 
 
 def _named(error: FfPlannerError) -> str:

@@ -9,10 +9,20 @@ from typing import Any
 import numpy as np
 import viser
 
-from ff_planner_ros.console.changes import lasting_for, movable, moved, place_of, rounded, weighted
-from ff_planner_ros.console.entries import Entry, entry_of, in_words, table_of
+from ff_planner_ros.analysis.pareto_front import WEIGHTS
+from ff_planner_ros.console.changes import (
+    GOAL,
+    lasting_for,
+    movable,
+    moved,
+    place_of,
+    rounded,
+    weighted,
+)
+from ff_planner_ros.console.curves import CurvesView
+from ff_planner_ros.console.entries import Begin, Entry, PlansHere, Running, in_words, table_of
+from ff_planner_ros.console.pareto import picture_of
 from ff_planner_ros.console.scene import SceneView
-from ff_planner_ros.console.search import Answer, Search
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.task.task import PlanningTask
 
@@ -26,16 +36,29 @@ _HANDLE = "/handle"
 class Page:
     """What all who look on see alike: a change by one is seen by the others."""
 
-    def __init__(self, server: viser.ViserServer, entries: Sequence[Entry]) -> None:
-        """Show the first of some entries of which anything can be drawn."""
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        entries: Sequence[Entry],
+        begin: Begin | None = None,
+        moves_obstacles: bool = True,
+    ) -> None:
+        """Show the first of some entries of which anything can be drawn.
+
+        Args:
+            begin: None: plans are made in this process.
+            moves_obstacles: Whether obstacles can be moved by hand.
+        """
         self._lock = RLock()  # callbacks come in many threads
         self._server = server
+        self._begin, self._moves_obstacles = begin or PlansHere(), moves_obstacles
         self.entries = list(entries)
         self.chosen = next((one for one in self.entries if one.stages), self.entries[0])
         self.task: PlanningTask | None = None  # what will be planned
-        self.search: Search | None = None  # that runs
-        self._planned = 0
+        self.search: Running | None = None  # that runs
+        self._next: list[PlanningTask] = []  # that are planned after it
         self._scene = SceneView(server)
+        self._curves = CurvesView(server)
         self._handle: viser.TransformControlsHandle | None = None
         gui = server.gui
         gui.configure_theme(
@@ -57,12 +80,16 @@ class Page:
             self._undo = gui.add_button("undo", disabled=True, hint="back to the answer shown")
         with gui.add_folder("Plan"):
             self._plan = gui.add_button("plan")
+            hint = "plan with one pair of weights of joint path and attitude after the other"
+            self._front = gui.add_button("Pareto front", hint=hint)
             self._cancel = gui.add_button("cancel", disabled=True)
             self._progress = gui.add_markdown("")
         with gui.add_folder("Answers"):
             self._choice = gui.add_dropdown("shown", tuple(one.name for one in self.entries))
             self._words = gui.add_html("")
             self._table = gui.add_html("")
+        with self._curves.panel.add_tab("Trade"):
+            self._picture = gui.add_html("")
         self._listen()
         self._choose(self.chosen)
 
@@ -73,6 +100,7 @@ class Page:
         for one in (self._path, self._attitude, self._duration, self._range):
             one.on_update(lambda event: self._by_user(event, self._changed_by_sliders))
         self._plan.on_click(lambda _: self._locked(self.plan))
+        self._front.on_click(lambda _: self._locked(self.plan_front))
         self._cancel.on_click(lambda _: self._locked(self.cancel))
         self._undo.on_click(lambda _: self.choose(self.chosen.name))
         self._choice.on_update(lambda event: self._by_user(event, self._chosen_by_name))
@@ -87,9 +115,43 @@ class Page:
             self._locked(what)
 
     def choose(self, name: str) -> None:
-        """Show an entry, and go on from its task."""
+        """Show an entry, and go on from its task; a name that no entry has is left alone."""
         with self._lock:
-            self._choose(next(one for one in self.entries if one.name == name))
+            for one in [one for one in self.entries if one.name == name]:
+                self._choose(one)
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing is changed or planned, so that another entry may be shown."""
+        return self.search is None and bool(self._undo.disabled)
+
+    def put(self, entry: Entry) -> None:
+        """List an entry, in the place of one of its name; it is shown if nothing is changed."""
+        with self._lock:
+            names = [one.name for one in self.entries]
+            if entry.name not in names:
+                self.entries.append(entry)
+                self._choice.options = (*names, entry.name)
+                if self.is_idle:
+                    self._choose(entry)
+                else:
+                    self._tabulate()
+                return
+            before = self.entries[names.index(entry.name)]
+            self.entries[names.index(entry.name)] = entry
+            if before is not self.chosen:
+                self._tabulate()
+            elif before.plan is entry.plan and before.task is entry.task:
+                self.chosen = entry  # its status alone is another: the scene stays
+                self._tabulate()
+            else:
+                self._choose(entry)
+
+    def go_to(self, time: float) -> None:
+        """Show the plan at a time from its first point on [s]."""
+        with self._lock:
+            _set(self._time, min(max(time, 0.0), float(self._time.max)))
+            self._show_time()
 
     def change(self, task: PlanningTask, is_elsewhere: bool = True) -> None:
         """Take a task that is not planned yet.
@@ -107,42 +169,60 @@ class Page:
     def plan(self) -> None:
         """Begin to plan the task as it is changed; not while another search runs."""
         with self._lock:
-            if self.task is None or self.search is not None:
-                return
-            self._plan.disabled, self._cancel.disabled = True, False
-            self._progress.content = "searching"
-            self.search = Search(self.task, self._told, self._done)
+            if self.task is not None and self.search is None:
+                self._plan_next([self.task])
+
+    def plan_front(self) -> None:
+        """Plan the task with weights from least joint path to least attitude, one by one."""
+        with self._lock:
+            if self.task is not None and self.search is None:
+                pairs = ((one.joint_path_length, one.chaser_attitude) for one in WEIGHTS)
+                self._plan_next([weighted(self.task, *pair) for pair in pairs])
 
     def cancel(self) -> None:
-        """End the search that runs."""
+        """End the search that runs, and begin none of those after it."""
+        self._next = []
         if self.search is not None:
             self.search.cancel()
 
-    def _told(self, words: str) -> None:
-        self._progress.content = words
+    def _plan_next(self, tasks: list[PlanningTask]) -> None:
+        task, *self._next = tasks
+        self._plan.disabled = self._front.disabled = True
+        self._cancel.disabled = False
+        self._progress.content = "searching"
+        self.search = self._begin(task, self._told, self._done)
 
-    def _done(self, answer: Answer) -> None:
+    def _told(self, words: str) -> None:
+        more = f"; {len(self._next)} more after it" if self._next else ""
+        self._progress.content = f"{words}{more}"
+
+    def _done(self, entry: Entry) -> None:
         with self._lock:
             self.search = None
-            self._planned += 1
-            entry = entry_of(f"plan {self._planned}", answer)
-            self.entries.append(entry)
-            self._plan.disabled, self._cancel.disabled = False, True
-            self._choice.options = tuple(one.name for one in self.entries)
-            self._choose(entry)
+            self._undo.disabled = True  # what was changed is what was planned
+            self._cancel.disabled = True
+            self.put(entry)
+            if self._next:
+                self._plan_next(self._next)
 
     def _choose(self, entry: Entry) -> None:
         self.chosen, self.task = entry, entry.task
         self._undo.disabled = True
         self._progress.content = ""
         _set(self._choice, entry.name)
-        self._words.content = in_words(entry)
-        self._table.content = table_of(self.entries, entry)
+        self._tabulate()
         self._plan.disabled = self.task is None or self.search is not None
+        self._front.disabled = self._plan.disabled
         self._set_sliders()
         self._draw(entry)
 
+    def _tabulate(self) -> None:
+        self._words.content = in_words(self.chosen)
+        self._table.content = table_of(self.entries, self.chosen)
+        self._picture.content = picture_of(self.entries, self.chosen)
+
     def _draw(self, entry: Entry) -> None:
+        self._curves.show(entry.stages, 0.0)
         if not entry.stages:
             self._near.content = "of this request nothing can be drawn"
             return
@@ -156,12 +236,15 @@ class Page:
     def _show_time(self) -> None:
         if self._scene.is_empty:
             return
-        self._near.content = self._scene.move_to(float(self._time.value))
+        time = float(self._time.value)
+        self._near.content = self._scene.move_to(time)
+        self._curves.move_to(time)
 
     def _set_sliders(self) -> None:
         """Set what can be changed to the task's values."""
-        names = (_NOTHING,) if self.task is None else (_NOTHING, *movable(self.task.problem))
-        self._move.options = names
+        names = () if self.task is None else movable(self.task.problem)
+        shown = (name for name in names if name == GOAL or self._moves_obstacles)
+        self._move.options = (_NOTHING, *shown)
         self._place_handle()
         if self.task is None:
             return

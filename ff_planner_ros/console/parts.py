@@ -16,6 +16,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.console.stages import Stage
 from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
 from ff_planner_ros.robot.box import uniform_box
+from ff_planner_ros.robot.model import Robot
 
 CHASER, ARM, OBSTACLE, TARGET = "chaser", "arm", "obstacle", "target"
 # More obstacles than the first number are drawn with the coarser circles.
@@ -34,12 +35,15 @@ class Part:
     quaternions_wxyz: Array  # own axes to inertial axes, as the browser takes it; (points, 4)
 
 
-def robot_parts(stage: Stage) -> Iterator[Part]:
-    """Yield what each joint moves, the chaser first: a box stands for one that has no shape."""
-    robot = stage.problem.robot
+def robot_parts(robot: Robot, q: Array) -> Iterator[Part]:
+    """Yield what each joint moves, the chaser first: a box stands for one that has no shape.
+
+    Args:
+        q: Shape (points, 7 + joints).
+    """
     surface = robot_surface(robot)
     of_triangle = surface.joints[surface.triangles[:, 0]]
-    positions, quaternions = _joint_places(stage)
+    positions, quaternions = joint_places(robot, q)
     for joint in range(1, robot.model.njoints):
         triangles = surface.triangles[of_triangle == joint]
         used, numbers = np.unique(triangles, return_inverse=True)
@@ -69,15 +73,15 @@ def wxyz(rotations: NDArray[np.float64]) -> Array:
     return np.asarray(Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]], np.float64)
 
 
-def _joint_places(stage: Stage) -> tuple[Array, Array]:
-    """Return positions and quaternions of all joints' frames at every point."""
-    model = stage.problem.robot.model
+def joint_places(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Return positions and quaternions, w x y z, of all joints' frames at every point."""
+    model = robot.model
     data = model.createData()
-    positions = np.empty((len(stage.q), model.njoints, 3))
-    rotations = np.empty((len(stage.q), model.njoints, 3, 3))
-    for row, q in enumerate(stage.q):
-        pin.forwardKinematics(model, data, q)
+    positions = np.empty((len(q), model.njoints, 3))
+    rotations = np.empty((len(q), model.njoints, 3, 3))
+    for row, one in enumerate(q):
+        pin.forwardKinematics(model, data, one)
         for joint, place in enumerate(data.oMi):
             positions[row, joint], rotations[row, joint] = place.translation, place.rotation
     flat = wxyz(rotations.reshape(-1, 3, 3))
-    return positions, flat.reshape(len(stage.q), model.njoints, 4)
+    return positions, flat.reshape(len(q), model.njoints, 4)

@@ -10,6 +10,17 @@ import numpy as np
 import viser
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.console.colours import (
+    BLACK,
+    BLUE,
+    GREY,
+    LINE,
+    ORANGE,
+    PURPLE,
+    RGB,
+    SKY,
+    VERMILION,
+)
 from ff_planner_ros.console.faults import Place
 from ff_planner_ros.console.parts import (
     ARM,
@@ -24,15 +35,9 @@ from ff_planner_ros.console.stages import Stage, at_time
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.problem.problem import Orientation
 
-# Okabe and Ito's, which colour-blind people tell apart.
-_COLOURS = {
-    CHASER: (150, 150, 150),
-    ARM: (0, 114, 178),
-    OBSTACLE: (230, 159, 0),
-    TARGET: (204, 121, 167),
-}
-_GHOST, _GHOST_OPACITY = (86, 180, 233), 0.2
-_LINE, _NEAREST, _FAULT = (40, 40, 40), (0, 0, 0), (213, 94, 0)
+KINDS = {CHASER: GREY, ARM: BLUE, OBSTACLE: ORANGE, TARGET: PURPLE}
+_GHOST, _GHOST_OPACITY = SKY, 0.2
+FAULT = VERMILION
 _SHOWN = "/shown"
 _NEAR = "/nearest"
 _WIDTH = 2.5  # of lines [pixels]
@@ -64,7 +69,7 @@ class SceneView:
         server.scene.world_axes.axes_length = 0.2
         server.scene.world_axes.axes_radius = 0.004
         self._near = server.scene.add_line_segments(
-            f"{_NEAR}/line", np.zeros((1, 2, 3)), _NEAREST, thickness=4.0, thickness_units="screen"
+            f"{_NEAR}/line", np.zeros((1, 2, 3)), BLACK, thickness=4.0, thickness_units="screen"
         )
         self._words = server.scene.add_label(f"{_NEAR}/words", "", visible=False)
         self._is_framed = False
@@ -119,10 +124,11 @@ class SceneView:
     def _draw(self, number: int, stage: Stage) -> _Drawn:
         scene, above = self._server.scene, f"{_SHOWN}/{number}"
         drawn = _Drawn(stage, scene.add_frame(above, show_axes=False, visible=number == 0))
-        for k, part in enumerate([*robot_parts(stage), *obstacle_parts(stage)]):
+        robot = stage.problem.robot
+        for k, part in enumerate([*robot_parts(robot, stage.q), *obstacle_parts(stage)]):
             handle = self._mesh(f"{above}/{k}_{_node_name(part.name)}", part, 0)
             drawn.parts.append((part, handle))
-        if not stage.problem.robot.bodies:
+        if not robot.bodies:
             drawn.arm = self._lines(f"{above}/arm", _joined(_arm(stage, 0)), 6.0)
         self._lines(f"{above}/path", _joined(stage.tip))
         for name, lines in stage.constraints.items():
@@ -143,12 +149,12 @@ class SceneView:
             wxyz=np.array([w, x, y, z]),
         )
         self._server.scene.add_icosphere(
-            f"{above}/goal/place", radius=size / 8, color=_LINE, opacity=0.6
+            f"{above}/goal/place", radius=size / 8, color=LINE, opacity=0.6
         )
 
     def _ghost(self, name: str, stage: Stage, point: int) -> viser.FrameHandle:
         above = self._server.scene.add_frame(f"{_SHOWN}/{name}", show_axes=False)
-        for part in robot_parts(stage):
+        for part in robot_parts(stage.problem.robot, stage.q):
             self._mesh(
                 f"{_SHOWN}/{name}/{_node_name(part.name)}",
                 part,
@@ -161,13 +167,13 @@ class SceneView:
     def _mark(self, fault: Place) -> None:
         scene, above = self._server.scene, f"{_SHOWN}/fault"
         for k, point in enumerate(fault.points):
-            scene.add_icosphere(f"{above}/{k}", radius=0.03, color=_FAULT, position=point)
+            scene.add_icosphere(f"{above}/{k}", radius=0.03, color=FAULT, position=point)
         if len(fault.points) == 2:
-            self._lines(f"{above}/line", fault.points[None], 6.0, _FAULT)
+            self._lines(f"{above}/line", fault.points[None], 6.0, FAULT)
         scene.add_label(f"{above}/words", fault.words, position=fault.points.mean(axis=0))
 
     def _mesh(self, name: str, part: Part, point: int, **more: Any) -> viser.MeshHandle:
-        given = {"color": _COLOURS[part.kind], "side": "double", "flat_shading": True, **more}
+        given = {"color": KINDS[part.kind], "side": "double", "flat_shading": True, **more}
         return self._server.scene.add_mesh_simple(
             name,
             part.corners.astype(np.float32),
@@ -178,7 +184,7 @@ class SceneView:
         )
 
     def _lines(
-        self, name: str, lines: Array, width: float = _WIDTH, colour: tuple[int, int, int] = _LINE
+        self, name: str, lines: Array, width: float = _WIDTH, colour: RGB = LINE
     ) -> viser.LineSegmentsHandle:
         return self._server.scene.add_line_segments(
             name, lines.astype(np.float32), colour, thickness=width, thickness_units="screen"

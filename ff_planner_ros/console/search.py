@@ -89,12 +89,16 @@ class _Watch(Watch):
 def progress_words(progress: Progress) -> str:
     """Return how far a search has come, and the best plan until then."""
     starts = f"{progress.starts} initial guess{'es' if progress.starts != 1 else ''}"
-    best = "no plan yet" if progress.best is None else f"best so far: {_told(progress.best)}"
+    best = best_in_words(progress.best)
     return f"{progress.phase}, {starts}, {progress.iterations} iterations; {best}"
 
 
-def _told(metrics: Metrics) -> str:
-    return ", ".join(
+def best_in_words(metrics: Metrics | None) -> str:
+    """Return the metrics of the best plan until now; None: there is none yet."""
+    if metrics is None:
+        return "no plan yet"
+    shown = (
         f"{METRIC_BY_NAME[name].label} {METRIC_BY_NAME[name].text(getattr(metrics, name))}"
         for name in _SHOWN
     )
+    return f"best so far: {', '.join(shown)}"

@@ -1,21 +1,18 @@
-"""The page's server: on the loopback alone, or behind a gate that wants a token."""
+"""The page's server: on the loopback unless told otherwise, with a token in the address."""
 
 from __future__ import annotations
 
-import secrets
-from collections.abc import Sequence
+import socket
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
-from ipaddress import ip_address
 
 import viser
 
-from ff_planner_ros.console.entries import Entry
-from ff_planner_ros.console.gate import Gate
+from ff_planner_ros.console.access import Access
 from ff_planner_ros.console.page import Page
 
-_LOOPBACK = "127.0.0.1"
 _LABEL = "ff-planner console"
 
 
@@ -28,27 +25,28 @@ class Served:
     address: str  # for a browser
 
 
-def serve(entries: Sequence[Entry], host: str, port: int) -> Served:
+def serve(page_on: Callable[[viser.ViserServer], Page], host: str, port: int) -> Served:
     """Serve a page until the process ends.
 
     Args:
-        host: Name or address of this machine: without a token if it is on the loopback.
-        port: Where it is taken on the loopback, the next one that is free.
+        page_on: Makes the page.
+        host: Name or address of this machine.
+        port: Where it is taken, the next one that is free.
 
     Raises:
-        OSError: Nobody can listen there.
+        OSError: The host is none of this machine's.
     """
-    alone = is_loopback(host)
-    with redirect_stdout(StringIO()):  # whose address the page has, is told below
-        inner = _Server(
-            host=_LOOPBACK, port=port if alone else port + 1, label=_LABEL, verbose=False
-        )
-    page = Page(inner, entries)
-    if alone:
-        return Served(page, inner, f"http://{_LOOPBACK}:{inner.get_port()}")
-    token = secrets.token_urlsafe(24)
-    gate = Gate(host, port, inner.get_port(), token)
-    return Served(page, inner, f"http://{host}:{gate.port}/?token={token}")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    socket.create_server((host, 0), family=family).close()  # viser would look for a port for ever
+    access = Access()
+    # viser prints an address without the token.
+    with redirect_stdout(StringIO()), access.guarding():
+        server = _Server(host=host, port=port, label=_LABEL, verbose=False)
+    access.port = server.get_port()
+    page = page_on(server)
+    access.choose = page.choose
+    at = f"[{host}]" if ":" in host else host
+    return Served(page, server, f"http://{at}:{access.port}/?token={access.token}")
 
 
 class _Server(viser.ViserServer):
@@ -56,11 +54,3 @@ class _Server(viser.ViserServer):
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002 (as viser's)
         return None
-
-
-def is_loopback(host: str) -> bool:
-    """Say whether nobody but this machine can come to a host."""
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -13,7 +13,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.motion import from_trajectory
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.following import phase_tasks
@@ -33,6 +33,7 @@ class Stage:
     times: Array  # from that point on; shape (points,) [s]
     q: Array  # shape (points, 7 + joints)
     constraints: dict[str, Array]  # lines of corridor and camera, each (lines, 2, 3) [m]
+    motion: Trajectory | None = None  # None: nothing is planned yet
 
     @property
     def end(self) -> float:
@@ -67,7 +68,8 @@ def stages_of(task: PlanningTask, plan: Plan | None) -> tuple[Stage, ...]:
         problem, motion = lasting(one.problem, of_phase.duration), of_phase.trajectory
         q, _ = from_trajectory(problem.robot, motion)
         lines = constraint_lines(scene_of(problem), problem.robot, motion)
-        stages.append(Stage(begin, problem, motion.time - motion.time[0], q, lines))
+        times = motion.time - motion.time[0]
+        stages.append(Stage(begin, problem, times, q, lines, motion))
         begin = stages[-1].end
     return tuple(stages)
 

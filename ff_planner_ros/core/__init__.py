@@ -1,1 +1,1 @@
-"""The numerics that a search spends its time in, in C++; the check uses none of them."""
+"""The numerics that a search repeats, in C++; the check uses none of them."""

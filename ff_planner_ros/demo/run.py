@@ -6,7 +6,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,16 +56,26 @@ def run_demo(
         testbed: One of `TESTBEDS`.
 
     Returns:
-        Exit code: 0 both flown, 2 something could not run, 3 a plan was not found,
-        130 interrupted.
+        Exit code of `demonstrated`.
     """
     stop = StopRequest()
     shown, config = TESTBEDS[testbed], share_directory() / "config"
-    scenario = scenario or config / "scenarios" / shown.scenario
+    found, parameters = scenario or config / "scenarios" / shown.scenario, config / shown.parameters
+    return demonstrated(
+        output, lambda directory: _demonstrate(shown, directory, found.resolve(), parameters, stop)
+    )
+
+
+def demonstrated(output: Path, demonstrate: Callable[[Path], None]) -> int:
+    """Run a demonstration in a directory of its own, and say why it ended where it failed.
+
+    Returns:
+        Exit code: 0 flown, 2 something could not run, 3 a plan was not found, 130 interrupted.
+    """
     directory = unique_directory(output.resolve(), "demo")
     try:
         directory.mkdir(parents=True)
-        _demonstrate(shown, directory, scenario.resolve(), config / shown.parameters, stop)
+        demonstrate(directory)
     except KeyboardInterrupt:
         print("ff-planner demo: interrupted", file=sys.stderr)
         return 130

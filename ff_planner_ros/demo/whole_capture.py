@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,11 +12,11 @@ from pathlib import Path
 from ff_planner_msgs.msg import PlanRequest
 
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.demo.flights import Stage, Testbed, node_command, running, wait_for_node
+from ff_planner_ros.demo.run import demonstrated
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.forward import carried_forward
@@ -45,22 +44,9 @@ def run_whole_capture(output: Path) -> int:
     """Plan the whole capture over ROS, replay it, fly it, and print what was reached.
 
     Returns:
-        Exit code: 0 flown, 2 something could not run, 3 a plan was not found, 130 interrupted.
+        Exit code of `demonstrated`.
     """
-    directory = unique_directory(output.resolve(), "demo")
-    try:
-        directory.mkdir(parents=True)
-        _demonstrate(directory)
-    except KeyboardInterrupt:
-        print("ff-planner demo: interrupted", file=sys.stderr)
-        return 130
-    except OSError as error:
-        print(f"ff-planner demo: {error}", file=sys.stderr)
-        return 2
-    except FfPlannerError as error:
-        print(f"ff-planner demo: {error}", file=sys.stderr)
-        return 3 if Status.GOAL_OUT_OF_REACH <= error.status < Status.INTERNAL_ERROR else 2
-    return 0
+    return demonstrated(output, _demonstrate)
 
 
 def _demonstrate(directory: Path) -> None:

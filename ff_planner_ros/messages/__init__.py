@@ -1,1 +1,1 @@
-"""Messages, decoded without ROS: of a bag, or live."""
+"""Messages decoded without ROS, of a bag or live."""

@@ -1,4 +1,4 @@
-"""The parameters of the node: what they are, and their values, from files and by full names."""
+"""Every parameter of the node, declared once, and its values."""
 
 from ff_planner_ros.parameters.node import NodeParameters
 from ff_planner_ros.parameters.values import DECLARATIONS, default_values, load_parameters

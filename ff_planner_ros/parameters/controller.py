@@ -6,8 +6,17 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from ff_planner_ros.common.forms import a_word
-from ff_planner_ros.planning.problem.settings import strict_if, tunable
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.settings import (
+    STRICT_IF_LOW_NOT_ZERO,
+    strict_if,
+    tunable,
+)
 from ff_planner_ros.planning.task.controller_rules import Controller
+
+# In a goal of the controller: there is no such tolerance.
+ERASED = -1.0
+_TOLERANCES = ("path_tolerance", "goal_tolerance", "goal_time_tolerance")
 
 
 class HandOver(StrEnum):
@@ -22,44 +31,61 @@ class ControllerParameters:
     """How the arm's joint_trajectory_controller is set up: it must take every plan.
 
     Raises:
-        InvalidInput: A word that is not known.
+        InvalidInput: A word that is not known, or a tolerance for which the controller would take
+            none of a goal's.
     """
 
     allow_nonzero_velocity_at_trajectory_end: bool = tunable(
-        "Its parameter of this name; if false, only plans whose end_behaviour is stop_joints are "
-        "published",
+        "The controller's parameter of this name; if false, only plans whose end_behaviour is "
+        "stop_joints are published",
         strictness=strict_if(False),
     )
     effort_interface: bool = tunable(
-        "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
-        "torques; responses always do"
+        "Whether the controller's command_interfaces hold effort; if false, joint_trajectory "
+        "carries no torques; answers always do"
+    )
+    stopped_velocity_tolerance: float = tunable(
+        "Its constraints.stopped_velocity_tolerance, if it measures velocities and has a "
+        "constraints.goal_time, after which it gives a plan up: with hand_over topic only plans "
+        "whose joints are no faster at the end are published; with action the goal leaves the "
+        "tolerance out for joints that are to move; 0.0: any",
+        minimum=0.0,
+        unit="rad/s",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
     )
     from_node: str = tunable(
-        "Name of the controller's node: the two parameters above are read from it once it is "
-        "there, and count as it says; empty: as they are here"
+        "Name of the controller's node, from which the three parameters above are read once it is "
+        "there; empty: the values here count"
     )
     hand_over: str = tunable(
-        "topic: a plan goes out on joint_trajectory alone; action: it is sent to the controller's "
-        "action, too, just before its start, and watched"
+        "topic: a plan goes out on joint_trajectory alone; action: it is also sent to the "
+        "controller's action, just before its start, and watched"
     )
-    action: str = tunable("Name of that action, control_msgs/action/FollowJointTrajectory")
+    action: str = tunable(
+        "Name of the controller's action, control_msgs/action/FollowJointTrajectory"
+    )
     hand_over_lead: float = tunable(
-        "With action, a plan is sent so long before its start: the controller drops the plan that "
-        "runs when it gets it",
+        "With action: time before its start at which a plan is sent; the controller then drops the "
+        "running plan",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
     )
     path_tolerance: float = tunable(
-        "With action, how far a joint may be from the plan on its way; 0.0: as the controller's "
-        "constraints say; -1.0: any",
+        "With action: allowed deviation of a joint from the plan; 0.0: the controller's "
+        "constraints; -1.0: any",
         minimum=-1.0,
         unit="rad",
     )
-    goal_tolerance: float = tunable("With action, likewise at its end", minimum=-1.0, unit="rad")
+    goal_tolerance: float = tunable(
+        "With action: allowed deviation of a joint at the plan's end; 0.0: the controller's "
+        "constraints; -1.0: any",
+        minimum=-1.0,
+        unit="rad",
+    )
     goal_time_tolerance: float = tunable(
-        "With action, how long after its end it may get there; 0.0: as the controller's "
-        "constraints say; -1.0: for ever",
+        "With action: allowed delay at the plan's end; 0.0: the controller's constraints; -1.0: "
+        "any",
         minimum=-1.0,
         unit="s",
     )
@@ -67,8 +93,15 @@ class ControllerParameters:
     def __post_init__(self) -> None:
         """Check the word."""
         a_word(HandOver).read("controller.hand_over", self.hand_over)
+        for name in _TOLERANCES:
+            given = getattr(self, name)
+            if given < 0.0 and given != ERASED:
+                allowed = "it must not be negative, but for -1.0, which leaves it out"
+                raise InvalidInput(Status.OUT_OF_RANGE, f"controller.{name}", given, allowed)
 
     def of(self, joints: tuple[str, ...]) -> Controller:
         """Return the controller of an arm."""
         allowed = self.allow_nonzero_velocity_at_trajectory_end
-        return Controller(joints, allowed, self.effort_interface)
+        on_topic = self.hand_over == HandOver.TOPIC
+        slowest = self.stopped_velocity_tolerance if on_topic else 0.0
+        return Controller(joints, allowed, self.effort_interface, slowest)

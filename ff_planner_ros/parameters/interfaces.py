@@ -25,19 +25,22 @@ class OdometryParameters:
     """
 
     child_frame_id: str = tunable(
-        "child_frame_id that odometry must carry: the frame of a sensor fixed to the chaser"
+        "child_frame_id of odometry: the frame of a sensor that is fixed to the chaser"
     )
     sensor_position_in_chaser: tuple[float, ...] = tunable(
-        "Origin of that frame from the chaser's centre of mass (of the base link and all fixed "
-        "to it, without the arm), in axes of the base link",
+        "Origin of the sensor's frame, from the chaser's centre of mass (base link and all that is "
+        "fixed to it, without the arm), in axes of the base link",
         unit="m",
     )
     sensor_quaternion_in_chaser_xyzw: tuple[float, ...] = tunable(
-        "Turns vectors from axes of that frame to axes of the base link; "
-        "[0.0, 0.0, 0.0, 1.0] where the two are parallel"
+        "Rotation from axes of the sensor's frame to axes of the base link; [0.0, 0.0, 0.0, 1.0]: "
+        "parallel"
     )
     pairing_tolerance: float = tunable(
-        "odometry and joint_states with stamps further apart than this make no state", 0.0, 1.0, "s"
+        "Largest difference between the stamps of odometry and joint_states that make a state",
+        0.0,
+        1.0,
+        "s",
     )
 
     def __post_init__(self) -> None:
@@ -114,11 +117,11 @@ class RateParameters:
     """How often the node publishes by itself."""
 
     predicted_pose: float = tunable(
-        "Of predicted_chaser_pose and tracking_error while a plan runs", 0.1, 1000.0, "Hz"
+        "Rate of predicted_chaser_pose and tracking_error while a plan runs", 0.1, 1000.0, "Hz"
     )
-    diagnostics: float = tunable("Of /diagnostics", 0.1, 100.0, "Hz")
+    diagnostics: float = tunable("Rate of /diagnostics", 0.1, 100.0, "Hz")
     preview: float = tunable(
-        "Of planned_joint_states, which repeat the last plan again and again", 0.1, 1000.0, "Hz"
+        "Rate of planned_joint_states, which repeat the plan in the preview", 0.1, 1000.0, "Hz"
     )
 
 
@@ -127,16 +130,15 @@ class TransformParameters:
     """Which frames the node publishes on /tf, in the inertial frame."""
 
     measured: bool = tunable(
-        "Whether the root link of the chaser is published as measured, at rates.predicted_pose: "
-        "only where nobody else does"
+        "Whether the measured root link of the chaser is published, at rates.predicted_pose: only "
+        "if nobody else does"
     )
     predicted_prefix: str = tunable(
-        "In front of the frames of the root link, the end effector and the target as predicted "
-        "for now, while a plan runs; empty: none of them"
+        "Prefix of the frames of root link, end effector and target as predicted for now, while a "
+        "plan runs; empty: no such frames"
     )
     preview_prefix: str = tunable(
-        "In front of the frames of the root link and the target in the preview, which "
-        "planned_joint_states are of; empty: none of them"
+        "Prefix of the frames of root link and target in the preview; empty: no such frames"
     )
 
 
@@ -148,8 +150,10 @@ class BagParameters:
         InvalidInput: A size that is too small for the definitions alone.
     """
 
-    directory: str = tunable("A new bag is made in here at every start")
-    flush_interval: float = tunable("What a crash or a power cut can lose at most", 0.01, 60.0, "s")
+    directory: str = tunable("Directory in which every start makes a new bag")
+    flush_interval: float = tunable(
+        "Longest stretch that a crash or a power cut can lose", 0.01, 60.0, "s"
+    )
     max_size: int = tunable(
         "A file of the bag ends before it becomes larger, its index not counted, and another one "
         f"is begun; 0: never; else at least {_MIN_FILE_SIZE}",
@@ -157,11 +161,11 @@ class BagParameters:
         unit="bytes",
     )
     max_duration: float = tunable(
-        "A file of the bag ends before it becomes longer; 0: never", 0.0, None, "s"
+        "Longest file of the bag, after which another one begins; 0: no limit", 0.0, None, "s"
     )
     owner_only: bool = tunable(
-        "Nobody but the user that the node runs as may read the bag: its directory has mode 0700, "
-        "its files have 0600; if false, the process's umask decides"
+        "true: only the node's user may read the bag (mode 0700 of the directory, 0600 of its "
+        "files); false: the process's umask decides"
     )
 
     def __post_init__(self) -> None:

@@ -58,81 +58,89 @@ class NodeParameters:
     rates: RateParameters
     tf: TransformParameters
     library: str = tunable(  # `planner.library`: scenarios know all else of that group
-        "Library of plans, a file or the directory that library.npz is in: the nearest plan is "
-        "tried first; empty: none"
+        "Library of plans, a file or the directory of library.npz, whose nearest plan is the first "
+        "initial guess; empty: none"
     )
     plug_ins: str = tunable(  # `planner.plugins`, likewise
         "Requirements of installed plug-ins (entry points ff_planner_ros.requirements) that every "
         "plan must keep, as YAML: `keep_out_plane: {point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, "
         "-1.0], distance: 0.1}`; no other plug-in is loaded; empty: none"
     )
-    autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
+    autostart: bool = tunable(
+        "Whether the node configures and activates itself at start; if not, a lifecycle manager "
+        "does"
+    )
     allow_remote_paths: bool = tunable(
         "Whether robot.urdf, robot.srdf and bag.directory may be set over ROS while the node is "
-        "unconfigured; else they are those that the process was started with"
+        "unconfigured; if not, those of the process's start count"
     )
     inertial_frame: str = tunable("frame_id that states, obstacles and targets must carry")
     state_source: str = tunable(
-        "Topics that bring the state: chaser_state, or odometry for odometry with joint_states"
+        "Source of the state: chaser_state, or odometry (with joint_states)"
     )
     points: int = tunable(
-        "Points of a trajectory where the request does not say", MIN_POINTS, MAX_POINTS
+        "Number of points of a trajectory, if the request does not say", MIN_POINTS, MAX_POINTS
     )
     time_budget: float = tunable(
-        "Wall clock from taking a request up to its answer where the request does not say; the "
+        "Wall-clock time from receiving a request to its answer, if the request does not say; the "
         "plan's start time ends the search, too",
         0.001,
         86_400.0,
         "s",
     )
     attitude_time_budget: float = tunable(
-        "Likewise where the chaser's attitude has a weight, once there is a plan: the best until "
-        "then is the answer",
+        "Wall-clock time after which the best plan so far is the answer, if the chaser's attitude "
+        "has a weight and the request has no budget",
         0.001,
         86_400.0,
         "s",
     )
     planning_lead_time: float = tunable(
-        "A plan starts so long after its request where the request does not say when; it must "
-        "cover planning, and what the controller needs to take the plan over",
+        "Time from a request to its plan's start, if the request does not say; it must cover "
+        "planning, and what the controller needs to take over",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
     )
     start_horizon: float = tunable(
-        "A start time further ahead of now is refused", 0.0, 86_400.0, "s", STRICT_IF_LOW
+        "Largest time from now to a start time; a later start is refused",
+        0.0,
+        86_400.0,
+        "s",
+        STRICT_IF_LOW,
     )
     following_tolerance: float = tunable(
-        "Joints that are within this of the last plan follow it until the next one starts; others "
-        "keep their measured rates",
+        "Joints within this of the last plan are taken to follow it until the next one starts; "
+        "others keep their measured velocities",
         minimum=0.0,
         maximum=10.0,
         unit="rad",
         strictness=STRICT_IF_LOW,
     )
     when_busy: str = tunable(
-        "What happens to a request that comes while another one is planned: reject answers it "
-        "with BUSY, preempt answers the other one with PREEMPTED"
+        "Treatment of a request that comes during another one: reject answers it with BUSY, "
+        "preempt answers the other one with PREEMPTED"
     )
     end_behaviour: str = tunable(
-        "What the arm does after the goal where the request does not say: none, "
-        "hold_end_effector or stop_joints"
+        "Behaviour of the arm after the goal, if the request does not say: none, hold_end_effector "
+        "or stop_joints"
     )
     post_goal_duration: float = tunable(
-        "How long it does so; does not matter for none", 0.001, 3600.0, "s"
+        "Duration of the end behaviour; without effect for none", 0.001, 3600.0, "s"
     )
     state_max_age: float = tunable(
-        "An older chaser state is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
+        "Age above which a chaser state is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
     )
     state_future_tolerance: float = tunable(
-        "A chaser state, or a target body, stamped further ahead of now is refused",
+        "Time ahead of now above which the stamp of a chaser state, or of a target body, is "
+        "refused",
         0.0,
         3600.0,
         "s",
         STRICT_IF_LOW,
     )
     target_max_age: float = tunable(
-        "An older target body is refused; a younger one is carried forward",
+        "Age above which a target body is refused; a younger one is carried forward",
         0.0,
         3600.0,
         "s",
@@ -140,8 +148,8 @@ class NodeParameters:
     )
 
     obstacles_max_age: float = tunable(
-        "Obstacles that move are refused if they are older; younger ones are carried forward. "
-        "Others may be of any age",
+        "Age above which moving obstacles are refused; younger ones are carried forward. Obstacles "
+        "at rest may be of any age",
         0.0,
         ANY_AGE,
         "s",

@@ -15,10 +15,15 @@ class TrackingParameters:
     """When diagnostics warn that the chaser leaves the plan."""
 
     max_position: float = tunable(
-        "Distance of the measured chaser from the predicted one", 0.0, None, "m", STRICT_IF_LOW
+        "Distance between the measured and the predicted chaser, above which diagnostics warn",
+        0.0,
+        None,
+        "m",
+        STRICT_IF_LOW,
     )
     max_angle: float = tunable(
-        "Angle between the measured and the predicted attitude of the chaser",
+        "Angle between the measured and the predicted attitude of the chaser, above which "
+        "diagnostics warn",
         minimum=0.0,
         unit="rad",
         strictness=STRICT_IF_LOW,
@@ -34,36 +39,57 @@ class PublicationParameters:
     """
 
     max_position: float = tunable(
-        "Of the chaser, carried forward from the latest state to the start of a plan that "
-        "~/publish_plan is to publish: distance from the plan's first point",
+        "At ~/publish_plan: allowed distance of the chaser, carried forward from the latest state "
+        "to the plan's start, from the plan's first point",
         minimum=0.0,
         unit="m",
         strictness=STRICT_IF_LOW,
     )
     max_angle: float = tunable(
-        "Of the chaser likewise: angle between the attitudes", 0.0, None, "rad", STRICT_IF_LOW
+        "At ~/publish_plan: allowed angle between the chaser's attitude and that of the "
+        "plan's first point",
+        0.0,
+        None,
+        "rad",
+        STRICT_IF_LOW,
     )
     max_velocity: float = tunable(
-        "Of the chaser likewise: difference of the velocities", 0.0, None, "m/s", STRICT_IF_LOW
+        "At ~/publish_plan: allowed difference of the chaser's velocity from that of the "
+        "plan's first point",
+        0.0,
+        None,
+        "m/s",
+        STRICT_IF_LOW,
     )
     max_angular_velocity: float = tunable(
-        "Of the chaser likewise: difference of the angular velocities",
+        "At ~/publish_plan: allowed difference of the chaser's angular velocity from that of the "
+        "plan's first point",
         minimum=0.0,
         unit="rad/s",
         strictness=STRICT_IF_LOW,
     )
     max_joint_position: float = tunable(
-        "Of each joint likewise: difference of the positions", 0.0, None, "rad", STRICT_IF_LOW
+        "At ~/publish_plan: allowed difference of each joint's position from that of the "
+        "plan's first point",
+        0.0,
+        None,
+        "rad",
+        STRICT_IF_LOW,
     )
     max_joint_velocity: float = tunable(
-        "Of each joint likewise: difference of the rates", 0.0, None, "rad/s", STRICT_IF_LOW
+        "At ~/publish_plan: allowed difference of each joint's velocity from that of the "
+        "plan's first point",
+        0.0,
+        None,
+        "rad/s",
+        STRICT_IF_LOW,
     )
     joint_positions: str = tunable(
-        "Joints for which another tolerance than max_joint_position holds [rad]: `wrist: 0.005`"
+        "Joints with another tolerance than max_joint_position [rad]: `wrist: 0.005`"
     )
-    joint_velocities: str = tunable("Likewise beside max_joint_velocity [rad/s]")
+    joint_velocities: str = tunable("Joints with another tolerance than max_joint_velocity [rad/s]")
     max_age: float = tunable(
-        "An older plan is not published any more", 0.0, None, "s", STRICT_IF_LOW
+        "Age above which a waiting plan is not published", 0.0, None, "s", STRICT_IF_LOW
     )
 
     def __post_init__(self) -> None:
@@ -97,43 +123,51 @@ class ReplanningParameters:
     """How a plan takes over from the one that runs, where `replan_active` asks for that."""
 
     lead_time: float = tunable(
-        "It takes over so long after its request where the request does not say when; it must "
-        "cover planning, and what the controller needs to take the plan over",
+        "Time from a request to the handover, if the request has no start_time; it must cover "
+        "planning, and what the controller needs to take over",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
     )
     longest_lead_time: float = tunable(
-        "Where answers have taken longer, it takes over so much later, at most so long after its "
-        "request",
+        "Largest time from a request to the handover, if answers have taken longer than lead_time",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
     )
     handover: float = tunable(
-        "A plan that is not ready so long before the handover is refused: it must reach the "
+        "A plan that is not ready this long before the handover is refused: it must reach the "
         "controller by then",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
     )
     min_remainder: float = tunable(
-        "A running plan that is at its goal sooner than this after the handover is left as it "
-        "is, and the request refused",
+        "A request is refused if the running plan reaches its goal sooner than this after the "
+        "handover",
         minimum=0.001,
         maximum=3600.0,
         unit="s",
     )
     max_position: float = tunable(
-        "Of the chaser as measured from where the running plan says: a request is refused where it "
-        "is further away",
+        "Distance of the measured chaser from the running plan, above which a request is refused",
         minimum=0.0,
         unit="m",
         strictness=STRICT_IF_LOW,
     )
     max_angle: float = tunable(
-        "Of the chaser likewise: angle between the attitudes", 0.0, None, "rad", STRICT_IF_LOW
+        "Angle between the measured attitude and that of the running plan, above which a request "
+        "is refused",
+        0.0,
+        None,
+        "rad",
+        STRICT_IF_LOW,
     )
     max_joint_position: float = tunable(
-        "Of each joint likewise: difference of the positions", 0.0, None, "rad", STRICT_IF_LOW
+        "Difference between a measured joint and the running plan, above which a request is "
+        "refused",
+        0.0,
+        None,
+        "rad",
+        STRICT_IF_LOW,
     )

@@ -32,7 +32,7 @@ class WheelParameters:
     """The wheels of a robot whose base is attitude_held; what they hold is in the state."""
 
     axes: tuple[float, ...] = tunable(
-        "Axis of each wheel, three numbers one after the other, in axes of the base link"
+        "Axes of the wheels, three numbers each, one after the other, in axes of the base link"
     )
     momentum: tuple[float, ...] = tunable(
         "Largest momentum of each wheel either way, or one for all; [0.0]: any",
@@ -73,25 +73,24 @@ class RobotParameters:
     base_link: str = tunable("URDF link that carries the arm")
     tip_link: str = tunable("URDF link whose frame is the end effector")
     base: str = tunable(
-        "How the chaser can move: free_flyer; planar on an air-bearing table; or attitude_held by "
-        "robot.wheels"
+        "Base: free_flyer; planar (on an air-bearing table); or attitude_held (by robot.wheels)"
     )
     locked_joints: str = tunable(
-        "Joints that are not planned and where they are [rad or m]: `rail: 0.2, hand: -1.0`"
+        "Locked joints and their positions [rad or m]: `rail: 0.2, hand: -1.0`"
     )
 
     geometry: str = tunable(
-        "What of the robot is kept clear: shapes, its bodies as the URDF's collision elements have "
-        "them; lines, the arm's centre lines; auto: shapes where the arm has any, else lines"
+        "Collision geometry of the robot: shapes (the URDF's collision elements), lines (the link "
+        "centre lines), or auto (shapes if the arm has any, else lines)"
     )
     srdf: str = tunable(
-        "SRDF file of links that may touch beside neighbours: a path or a package:// URI; empty: "
-        "those that touch in nearly every posture may"
+        "SRDF file of links that may touch, beside neighbours: a path or a package:// URI; empty: "
+        "links that touch in nearly every posture may touch"
     )
 
     slide_weight: float = tunable(
-        "What sliding a joint by 1 m adds to the joint path; turning one by 1 rad adds 1 rad; 0.0: "
-        "joints that slide are held",
+        "Weight of a prismatic joint in the joint path, in which a revolute joint counts 1; 0.0: "
+        "prismatic joints are locked",
         minimum=0.0,
         maximum=SLIDE_WEIGHTS[1],
         unit="rad/m",
@@ -165,7 +164,7 @@ class LimitParameters:
     """
 
     velocity: str = tunable(
-        "Joint rates: from_urdf keeps the URDF's limits, none keeps none",
+        "Joint velocity limits: from_urdf, or none",
         strictness=strict_if("from_urdf"),
     )
     acceleration: tuple[float, ...] = tunable(
@@ -175,18 +174,19 @@ class LimitParameters:
         strictness=STRICT_IF_LOW_EACH,
     )
     effort: str = tunable(
-        "Joint torques: from_urdf keeps the URDF's effort limits, none keeps none",
+        "Joint torque limits: from_urdf (its effort limits), or none",
         strictness=strict_if("from_urdf"),
     )
     chaser_attitude: float = tunable(
-        "Largest Euler angle of the chaser; a request may ask for less; 0.0: any",
+        "Largest Euler angle of the chaser since the plan's first point; a request may ask for "
+        "less; 0.0: any",
         minimum=0.0,
         unit="rad",
         strictness=STRICT_IF_LOW_NOT_ZERO,
     )
     chaser_rotation: float = tunable(
-        "Largest angle of the chaser's rotation since the plan's first point; a request may ask "
-        "for less; 0.0: any",
+        "Largest rotation angle of the chaser since the plan's first point; a request may ask for "
+        "less; 0.0: any",
         minimum=0.0,
         unit="rad",
         strictness=STRICT_IF_LOW_NOT_ZERO,

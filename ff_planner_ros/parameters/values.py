@@ -81,7 +81,7 @@ _GROUPS = {name.rpartition(".")[0] for name in DECLARATIONS}
 
 
 def load_parameters(path: Path | None = None) -> NodeParameters:
-    """Read a ROS parameters file; what it leaves out is taken from `config/planner.yaml`.
+    """Read a ROS parameters file; parameters that it omits are those of `config/planner.yaml`.
 
     Raises:
         InvalidInput: The file cannot be read; a parameter is unknown, of the wrong type or out of

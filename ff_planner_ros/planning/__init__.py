@@ -1,1 +1,1 @@
-"""Planning: problem, polynomial, rollout, objectives, constraints, solver, check."""
+"""From a problem to a checked plan."""

@@ -1,1 +1,1 @@
-"""Pages and tables on recorded runs, plans and campaigns."""
+"""Pages and tables of recorded runs, plans and campaigns."""

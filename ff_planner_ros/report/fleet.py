@@ -58,6 +58,7 @@ class Fleet:
     read: tuple[str, ...]  # bags, by their path below the directory
     rows: tuple[Row, ...]  # an answer each, or a request without one
     skipped: tuple[tuple[str, str], ...]  # bags of which nothing can be read, and why
+    copies: tuple[tuple[str, str], ...]  # bags that count once, and of which they are copies
     notes: tuple[str, ...]  # what is wrong with those that were read
     publications: tuple[Row, ...]  # the requests to publish a plan that waits
 
@@ -120,16 +121,20 @@ def _is_bag(directory: Path) -> bool:
 def read_fleet(directory: Path) -> Fleet:
     """Read every bag in a directory; a bag that cannot be read costs no other.
 
+    Copies of one recording, which have the same answers to the last bit of their times, count once.
+
     Raises:
         BagError: Not one of them can be read.
     """
     paths = bags_below(directory) or [directory]
     read, rows, skipped, notes = list[str](), list[Row](), list[tuple[str, str]](), list[str]()
-    published = list[Row]()
+    published, copies, seen = list[Row](), list[tuple[str, str]](), dict[str, str]()
     with progress_bar("reading bags", len(paths), unit="bags", per_unit=1) as advance:
         for name, of_bag in _each(directory, paths):
             if isinstance(of_bag, str):
                 skipped.append((name, of_bag))
+            elif of_bag.rows and (first := seen.setdefault(of_bag.told, name)) != name:
+                copies.append((name, first))
             else:
                 rows += of_bag.rows
                 published += of_bag.publications
@@ -140,7 +145,13 @@ def read_fleet(directory: Path) -> Fleet:
         why = f"; the first: {skipped[0][1]}" if skipped else ""
         raise BagError(f"of the {len(paths)} bags in {directory} none can be read{why}")
     return Fleet(
-        directory, tuple(read), tuple(rows), tuple(skipped), tuple(notes), tuple(published)
+        directory,
+        read=tuple(read),
+        rows=tuple(rows),
+        skipped=tuple(skipped),
+        copies=tuple(copies),
+        notes=tuple(notes),
+        publications=tuple(published),
     )
 
 
@@ -151,6 +162,11 @@ class _Bag:
     rows: list[Row]
     publications: list[Row]
     notes: list[str]
+
+    @property
+    def told(self) -> str:
+        """All that its rows tell, but for the bag's name."""
+        return repr([{**row, "bag": ""} for row in self.rows])
 
 
 def _each(directory: Path, paths: Sequence[Path]) -> Iterator[tuple[str, _Bag | str]]:
@@ -220,9 +236,13 @@ def _measured(path: Path, name: str, notes: list[str]) -> dict[str, tuple[float,
         return {}
     found = {}
     for request in report.requests:
-        if request.plan is not None and (off := request.plan.deviations) is not None:
-            parts: Sequence[Any] = (off.joint_position, off.chaser_position, off.ee_position)
-            found[request.plan_id] = tuple(float(part.max()) for part in parts)
+        phases = () if request.plan is None else (request.plan, *request.then)
+        off = [one.deviations for one in phases if one.deviations is not None]
+        if off:
+            of_each = ("joint_position", "chaser_position", "ee_position")
+            found[request.plan_id] = tuple(
+                max(float(getattr(one, name).max()) for one in off) for name in of_each
+            )
     return found
 
 
@@ -244,14 +264,16 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
         },
         "worst_first": [run.name for run in fleet.runs],
         "skipped": dict(fleet.skipped),
+        "copies": dict(fleet.copies),
         "notes": list(fleet.notes),
     }
 
 
 def fleet_lines(fleet: Fleet) -> Iterator[str]:
     """Yield what the bags come to, line by line, and at the end what is wrong with which."""
-    total = len(fleet.read) + len(fleet.skipped)
-    yield f"bags      {total} in {printable(str(fleet.directory))}, {len(fleet.skipped)} skipped"
+    total = len(fleet.read) + len(fleet.skipped) + len(fleet.copies)
+    words = f"{len(fleet.skipped)} skipped, {len(fleet.copies)} copies"
+    yield f"bags      {total} in {printable(str(fleet.directory))}, {words}"
     yield f"requests  {len(fleet.rows)}{success_words(fleet)}"
     for status, count in fleet.causes.most_common():
         yield f"  {count:9}  {status}"
@@ -268,6 +290,8 @@ def fleet_lines(fleet: Fleet) -> Iterator[str]:
         yield f"  {run.solved.count} of {run.solved.total} solved  {run.name}"
     for name, why in fleet.skipped:
         yield f"skipped: {name}: {printable(why)}"
+    for name, first in fleet.copies:
+        yield f"copy: {name} is a copy of {first}, and counts once"
     for note in fleet.notes:
         yield f"note: {printable(note)}"
 

@@ -90,12 +90,18 @@ def _sections(title: str, fleet: Fleet, pages: dict[str, Path]) -> Iterator[Elem
     yield pairs(
         [
             ("directory", str(fleet.directory)),
-            ("bags", f"{len(fleet.read)} read, {len(fleet.skipped)} skipped"),
+            (
+                "bags",
+                f"{len(fleet.read)} read, {len(fleet.skipped)} skipped, {len(fleet.copies)} copies",
+            ),
             ("requests", f"{len(fleet.rows)}{success_words(fleet)}"),
         ]
     )
     if fleet.skipped:
         yield bullets([f"skipped: {name}: {why}" for name, why in fleet.skipped], "notes")
+    if fleet.copies:
+        copies = [f"{name} is a copy of {first}, and counts once" for name, first in fleet.copies]
+        yield bullets(copies, "notes")
     if fleet.causes:
         yield element("h2", "Causes of refusal")
         yield table(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.analysis.drawing.tracking import deviations, measured_motion
@@ -15,13 +16,14 @@ from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.publications import publications
 from ff_planner_ros.bag.reader import Bag, open_bag
-from ff_planner_ros.bag.robot_plans import attached_robot
+from ff_planner_ros.bag.robot_plans import attached_robot, phases_of
 from ff_planner_ros.bag.scenes import asked_scene
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
-from ff_planner_ros.messages.payloads import robot_holding
+from ff_planner_ros.messages.payloads import payload_in, robot_holding
 from ff_planner_ros.messages.trajectories import trajectory_in
+from ff_planner_ros.messages.wheels import wheels_in
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.goal_words import GoalKind
@@ -97,10 +99,14 @@ def _report_of_bag(bag: Bag, most_plans: int) -> Report:
     if robot is not None and drawn:
         found = [with_motion(bag, one) if k in drawn else one for k, one in enumerate(found)]
         plans = _plans(bag, robot, parameters, found, drawn, notes)
-        requests = [replace(one, plan=plans.get(k)) for k, one in enumerate(requests)]
+        requests = [_with_plans(one, plans.get(k, [])) for k, one in enumerate(requests)]
     facts = (*_bag_facts(bag), *(robot_facts(robot) if robot else ()))
     published = tuple(publications(bag))
     return Report(bag.path.name, facts, (*bag.notes, *notes), tuple(requests), published)
+
+
+def _with_plans(request: ReportedRequest, plans: Sequence[ReportedPlan]) -> ReportedRequest:
+    return replace(request, plan=plans[0], then=tuple(plans[1:])) if plans else request
 
 
 def _plans(
@@ -110,11 +116,13 @@ def _plans(
     found: Sequence[PlanExchange],
     drawn: Sequence[int],
     notes: list[str],
-) -> dict[int, ReportedPlan]:
-    """Return the plans to draw, by the number of their request; what cannot be makes a note."""
-    plans: dict[int, ReportedPlan] = {}
-    windows: dict[int, Window] = {}
-    waiting: dict[int, ReportedPlan] = {}
+) -> dict[int, list[ReportedPlan]]:
+    """Return the plans to draw, one a phase, by the number of their request.
+
+    What cannot be drawn makes a note.
+    """
+    plans: dict[int, list[ReportedPlan]] = {}
+    windows: dict[int, list[Window]] = {}
     heard_of = {topic: heard_on(bag, found, drawn, topic) for topic in SCENE_TOPICS}
     unpublished = never_published(bag, found)
     executed = [one for one in found if one.response and one.response.plan_id not in unpublished]
@@ -125,19 +133,22 @@ def _plans(
                 for topic, messages in heard_of.items()
                 if k in messages
             }
-            plans[k] = _plan(found[k], robot_holding(robot, found[k].request), received)
+            phases = _phases(found[k], robot_holding(robot, found[k].request), received)
             if found[k] in executed:
-                windows[k] = _window(executed, executed.index(found[k]))
+                windows[k] = _windows(executed, executed.index(found[k]))
             else:
-                waiting[k] = replace(plans[k], remarks=(*plans[k].remarks, _UNPUBLISHED))
+                phases = [replace(one, remarks=(*one.remarks, _UNPUBLISHED)) for one in phases]
+            plans[k] = phases
         except (BagError, InvalidInput, LookupError, ValueError) as error:
             notes.append(
                 f"{value_at(found[k].response, 'plan_id', 'an answer')} is not drawn: {error}"
             )
     if parameters is not None:
-        fill_windows(bag, robot, parameters, list(windows.values()))
-    measured = {k: _with_measured(plans[k], one, parameters) for k, one in windows.items()}
-    return waiting | measured
+        fill_windows(bag, robot, parameters, [one for of_one in windows.values() for one in of_one])
+    for k, of_one in windows.items():
+        pairs = zip(plans[k], of_one, strict=True)
+        plans[k] = [_with_measured(plan, window, parameters) for plan, window in pairs]
+    return plans
 
 
 def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
@@ -195,35 +206,35 @@ def reported_request(
         solver = solver_report_from_message(answer.solver)
         found = replace(found, metrics=metrics, solver=solver)
     if _is_plan(answer):
-        start_ns, _ = _span(answer)
+        start_ns, _ = _span(answer.plans[0])
         points = len(answer.plans[0].joint_trajectory.points)
         found = replace(found, start_ns=start_ns, points=points)
     return found
 
 
-def _plan(exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]) -> ReportedPlan:
-    """Return a plan with its scene; received: messages of topics by their names."""
+def _phases(
+    exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]
+) -> list[ReportedPlan]:
+    """Return the plan of each phase with its scene; received: messages of topics by their names."""
     answer = exchange.response
     if answer is None or not answer.plans:
         raise BagError("the bag holds no plan of it")
-    plan, remarks = plan_from_answer(answer), []
-    if len(answer.plans) > 1:
-        motion = trajectory_in(answer.plans[0])
-        plan = replace(plan, trajectory=motion, duration=answer.plans[0].duration)
-        remarks = [f"It is the first of {len(answer.plans)} phases: the others are not drawn."]
+    plan = plan_from_answer(answer)
+    motions = [trajectory_in(one) for one in answer.plans]
     if plan.joint_names != robot.joint_names:
         names, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)
         allowed = f"the robot of the bag has {wanted}"
         raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
-    require_sound_samples(robot, plan.trajectory)
+    for motion in motions:
+        require_sound_samples(robot, motion)
     request, told = exchange.request, Scene()
     body: TargetBody | None = None
     if request is not None:
         body_message = received.get(TARGET_BODY.name)
         body_message = request.target_body[0] if request.target_body else body_message
         told = asked_scene(request).scene
-        if plan.duration:  # answers of earlier versions do not tell: their duration was given
-            told = replace(told, capture_time=plan.duration)
+        if answer.plans[0].duration:  # earlier versions do not tell: their duration was given
+            told = replace(told, capture_time=answer.plans[0].duration)
         if request.goal.kind == GoalKind.CAPTURE and body_message is not None:
             body = target_body_from_message(body_message, body_message.header.frame_id)
             body = body.after(since_stamp(answer.inputs.target_body_stamp, answer))
@@ -231,22 +242,29 @@ def _plan(exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]) -> 
     obstacles = obstacles_at_start(request, answer, received)
     if obstacles is not None and body is not None:
         obstacles = with_attached(obstacles, body)
-    drawn = reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told, plan.wheels)
-    return replace(drawn, remarks=(*drawn.remarks, *remarks)) if remarks else drawn
+    then = [payload_in(phase) for phase in value_at(request, "then", ())]
+    around, drawn = replace(told, obstacles=obstacles or ()), list[ReportedPlan]()
+    of_phases = phases_of(motions, robot, around, then)
+    for message, (motion, holding, scene) in zip(answer.plans, of_phases, strict=True):
+        known = None if obstacles is None else tuple(scene.obstacles)
+        wheels = wheels_in(message)
+        drawn.append(reported_plan(holding, {PLANNED: motion}, known, scene, wheels))
+    return drawn
 
 
-def _window(found: Sequence[PlanExchange], k: int) -> Window:
-    """Return the time of a plan, until the next one takes the arm over."""
+def _windows(found: Sequence[PlanExchange], k: int) -> list[Window]:
+    """Return the time of each phase of a plan, until the next plan takes the arm over."""
     namespace = found[k].namespace
-    (start_ns, end_ns), *later = (
-        _span(exchange.response)
+    mine, *later = (
+        [_span(plan) for plan in exchange.response.plans]
         for exchange in found[k:]
         if exchange.namespace == namespace
         and exchange.response is not None
         and _is_plan(exchange.response)
     )
     frame = value_at(found[k].response, "plans[0].chaser_path.header.frame_id")
-    return Window(namespace, frame, start_ns, min([end_ns, *(start for start, _ in later)]))
+    taken_ns = [start_ns for (start_ns, _), *_ in later]
+    return [Window(namespace, frame, start, min([end, *taken_ns])) for start, end in mine]
 
 
 def _is_plan(answer: PlanAnswer) -> bool:
@@ -255,9 +273,9 @@ def _is_plan(answer: PlanAnswer) -> bool:
     )
 
 
-def _span(answer: PlanAnswer) -> tuple[int, int]:
+def _span(plan: PlanMessage) -> tuple[int, int]:
     """Return the times of a plan's first and last point [ns]."""
-    motion = answer.plans[0].joint_trajectory
+    motion = plan.joint_trajectory
     start_ns = nanoseconds(motion.header.stamp)
     return start_ns, start_ns + nanoseconds(motion.points[-1].time_from_start)
 

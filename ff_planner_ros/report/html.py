@@ -17,8 +17,9 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 NOTHING = "-"  # in a cell whose value is not known
+LIBRARY = "plotly.js"  # a file for pages that lie together, each of which would be 5 MB larger
 
-_SCRIPTS = ("plots.js", "clock.js")
+_SCRIPTS = ("plots.js", "clock.js", "explorer.js")
 
 
 def element(tag: str, *content: Element | str | dict[str, str], **attributes: str) -> Element:
@@ -79,22 +80,35 @@ def plot(name: str, figure: go.Figure, caption: str) -> Element:
     return element("figure", element("div", place), element("figcaption", caption), data)
 
 
-def save_html(title: str, sections: Iterable[Element], file: Path) -> None:
-    """Write a page of sections, from top to bottom; a file that is there is replaced.
+def save_library(file: Path) -> None:
+    """Write plotly into a file, for pages that take it from there.
 
     Raises:
         OSError: The file cannot be written.
     """
-    page = _page(title, sections)
+    file.write_text(get_plotlyjs(), encoding="utf-8")
+
+
+def save_html(title: str, sections: Iterable[Element], file: Path, library: str = "") -> None:
+    """Write a page of sections, from top to bottom; a file that is there is replaced.
+
+    Args:
+        library: Where it takes plotly from, relative to the file; empty: it holds plotly itself.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    page = _page(title, sections, library)
     text = "<!doctype html>\n" + tostring(page, encoding="unicode", method="html") + "\n"
     # Half a surrogate, which JSON can bring in, is nothing that a file can hold.
     file.write_bytes(text.encode("utf-8", errors="replace"))
 
 
-def _page(title: str, sections: Iterable[Element]) -> Element:
-    library, style = get_plotlyjs(), _resource("report.css")
-    script = "".join(map(_resource, _SCRIPTS))
-    allowed = " ".join(map(_hash, (library, script)))
+def _page(title: str, sections: Iterable[Element], library: str) -> Element:
+    plotly = element("script", src=library) if library else element("script", get_plotlyjs())
+    style, script = _resource("report.css"), "".join(map(_resource, _SCRIPTS))
+    allowed = "'self'" if library else _hash(get_plotlyjs())
+    allowed += f" {_hash(script)}"
     policy = (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'"
@@ -106,7 +120,7 @@ def _page(title: str, sections: Iterable[Element]) -> Element:
         element("meta", name="viewport", content="width=device-width"),
         element("title", f"{title}: report of ff-planner"),
         element("style", style),
-        element("script", library),
+        plotly,
     )
     body = element("body", *sections)
     for figure in list(body.iter("figure")):

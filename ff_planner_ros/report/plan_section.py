@@ -14,25 +14,26 @@ from ff_planner_ros.report.plan_words import joint_table, obstacle_table, task_w
 from ff_planner_ros.report.run_report import ReportedPlan, ReportedRequest, clock_time
 
 
-def plan_part(number: int, request: ReportedRequest, plan: ReportedPlan, opened: bool) -> Element:
+def plan_part(name: str, request: ReportedRequest, plan: ReportedPlan, opened: bool) -> Element:
     """Return a plan's part.
 
     Args:
-        number: Of the request; the links to this part name it.
+        name: Of the plan on this page; the links to this part name it.
         opened: Whether it is open from the start.
     """
-    attributes = {"id": f"plan-{number}"} | ({"open": "open"} if opened else {})
+    attributes = {"id": f"plan-{name}"} | ({"open": "open"} if opened else {})
     answers = _answers(request, plan)
+    picture, *plots = (
+        plot(f"plan-{name}-{what}", figure, caption) for what, caption, figure in plan_plots(plan)
+    )
     return element(
         "details",
         element("summary", request.plan_id or "(no id)"),
         *([bullets(plan.remarks, "remarks")] if plan.remarks else []),
-        element("div", *_in_words(plan, answers), {"class": "beside"}),
         _clock(max(float(motion.time[-1]) for motion in plan.motions.values())),
-        *(
-            plot(f"plan-{number}-{name}", figure, caption)
-            for name, caption, figure in plan_plots(plan)
-        ),
+        element("div", picture, element("div", *_at_worst(plan, answers)), {"class": "picture"}),
+        *plots,
+        element("div", element("h3", "Asked"), pairs(task_words(plan))),
         element("div", *_in_numbers(plan, answers), {"class": "beside"}),
         *_joints_and_obstacles(plan, answers),
         attributes,
@@ -45,8 +46,7 @@ def _answers(request: ReportedRequest, plan: ReportedPlan) -> dict[Method, Repor
     return {method: before if method is RECORDED else request for method in plan.motions}
 
 
-def _in_words(plan: ReportedPlan, answers: dict[Method, ReportedRequest]) -> Iterator[Element]:
-    yield element("div", element("h3", "Asked"), pairs(task_words(plan)))
+def _at_worst(plan: ReportedPlan, answers: dict[Method, ReportedRequest]) -> Iterator[Element]:
     for method, motion in plan.all_motions.items():
         heading = element("h3", f"At its worst, as {method.label}")
         metrics = _metrics_of(method, answers)

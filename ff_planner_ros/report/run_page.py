@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TypeAlias
 from xml.etree.ElementTree import Element
+
+import numpy as np
 
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.publications import Publication
@@ -13,9 +17,16 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.report.html import NOTHING, bullets, element, pairs, plot, row, save_html, table
 from ff_planner_ros.report.plan_section import plan_part
-from ff_planner_ros.report.run_report import Report, ReportedRequest, clock_time
+from ff_planner_ros.report.run_report import Report, ReportedPlan, ReportedRequest, clock_time
 from ff_planner_ros.report.statistics_plots import solve_time_plot
 
+_Part: TypeAlias = tuple[str, ReportedRequest, ReportedPlan]
+# Of which the worst is told first.
+_WORST = ("min_clearance", "min_self_clearance", "min_joint_margin", "max_chaser_rotation")
+_ASKED = (
+    "The robot at the start, its tool where the goal wants it, and what is in the way; red lines "
+    "mark where they are nearest to each other."
+)
 _FEWEST_TIMES = 10  # of which a histogram tells more than their table
 _COLUMNS = (
     *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T, h", "duration [s]", "points"),
@@ -31,34 +42,99 @@ _TIMING_COLUMNS = (
 )
 
 
-def save_page(report: Report, file: Path) -> None:
-    """Write a report.
+def save_page(report: Report, file: Path, library: str = "") -> None:
+    """Write a report; library: see `save_html`.
 
     Raises:
         OSError: It cannot be written.
     """
-    save_html(report.title, _sections(report), file)
+    save_html(report.title, _sections(report), file, library)
 
 
 def _sections(report: Report) -> Iterator[Element]:
     yield element("h1", f"Report: {report.title}")
-    yield pairs(report.facts)
+    yield from map(_verdict, _verdicts(report))
     if report.notes:
         yield bullets(report.notes, "notes")
-    yield element("h2", "Requests")
-    attempts = any(r.metrics is not None and r.code != Status.SOLVED for r in report.requests)
-    explained = " Where there is a *, of the best attempt, which is no plan." if attempts else ""
-    yield element("p", f"{report.counts}.{explained}")
-    yield _requests(report.requests)
+    single = len(report.requests) == 1
+    for number, request in enumerate(report.requests):
+        if request.asked is not None:
+            yield plot(f"asked-{number}", request.asked, _ASKED)
+    if not single:
+        yield from _all_requests(report)
+        yield element("h2", "Plans")
+    drawn = [part for k, request in enumerate(report.requests) for part in _parts(k, request)]
+    with progress_bar("drawing", len(drawn), unit="plans", per_unit=1) as advance:
+        for place, (name, request, plan) in enumerate(drawn):
+            yield plan_part(name, request, plan, place == 0)
+            advance(1)
+    if single:
+        yield from _all_requests(report)
     yield from _publications(report.publications)
     yield from _timing(report.requests)
-    drawn = [(k, r, r.plan) for k, r in enumerate(report.requests) if r.plan is not None]
-    if drawn:
-        yield element("h2", "Plans")
-    with progress_bar("drawing", len(drawn), unit="plans", per_unit=1) as advance:
-        for place, (number, request, plan) in enumerate(drawn):
-            yield plan_part(number, request, plan, place == 0)
-            advance(1)
+    yield element("h2", "About this file")
+    yield pairs(report.facts)
+
+
+def _verdicts(report: Report) -> Iterator[tuple[str, str]]:
+    """Yield what happened: a kind that the style knows, and a sentence."""
+    requests = report.requests
+    if len(requests) != 1:
+        yield "", f"{report.counts}."
+    for request in requests if len(requests) == 1 else ():
+        if request.code == Status.SOLVED:
+            yield "solved", f"Solved. {'; '.join(_margins(request))}."
+        else:
+            yield "refused", f"{_status(request)}: {request.message}"
+    plans = [one for one in requests if one.code == Status.SOLVED and one.metrics is not None]
+    for name in _WORST if len(plans) > 1 else ():
+        sign = 1.0 if name.startswith("min_") else -1.0
+        found = [(sign * getattr(one.metrics, name), one) for one in plans]
+        known = [(value, one) for value, one in found if np.isfinite(value)]
+        if known:
+            value, worst = min(known, key=lambda pair: pair[0])
+            metric = METRIC_BY_NAME[name]
+            label = f"least {metric.label}" if sign > 0.0 else metric.label
+            yield "", f"{label.capitalize()}: {metric.text(sign * value)}, {worst.plan_id}."
+
+
+def _margins(request: ReportedRequest) -> Iterator[str]:
+    """Yield how far a plan moves, and how near it comes to anything."""
+    metrics = request.metrics
+    if request.duration is not None:
+        yield f"It takes {request.duration:.4g} s"
+    for name in _WORST if metrics is not None else ():
+        metric, value = METRIC_BY_NAME[name], getattr(metrics, name)
+        if np.isfinite(value):
+            yield f"{metric.label} {metric.text(value)}"
+
+
+def _verdict(told: tuple[str, str]) -> Element:
+    kind, words = told
+    return element("p", words, {"class": f"verdict {kind}".rstrip()})
+
+
+def _parts(number: int, request: ReportedRequest) -> Iterator[_Part]:
+    """Yield name, request and plan of all that is drawn of a request: each phase has a part."""
+    if request.plan is None:
+        return
+    if not request.then:
+        yield str(number), request, request.plan
+        return
+    for phase, plan in enumerate((request.plan, *request.then), start=1):
+        # What is measured of a sequence is of the whole.
+        called = f"{request.plan_id}, phase {phase}"
+        of_phase = replace(request, plan_id=called, metrics=None, solver=None)
+        yield f"{number}" if phase == 1 else f"{number}-{phase}", of_phase, plan
+
+
+def _all_requests(report: Report) -> Iterator[Element]:
+    yield element("h2", "Requests")
+    attempts = any(r.metrics is not None and r.code != Status.SOLVED for r in report.requests)
+    explained = "Where there is a *, of the best attempt, which is no plan." if attempts else ""
+    if explained:
+        yield element("p", explained)
+    yield _requests(report.requests)
 
 
 def _requests(requests: Sequence[ReportedRequest]) -> Element:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ff_planner_ros.analysis.drawing.tracking import Deviations
 from ff_planner_ros.analysis.json_file import read_json
@@ -21,6 +21,9 @@ from ff_planner_ros.planning.motion.plan import SolverReport, Trajectory, WheelM
 from ff_planner_ros.planning.problem.problem import Obstacle, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +80,10 @@ class ReportedRequest:
     solve_time: float | None = None  # wall clock of the answer [s]
     guessed: bool = False  # whether a library's plan was tried first
     plan: ReportedPlan | None = None  # None: there is no plan, or it is not drawn
+    # Where it was refused before any motion was looked for: what was asked; None: not drawn
+    asked: go.Figure | None = None
+    # Of a sequence in one answer, whose `plan` is that of the first phase: those of the others
+    then: tuple[ReportedPlan, ...] = ()
     # The same request as it was recorded, where this is one with something changed
     before: ReportedRequest | None = None
 

@@ -1,1 +1,1 @@
-"""The robot: model from URDF, momentum, generalised Jacobian, velocity map."""
+"""A free-flying robot: kinematics, momentum, dynamics."""

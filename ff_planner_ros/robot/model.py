@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import math
-import stat
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.text_file import read_text
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -173,21 +173,8 @@ def read_urdf(urdf: Path, field: str = _ROBOT) -> str:
     Raises:
         InvalidInput: The file cannot be read, or a model is one that a URDF cannot say.
     """
-    try:
-        if stat.S_ISREG(urdf.stat().st_mode):  # to open a pipe may last for ever
-            with urdf.open("rb") as file:
-                content = file.read(MAX_CHARACTERS + 1)
-            if len(content) <= MAX_CHARACTERS:
-                text = content.decode("utf-8")
-                return urdf_of(text) if field == _ROBOT else text
-            reason = f"it has more than {MAX_CHARACTERS} bytes"
-        else:
-            reason = "Is a directory" if urdf.is_dir() else "it is no regular file"
-    except UnicodeDecodeError:
-        reason = "not UTF-8"
-    except OSError as error:
-        reason = str(error.strerror)
-    raise InvalidInput(Status.BAD_ROBOT, field, urdf, f"it cannot be read: {reason}")
+    text = read_text(urdf, MAX_CHARACTERS, field, Status.BAD_ROBOT)
+    return urdf_of(text) if field == _ROBOT else text
 
 
 def robot_from_urdf_text(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -94,7 +96,7 @@ class Session:
             self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
             # Nobody learns more from a preview by reading it twice.
             preview = node.resolve_topic_name("planned_joint_states")
-            self._recorder.leave_out(preview, self._output.is_repeated)
+            self._recorder.leave_out(preview, self._output.preview.is_repeated)
             self._subscribe(stack)
             self._service = stack.enter_context(
                 closing(
@@ -113,9 +115,7 @@ class Session:
             )
             self._controller = stack.enter_context(
                 closing(
-                    ControllerSettings(
-                        node, now.controller.from_node, robot.joint_names, parameters.learn
-                    )
+                    ControllerSettings(node, now.controller, robot.joint_names, parameters.learn)
                 )
             )
             self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM_QOS)
@@ -159,7 +159,10 @@ class Session:
 
     def _subscribe(self, stack: ExitStack) -> None:
         qos = self._parameters.current.qos
-        keep = self._states.callbacks() | self._scenes.callbacks()
+        of_states = self._states.callbacks()
+        if self._parameters.current.tf.measured:
+            of_states = {name: self._and_tell(one) for name, one in of_states.items()}
+        keep = of_states | self._scenes.callbacks()
         listener = stack.enter_context(closing(Listener(self._node)))
         for topic in heard_with(self._parameters.current.state_source):
             listener.add(
@@ -187,19 +190,36 @@ class Session:
     def _newest_state(self, max_age: float, max_lead: float) -> Snapshot:
         return self._states.snapshot(self._now_ns(), max_age, max_lead)
 
+    def _and_tell(self, keep: Callable[..., None]) -> Callable[..., None]:
+        """Return what keeps a message, and publishes the measured chaser where that is due.
+
+        On the listener's thread: a timer would wake the executor while nothing is measured.
+        """
+
+        def kept(*message: Any) -> None:
+            keep(*message)
+            if self._output.transforms.is_due and (measured := self._measured()) is not None:
+                self._output.transforms.measured(measured.state, measured.stamp_ns)
+
+        return kept
+
     def _stream(self) -> None:
         if not self._output.is_streamed:
             self._streaming.cancel()  # until a plan is published: nobody asks for the state
             return
+        self._output.stream(self._measured())
+
+    def _measured(self) -> Snapshot | None:
+        """Return the newest state; None: there is none that can be used."""
         now = self._parameters.current
         try:
-            measured = self._newest_state(now.state_max_age, now.state_future_tolerance)
+            return self._newest_state(now.state_max_age, now.state_future_tolerance)
         except InvalidInput:
-            measured = None
-        self._output.stream(measured)
+            return None
 
     def _diagnose(self) -> None:
-        self._output.look_for_viewers(_RECORDERS)
+        self._output.preview.look_for_viewers(_RECORDERS)
+        self._service.look()
         self._controller.look()
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""

@@ -1,1 +1,1 @@
-"""Recorded runs: read, replayed, asked what if."""
+"""Recorded runs: their content, replay, and what if."""

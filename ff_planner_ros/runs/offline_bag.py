@@ -23,11 +23,11 @@ from ff_planner_ros.common.yaml_file import MOST_BYTES
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER
-from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
+from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.planning.task.whole import whole
+from ff_planner_ros.planning.task.whole import captured_bodies, whole, whole_scene
 from ff_planner_ros.robot.wheels import Wheels
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.phases import (
@@ -91,8 +91,7 @@ def record_answer(
     request.then = [phase_message(one, names, SCENARIO_FRAME) for one in task.then]
     request.start_state = [state]
     request.scene = [scene_message(problem.obstacles, start_ns, SCENARIO_FRAME)]
-    captured = [body for body in _captured(task) if body is not None]
-    body = captured[0] if captured else None
+    body = next((one for one in captured_bodies(task) if one is not None), None)
     if body is not None:
         request.target_body = [target_body_message(body, start_ns, SCENARIO_FRAME)]
     request.start_time = time_message(start_ns)
@@ -100,7 +99,8 @@ def record_answer(
     if isinstance(answer, Plan):
         told, total = (start_ns, SCENARIO_FRAME), whole(answer)
         each = plan_messages(answer, *told, bodies_of(task, answer))
-        written = plan_message(total, *told, problem.target_body) if answer.then else each[0]
+        captured = captured_in(whole_scene(task, answer))
+        written = plan_message(total, *told, captured) if answer.then else each[0]
         response = answer_with_plan(total, each, plan_id, solve_time)
     else:
         response = answer_of_error(answer, plan_id, solve_time)
@@ -142,7 +142,7 @@ def record_answer(
         if isinstance(answer, Plan):
             put("/joint_trajectory", LATCHED_QOS, written.joint_trajectory)
             put("/predicted_chaser_path", LATCHED_QOS, written.chaser_path)
-            if problem.target_body is not None:
+            if captured is not None:
                 put("/predicted_target_path", LATCHED_QOS, written.target_path)
 
 
@@ -155,28 +155,20 @@ def require_recordable(task: PlanningTask) -> None:
     target, captured = task.problem.target, task.problem.target_body is not None
     window = task.problem.duration_range
     for field, given in (
-        *(
-            (f"phases.{name}", getattr(phase, name) != getattr(task.problem, name))
-            for phase in task.then
-            for name in ("points", "parametrisation")
-        ),
-        ("phases.camera", any(phase.camera is not None for phase in task.then)),
         ("running", task.running is not None),
         ("running_goal", task.running_goal is not None),
         ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
         ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
         ("target.angular_acceleration", not captured and target.angular_acceleration.any()),
-        ("phases.target_body", len({id(one) for one in _captured(task) if one is not None}) > 1),
+        (
+            "phases.target_body",
+            len({id(one) for one in captured_bodies(task) if one is not None}) > 1,
+        ),
         ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),
     ):
         if given:
             allowed = "a request to the node cannot ask for it: leave out --bag"
             raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
-
-
-def _captured(task: PlanningTask) -> list[TargetBody | None]:
-    """Return what each phase captures, at the first point of the first."""
-    return [task.problem.target_body, *(phase.target_body for phase in task.then)]
 
 
 def _used(task: PlanningTask) -> dict[str, Any]:

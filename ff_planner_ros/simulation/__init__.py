@@ -1,1 +1,1 @@
-"""Open-loop execution of plans in an independent physics engine."""
+"""Plans executed open loop in an independent physics engine, MuJoCo."""

@@ -68,7 +68,7 @@ ALLOWED = Deviation(
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What became of a plan in the independent engine."""
+    """The result of executing a plan in the independent engine."""
 
     execution: Execution  # what the system did, in the plan's inertial frame
     deviation: Deviation  # from the plan

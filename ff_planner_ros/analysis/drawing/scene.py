@@ -17,7 +17,13 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.drawing.scene_layout import add_controls, lay_out, save_page
+from ff_planner_ros.analysis.drawing.scene_layout import (
+    LIT,
+    add_controls,
+    add_turns,
+    lay_out,
+    save_page,
+)
 from ff_planner_ros.analysis.drawing.solids import RobotSurface, robot_surface, surface_at
 from ff_planner_ros.analysis.drawing.surroundings import (
     axes_of,
@@ -78,7 +84,8 @@ def scene_figure(
     """Draw the scene: Fig. 2 of the paper, for several methods and all times.
 
     Args:
-        shown: Methods that are shown from the start; a click in the legend shows the others.
+        shown: Methods whose paths are shown from the start; a click in the legend shows the
+            others. The robot is that of the first; buttons show the others in turn.
         controls: Whether the figure has a slider and buttons of its own.
     """
     longest = max((motion.time for motion in motions.values()), key=lambda time: float(time[-1]))
@@ -97,13 +104,17 @@ def scene_figure(
     )
     passing = [one for one in near if one.moves]
     moving = [number for number, one in enumerate(near) if one.moves]
+    first, robots = next(one for one in motions if one in shown), dict[Method, list[int]]()
     for motion in drawn:
         bodies = list(_bodies(motion))
-        moving += range(len(figure.data), len(figure.data) + len(bodies))
-        traces = [*bodies, *_paths(motion), *_nearest(motion)]
-        for trace in traces:
+        robots[motion.method] = [len(figure.data) + k for k in range(len(bodies))]
+        moving += robots[motion.method]
+        for trace in bodies:  # one robot at a time: two would lie in each other
+            trace.visible = motion.method == first
+        paths = [*_paths(motion), *_nearest(motion)]
+        for trace in paths:
             trace.visible = True if motion.method in shown else "legendonly"
-        figure.add_traces(traces)
+        figure.add_traces([*bodies, *paths])
     # As many digits as tell two frames apart.
     digits = 2 if len(times) < 2 else max(2, 1 - int(np.floor(np.log10(times[1]))))
     figure.frames = [
@@ -118,6 +129,8 @@ def scene_figure(
         for frame, time in enumerate(times.tolist())
     ]
     lay_out(figure)
+    if len(drawn) > 1:
+        add_turns(figure, {method.label: rows for method, rows in robots.items()}, first.label)
     if controls:
         add_controls(figure)
     return figure
@@ -216,7 +229,7 @@ def _bodies(motion: _Motion) -> Iterator[go.Scatter3d | go.Mesh3d]:
             **xyz(motion.surface[0].astype(np.float32)),
             **dict(zip("ijk", motion.triangles.T, strict=True)),
             color=motion.method.colour,
-            opacity=0.4,
+            lighting=LIT,
             flatshading=True,
             name=motion.method.label,
             legendgroup=motion.method.name,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 
 _FRAME_DURATION = 100  # [ms] on the screen
+# How light falls on surfaces: sides differ, and nothing is black.
+LIT = {"ambient": 0.65, "diffuse": 0.7, "specular": 0.15, "roughness": 0.6, "fresnel": 0.1}
 _CAMERA = {"eye": {"x": -0.9, "y": -1.75, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
 
 _PAGE = (
@@ -64,6 +67,37 @@ def lay_out(figure: go.Figure) -> None:
     )
 
 
+def add_turns(figure: go.Figure, robots: Mapping[str, Sequence[int]], first: str) -> None:
+    """Add buttons that show one of several robots at a time.
+
+    Args:
+        robots: By their names, the traces of each.
+        first: Is shown first.
+    """
+    every = [trace for traces in robots.values() for trace in traces]
+    figure.update_layout(
+        updatemenus=[
+            {
+                "type": "buttons",
+                "direction": "right",
+                "x": 0.99,
+                "y": 0.99,
+                "xanchor": "right",
+                "yanchor": "top",
+                "active": list(robots).index(first),
+                "buttons": [
+                    {
+                        "label": html.escape(name),
+                        "method": "restyle",
+                        "args": [{"visible": [trace in traces for trace in every]}, every],
+                    }
+                    for name, traces in robots.items()
+                ],
+            }
+        ]
+    )
+
+
 def add_controls(figure: go.Figure) -> None:
     """Add a slider of the time, and buttons to play and to stop, below the scene."""
     play = {"frame": {"duration": _FRAME_DURATION, "redraw": True}, "fromcurrent": True}
@@ -71,6 +105,7 @@ def add_controls(figure: go.Figure) -> None:
     figure.update_layout(
         scene_domain={"y": [0.14, 1.0]},
         updatemenus=[
+            *figure.layout.updatemenus,
             {
                 "type": "buttons",
                 "direction": "left",
@@ -82,7 +117,7 @@ def add_controls(figure: go.Figure) -> None:
                     {"label": "▶", "method": "animate", "args": [None, play]},
                     {"label": "❚❚", "method": "animate", "args": [[None], stop]},
                 ],
-            }
+            },
         ],
         sliders=[
             {

@@ -17,6 +17,7 @@ from ff_planner_ros.analysis.drawing.obstacle_surfaces import (
     obstacle_words,
     placed,
 )
+from ff_planner_ros.analysis.drawing.scene_layout import LIT
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.obstacle_distances import around_obstacles
 from ff_planner_ros.planning.motion.motion import from_trajectory
@@ -65,7 +66,7 @@ def drawn_obstacles(drawn: Sequence[Obstacle], count: int) -> list[go.Mesh3d]:
             **xyz(placed(one, corners, np.zeros(1))[0]),
             **dict(zip("ijk", triangles.T, strict=True)),
             color=_OBSTACLE,
-            opacity=0.55,
+            lighting=LIT,
             name=f"obstacles{left_out}",
             legendgroup="obstacles",
             showlegend=number == 0,

@@ -1,1 +1,1 @@
-"""MCAP files in the layout of rosbag2, byte by byte, and messages by the definitions in them."""
+"""MCAP files, byte by byte, and messages decoded by the definitions in them."""

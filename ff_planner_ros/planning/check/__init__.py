@@ -1,1 +1,1 @@
-"""Refuses a plan that breaks a requirement; knows nothing of solver and search."""
+"""Refuses a plan that breaks a requirement; knows neither solver nor search."""

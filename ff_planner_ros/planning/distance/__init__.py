@@ -1,1 +1,1 @@
-"""How near bodies come to each other, and for certain between the points of a motion, too."""
+"""Distances of bodies, certified between the points of a motion."""

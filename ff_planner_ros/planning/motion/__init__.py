@@ -1,1 +1,1 @@
-"""What moves: plans, motions of joints and chaser, and how good they are."""
+"""Plans, motions of joints and chaser, and their metrics."""

@@ -43,7 +43,11 @@ class Metric:
         if np.isinf(value).any():
             # There is nothing that it is the distance from.
             return _WITHOUT.get(self.name, "no obstacles")
-        return format(np.max(value) * _UNITS.get(self.shown_unit, 1.0), self.digits)
+        return format(self.in_shown_unit(value), self.digits)
+
+    def in_shown_unit(self, value: float | Sequence[float]) -> float:
+        """Return the value in the unit of tables; of several values the largest."""
+        return float(np.max(value) * _UNITS.get(self.shown_unit, 1.0))
 
     def text(self, value: float | Sequence[float]) -> str:
         """Return the value in words, with its unit."""

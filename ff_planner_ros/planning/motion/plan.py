@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.goal_words import Parametrisation
+from ff_planner_ros.robot.quaternion import (
+    quaternion_inverse,
+    quaternion_product,
+    rotation_from_quaternion,
+)
 
 # Instead of a family's name: what remains of a running plan, as it is.
 REMAINDER = "remainder"
@@ -19,7 +26,7 @@ class Trajectory:
     """The sampled motion of the system, in the inertial frame; one row per point.
 
     The chaser frame has its origin at the centre of mass of the chaser alone and the axes of
-    the base link; quaternions turn chaser or end effector axes to inertial axes.
+    the base link; quaternions rotate chaser or end-effector axes to inertial axes.
     """
 
     time: Array  # from the start, at equal steps to the goal and in the tail; shape (points,) [s]
@@ -54,6 +61,49 @@ class Trajectory:
                 for item in fields(self)
             }
         )
+
+
+def begins_of(motions: Iterable[Trajectory]) -> list[float]:
+    """Return when each of some motions begins that follow one another, the first at zero [s]."""
+    ends: list[float] = np.cumsum([motion.time[-1] for motion in motions]).tolist()
+    return [0.0, *ends[:-1]]
+
+
+class BodyMotion(NamedTuple):
+    """A body's frame at its centre of mass, in the inertial frame; one row per point."""
+
+    positions: Array  # shape (points, 3) [m]
+    quaternions_xyzw: Array  # body axes to inertial axes; shape (points, 4)
+    linear_velocities: Array  # shape (points, 3) [m/s]
+    angular_velocities: Array  # shape (points, 3) [rad/s]
+
+    def followed_by(self, after: BodyMotion) -> BodyMotion:
+        """Return one motion of two."""
+        return BodyMotion(*map(np.concatenate, zip(self, after, strict=True)))
+
+
+def with_end_effector(motion: Trajectory, place: Array, points: slice) -> BodyMotion:
+    """Return the motion of what is fixed to the end effector, at some points of a plan.
+
+    Args:
+        place: Of its frame in the end effector's: position [m] and quaternion x, y, z, w. Shape
+            (7,).
+    """
+    turns, rates = motion.ee_quaternions_xyzw[points], motion.ee_angular_velocities[points]
+    lever = rotation_from_quaternion(turns) @ place[:3]
+    return BodyMotion(
+        positions=motion.ee_positions[points] + lever,
+        quaternions_xyzw=quaternion_product(turns, place[3:]),
+        linear_velocities=motion.ee_linear_velocities[points] + np.cross(rates, lever),
+        angular_velocities=rates,
+    )
+
+
+def in_end_effector(motion: Trajectory, pose: Array) -> Array:
+    """Return a pose at the last point of a plan, shape (7,), in the end effector's frame then."""
+    back = quaternion_inverse(motion.ee_quaternions_xyzw[-1])
+    way = rotation_from_quaternion(back) @ (pose[:3] - motion.ee_positions[-1])
+    return np.concatenate([way, quaternion_product(back, pose[3:])])
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +164,7 @@ class RobustReport:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A plan that a consumer can trust: motion, metrics, and why the solver stopped."""
+    """A checked plan: motion, metrics, and why the solver stopped."""
 
     joint_names: tuple[str, ...]  # in the order of the trajectory's columns
     trajectory: Trajectory
@@ -146,6 +196,11 @@ class Plan:
     def phases(self) -> tuple[Plan, ...]:
         """The plan of each phase; one that nothing follows is the only one."""
         return (replace(self, then=()), *self.then) if self.then else (self,)
+
+    @property
+    def begins(self) -> list[float]:
+        """When each phase begins, the first at zero [s]."""
+        return begins_of(phase.trajectory for phase in self.phases)
 
     @property
     def may_be_singular(self) -> bool:

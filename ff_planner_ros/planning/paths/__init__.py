@@ -1,1 +1,1 @@
-"""Families of paths, and the first guesses of each."""
+"""Path families, and the initial guesses of each."""

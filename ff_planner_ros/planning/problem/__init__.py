@@ -1,1 +1,1 @@
-"""What is asked: the start, the goal, what is in the way, what is minimised and what is kept."""
+"""The request: start, goal, obstacles, objective, limits, settings."""

@@ -40,7 +40,7 @@ class Margins(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """The corridor of the last stretch, in the grasp's frame: the end effector's at the goal.
+    """The corridor of the last stretch, in the frame of the end effector at the goal.
 
     Raises:
         InvalidInput: Wrong size, not finite, a direction of no length, a distance that is not
@@ -51,13 +51,13 @@ class Approach:
 
     direction: Array = declare(
         DIRECTION,
-        "in which the end effector comes, any length but zero",
+        "direction of motion of the end effector, any length but zero",
         frame="in its frame at the goal",
         message="direction",
     )
     distance: float = declare(
         a_number(above=0.0),
-        "from the goal, within which it keeps to the corridor",
+        "distance from the goal within which the end effector stays in the corridor",
         unit="m",
         message="distance",
     )

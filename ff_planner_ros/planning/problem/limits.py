@@ -28,7 +28,7 @@ OF_ONE_NUMBER = (
 
 @dataclass(frozen=True)
 class Limits:
-    """What to keep beside the joints' position limits, which are always kept.
+    """Limits beside the joints' position limits, which always hold.
 
     Raises:
         InvalidInput: An angle or an acceleration that is not positive.
@@ -43,7 +43,7 @@ class Limits:
 
     joint_velocities: bool = declare(
         FROM_URDF,
-        "whether joints keep their velocities' limits",
+        "joint velocity limits",
         key="velocity",
         since="0.2",
         default=False,
@@ -68,7 +68,7 @@ class Limits:
     )
     joint_torques: bool = declare(
         FROM_URDF,
-        "whether joints keep their torques' limits",
+        "joint torque limits",
         key="effort",
         since="0.3",
         default=True,
@@ -76,8 +76,8 @@ class Limits:
     )
     chaser_rotation: float = declare(  # infinite: any
         or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
-        "largest angle of the chaser's rotation since the plan's first point, in any frame the "
-        "same; mostly more than its largest Euler angle",
+        "largest rotation angle of the chaser since the plan's first point, the same in any frame; "
+        "mostly more than its largest Euler angle",
         unit="rad",
         since="0.3",
         default=math.inf,
@@ -107,7 +107,8 @@ class Limits:
     )
     capture_impulse: float = declare(  # infinite: any
         or_none(a_number(above=0.0), math.inf),
-        "largest impulse on a body that is captured, as far as it does not move like the grasp",
+        "largest impulse on a captured body, from its motion relative to the end effector at "
+        "contact",
         unit="N s",
         since="0.3",
         default=math.inf,

@@ -71,7 +71,7 @@ SHORTEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class DurationRange:
-    """Durations of which the planner chooses one.
+    """The range from which the planner chooses the duration.
 
     Raises:
         InvalidInput: Not positive, or in the wrong order.

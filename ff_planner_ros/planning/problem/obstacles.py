@@ -31,7 +31,7 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """An obstacle: a sphere that the arm's centre lines stay out of.
+    """A spherical obstacle.
 
     It rests, moves uniformly, or is fixed to a target body and moves with it.
 

@@ -101,7 +101,7 @@ _OF_BODY = {
 
 @dataclass(frozen=True, eq=False)
 class PlanningProblem:
-    """What is asked of the planner: a motion from a start state to a target.
+    """The request to the planner: a motion from a start state to a target.
 
     Raises:
         InvalidInput: A duration or contact distance that is not positive, a duration out of its
@@ -118,13 +118,13 @@ class PlanningProblem:
     # By `capturing` that of a body
     target: Target = declare(
         GOAL,
-        "what the end effector, or the joints, shall do at the last point of the plan",
+        "goal of the end effector, or of the joints, at the last point of the plan",
         optional=True,
         message="goal",
     )
     duration: float = declare(
         or_part(a_number(above=0.0, at_least=SHORTEST), part(DurationRange)),
-        "from the first point to the goal; of a range the planner chooses it",
+        "time from the first point to the goal; from a range, the planner chooses it",
         unit="s",
         message="duration",
     )
@@ -134,9 +134,7 @@ class PlanningProblem:
         optional=True,
         message="search.points",
     )
-    obstacles: tuple[Obstacle, ...] = declare(
-        each(OBSTACLE), "spheres, and bodies of other shapes, to stay out of"
-    )
+    obstacles: tuple[Obstacle, ...] = declare(each(OBSTACLE), "spheres and convex bodies to avoid")
     objective: Objective = declare(
         part(Objective),
         "what is minimised",
@@ -144,13 +142,13 @@ class PlanningProblem:
     )
     limits: Limits = declare(
         changes(Limits),
-        "what is kept beside the joints' position limits",
+        "limits beside the joints' position limits",
         default=Limits(),
         message="limits",
     )
     parametrisation: Parametrisation = declare(
         a_word(Parametrisation),
-        "which paths the plan is looked for among",
+        "trajectory parameterisation, the family of paths that is searched",
         since="0.3",
         default=Parametrisation.AUTO,
         message="search.parametrisation",
@@ -159,7 +157,8 @@ class PlanningProblem:
     # At the goal from when on the end effector stays within the contact distance, and in the tail
     allowed_collisions: tuple[str, ...] = declare(
         each(TEXT),
-        "what may touch at the goal, and where it touches at the start, link/obstacle or link/link",
+        "pairs that may touch at the goal and, if they touch there, at the start, link/obstacle or "
+        "link/link",
         key="allowed_collisions.pairs",
         formerly="allowed_at_goal",
         since="0.3",
@@ -169,7 +168,8 @@ class PlanningProblem:
     )
     contact_distance: float = declare(
         a_number(above=0.0),
-        "of the end effector from its goal, or from where it began, within which they may",
+        "distance of the end effector from its goal, or from where it began, within which they may "
+        "touch",
         key="allowed_collisions.distance",
         formerly="contact_distance",
         unit="m",
@@ -181,7 +181,7 @@ class PlanningProblem:
     # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
     target_body: TargetBody | None = declare(
         part(TargetBody),
-        "instead of target: a body that moves freely, as it is at the plan's first point",
+        "instead of target: a freely moving body, at the plan's first point",
         since="0.3",
         default=None,
         late=True,
@@ -192,7 +192,7 @@ class PlanningProblem:
     duration_range: DurationRange | None = None
     approach: Approach | None = declare(
         part(Approach),
-        "of the last stretch: along a straight corridor; default: any way",
+        "straight corridor of the last stretch; default: none",
         since="0.3",
         default=None,
         message="goal.approach[0]",
@@ -208,7 +208,8 @@ class PlanningProblem:
     )
     requirements: tuple[Requirement, ...] = declare(
         REQUIRED,
-        "of others, by the names of their entry points, `ff_planner_ros.requirements`",
+        "requirements of plug-ins, by the names of their entry points, "
+        "`ff_planner_ros.requirements`",
         since="0.3",
         brief=True,
         default=(),
@@ -308,7 +309,7 @@ class PlanningProblem:
 
 
 def with_capture_target(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
-    """Return a problem whose goal is the grasp of a body, with what is fixed to it in the way.
+    """Return a problem whose goal is the grasp of a body, with its attached obstacles.
 
     Goal and attached obstacles of another body, that the problem may have had, are left out.
 

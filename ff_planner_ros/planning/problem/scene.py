@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -35,6 +36,8 @@ class Scene:
     target: Target | None = None
     target_body: TargetBody | None = None  # whose grasp the target is; None: of none
     capture_time: float | None = None  # from the plan's first point on [s]; None: at its last
+    # From when on the end effector holds it: a phase follows; infinite: it is never held [s]
+    held_from: float = math.inf
     approach: Approach | None = None  # of the last stretch to the target; None: any way
     camera: Camera | None = None  # that keeps the target in view; None: none
 
@@ -105,7 +108,7 @@ def _seen_from(one: Obstacle, origin: Array, velocity: Array) -> Obstacle:
 OF_PROBLEM = tuple(
     item.name
     for item in fields(Scene)
-    if item.name not in ("obstacles", "target", "target_body", "capture_time")
+    if item.name not in ("obstacles", "target", "target_body", "capture_time", "held_from")
 )
 
 

@@ -108,32 +108,40 @@ class RobustSettings:
     """
 
     sigmas: float = tunable(
-        "Every margin of a plan keeps so many of its standard deviations under the errors below; "
-        "0.0: none",
+        "Number of its standard deviations that every margin of a plan keeps, under the errors "
+        "below; 0.0: none",
         minimum=0.0,
         maximum=MOST_SIGMAS,
         strictness=STRICT_IF_HIGH,
     )
     mass: float = tunable(
-        "Standard deviation of each body's mass, as a share of it",
+        "Standard deviation of each body's mass, relative",
         minimum=0.0,
         maximum=1.0,
         strictness=STRICT_IF_HIGH,
     )
     inertia: float = tunable(
-        "Of each body's inertia about its centre of mass, as a share of it",
+        "Standard deviation of each body's inertia about its centre of mass, relative",
         minimum=0.0,
         maximum=1.0,
         strictness=STRICT_IF_HIGH,
     )
     center_of_mass: float = tunable(
-        "Of each body's centre of mass, along each axis", 0.0, 1.0, "m", STRICT_IF_HIGH
+        "Standard deviation of each body's centre of mass, along each axis",
+        0.0,
+        1.0,
+        "m",
+        STRICT_IF_HIGH,
     )
     linear_velocity: float = tunable(
-        "Of the chaser's velocity at the start, along each axis", 0.0, 1.0, "m/s", STRICT_IF_HIGH
+        "Standard deviation of the chaser's velocity at the start, along each axis",
+        0.0,
+        1.0,
+        "m/s",
+        STRICT_IF_HIGH,
     )
     angular_velocity: float = tunable(
-        "Of the chaser's angular velocity at the start, about each axis",
+        "Standard deviation of the chaser's angular velocity at the start, about each axis",
         minimum=0.0,
         maximum=1.0,
         unit="rad/s",
@@ -147,7 +155,7 @@ class RobustSettings:
 
 @dataclass(frozen=True)
 class PlannerSettings:
-    """What an operator may tune; the same names as the ROS parameters under `planner.`.
+    """Settings of the planner, with the names of the ROS parameters under `planner.`.
 
     Raises:
         InvalidInput: A value of the wrong type or out of its range.
@@ -155,13 +163,13 @@ class PlannerSettings:
 
     robust: RobustSettings = declare(
         changes(RobustSettings),
-        "what plans keep back for errors of the model",
+        "margins for errors of the model and of the start",
         since="0.3",
         optional=True,
     )
     clearance_margin: float = tunable(
-        "Clearance that the solver keeps at the points, so that the certified clearance "
-        "between them stays positive",
+        "Clearance that the search keeps at the points, so that the certified clearance between "
+        "them stays positive",
         minimum=0.0,
         maximum=1.0,
         unit="m",
@@ -170,39 +178,40 @@ class PlannerSettings:
     penalty_gain: float = tunable("g1 of Eq. (47)", minimum=0.0, maximum=None)
     penalty_exponent: float = tunable("g2 of Eq. (47)", minimum=0.0, maximum=100.0)
     joint_path_tie_break: float = tunable(
-        "Weight on the joint path where only the attitude is asked for; the pure min-max "
-        "optimum leaves the joints free to wander",
+        "Weight of the joint path if only the attitude has a weight; the pure minimax optimum does "
+        "not determine the joints",
         minimum=0.0,
         maximum=1.0,
     )
     starts: int = tunable(
-        "First guesses tried: the straight path, then deterministic detours; the first that leads "
-        "to a path is kept",
+        "Number of initial guesses (multi-start): the straight path, then deterministic detours; "
+        "the first that leads to a path is kept",
         minimum=1,
         maximum=1_000,
     )
     search: SearchDepth = declare(
         a_search_depth(),
-        "How far to look for a better attitude where it has a weight: quick, normal or thorough; "
-        "more never gives a worse plan. Where the attitude is a minor part of a weighted sum and "
-        "no other guess looks better, the optimum nearest to the plan of least joint path is kept",
+        "Depth of the search for a better attitude, if it has a weight: quick, normal or thorough; "
+        "a deeper search never gives a worse plan. If attitude is a minor part of the objective "
+        "and no other guess looks better, the optimum nearest to the plan of minimum joint path is "
+        "kept",
         optional=True,
         formerly="attitude_rounds",
     )
     joint_spline_spans: int = tunable(
-        "Spans of each joint's spline: more of them follow more winding ways around obstacles, at "
-        "a higher price",
+        "Spans of each joint's spline; more spans follow more winding paths around obstacles, at a "
+        "higher cost",
         minimum=1,
         maximum=100,
     )
     joint_spline_smoothing: float = tunable(
-        "Weight of T times the integral of the squared joint rates beside the joint path, for "
-        "joint splines: the joint path alone leaves free when the joints move",
+        "Weight of T times the integral of the squared joint velocities, beside the joint path, "
+        "for joint splines: joint path length does not depend on timing",
         minimum=0.0,
         maximum=100.0,
     )
     max_iterations: int = tunable(
-        "Iterations allowed to the solver from each start", minimum=1, maximum=10_000
+        "Iteration limit of the solver for each initial guess", minimum=1, maximum=10_000
     )
     optimality_tolerance: float = tunable(
         "First-order optimality at which the solver stops",
@@ -231,14 +240,14 @@ class PlannerSettings:
         strictness=STRICT_IF_LOW,
     )
     singular_value_threshold: float = tunable(
-        "A plan is refused where the smallest singular value of the generalised Jacobian is below",
+        "Smallest singular value of the generalised Jacobian below which a plan is refused",
         minimum=0.0,
         maximum=1.0,
         strictness=STRICT_IF_HIGH,
     )
     start_velocity_tolerance: float = tunable(
-        "Allowed difference between the plan's first joint rates and the start state's; the "
-        "planner's own plans have none",
+        "Allowed difference between the plan's first joint velocities and those of the start "
+        "state; the planner's own plans have none",
         minimum=0.0,
         maximum=10.0,
         unit="rad/s",
@@ -248,7 +257,7 @@ class PlannerSettings:
     capture_velocity_tolerance: float = declare(
         a_number(at_least=0.0, at_most=1.0),
         "largest velocity of the end effector relative to the grasp at contact, in any direction, "
-        "that navigation leaves: for the capture's impulse",
+        "that navigation leaves: it gives the capture's impulse",
         unit="m/s",
         since="0.3",
         brief=True,
@@ -258,7 +267,7 @@ class PlannerSettings:
     )
     capture_turn_rate_tolerance: float = declare(
         a_number(at_least=0.0, at_most=1.0),
-        "largest turn rate relative to the grasp then, likewise",
+        "largest angular velocity of the end effector relative to the grasp then, likewise",
         unit="rad/s",
         since="0.3",
         brief=True,

@@ -46,7 +46,7 @@ EULER_DEGREES = Form(_euler_degrees, lambda: of_numbers(3))
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What the end effector shall do at the end of the plan, in the inertial frame.
+    """The goal of the end effector at the end of the plan, in the inertial frame.
 
     Raises:
         InvalidInput: Wrong size, not finite, a quaternion not of unit length, a free axis that
@@ -93,8 +93,8 @@ class Target:
     )
     orientation: Orientation = declare(
         a_numbered_word(Orientation),
-        "what of the attitude counts: fixed: all; free: nothing; about_axis: all but the turn "
-        "about free_axis",
+        "what of the orientation counts: fixed: all; free: nothing; about_axis: all but the "
+        "rotation about free_axis",
         since="0.3",
         brief=True,
         default=Orientation.FIXED,
@@ -104,7 +104,7 @@ class Target:
     # Of unit length; None unless orientation is ABOUT_AXIS
     free_axis_in_ee: Array | None = declare(
         DIRECTION,
-        "about which the end effector may turn, any length but zero; only with about_axis",
+        "axis about which the end effector may rotate, any length but zero; only with about_axis",
         key="free_axis",
         frame="in the end effector's frame",
         since="0.3",

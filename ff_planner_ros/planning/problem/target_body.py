@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, no_turn, zero_vector
+from ff_planner_ros.common.arrays import Array, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import one_of_parts, part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
@@ -30,8 +30,8 @@ from ff_planner_ros.planning.problem.torque_free import (
     fastest_turn,
     possible_inertia,
 )
-from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
 from ff_planner_ros.robot.rotation import cross
+from ff_planner_ros.robot.urdf.payload import HeldShape
 
 # After more turns [rad] than this nobody can tell where a grasp is: a rate that is known to one in
 # a thousand is off by one radian. At 10 deg/s it takes more than an hour and a half.
@@ -40,7 +40,7 @@ MOST_TURNS = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class AttachedSphere:
-    """An obstacle that is fixed to a target body.
+    """A sphere that is fixed to a target body.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
@@ -61,44 +61,15 @@ class AttachedSphere:
         check_declared(self, f"target_body.obstacles[{self.id}]")
 
 
-@dataclass(frozen=True, eq=False)
-class AttachedBody:
-    """An obstacle of any convex shape that is fixed to a target body.
+class AttachedBody(HeldShape):
+    """A convex body that is fixed to a target body."""
 
-    Raises:
-        InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
-    """
-
-    SINCE: ClassVar[str] = "0.3"
-
-    id: str = declare(NAME, "name in messages, unique among all obstacles", message="id")
-    shape: Solid | MeshFile = declare(
-        SHAPE,
-        SHAPE_SENTENCE,
-        unit="m",
-    )
-    position: Array = declare(
-        a_vector(),
-        "of the shape's frame, from the body's centre of mass",
-        unit="m",
-        frame="in the body's frame",
-        message="pose.position",
-    )
-    quaternion_xyzw: Array = declare(
-        QUATERNION,
-        "axes of the shape to body axes",
-        default_factory=no_turn,
-        message="pose.orientation",
-    )
-
-    def __post_init__(self) -> None:
-        """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"target_body.obstacles[{self.id}]")
+    PLACE: ClassVar[str] = "target_body.obstacles"
 
 
 @dataclass(frozen=True, eq=False)
 class TargetBody:
-    """A body that moves freely, at the plan's first point, in the inertial frame.
+    """A freely moving body at the plan's first point, in the inertial frame.
 
     Raises:
         InvalidInput: Wrong size, not finite, a quaternion not of unit length, an inertia that no
@@ -159,8 +130,8 @@ class TargetBody:
     )
     mass: float = declare(  # zero: not known
         a_number(at_least=0.0),
-        "of the body: needed by what follows a capture, and for its impulse; then the inertia must "
-        "be in kg m2",
+        "mass of the body, needed for what follows a capture, and for its impulse; then the "
+        "inertia must be in kg m2",
         unit="kg",
         brief=True,
         default=0.0,
@@ -169,7 +140,8 @@ class TargetBody:
     )
     obstacles: tuple[AttachedSphere | AttachedBody, ...] = declare(
         each(one_of_parts("shape", part(AttachedBody), part(AttachedSphere))),
-        "spheres and bodies that move with it",
+        "spheres and bodies that move with it, in its frame, which has its origin at the centre of "
+        "mass",
         default=(),
         message="obstacles",
     )

@@ -1,1 +1,1 @@
-"""Margins for what is uncertain."""
+"""Margins for uncertainty."""

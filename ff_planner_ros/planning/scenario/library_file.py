@@ -38,7 +38,8 @@ def save_library(plans: Iterable[StoredPlan], directory: Path) -> Path:
     path = directory / LIBRARY
     unfinished = directory / f"{LIBRARY}{_UNFINISHED}"
     try:
-        with unfinished.open("wb") as stream:
+        unfinished.unlink(missing_ok=True)  # which may be a link to anywhere
+        with unfinished.open("xb") as stream:
             arrays: dict[str, Any] = {"version": np.array(_VERSION)}
             arrays["kinds"] = np.array([one.kind for one in kept], dtype=np.str_)
             arrays |= _flat("places", [one.place for one in kept])

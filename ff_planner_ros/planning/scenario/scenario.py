@@ -71,23 +71,23 @@ class RobotFile:
     tip_link: str = declare(TEXT, "link whose frame is the end effector")
     base: Base = declare(
         a_word(Base),
-        "how the chaser can move: planar: on an air-bearing table it has x, y and the turn about "
-        "z; attitude_held: reaction wheels keep it from turning, it drifts",
+        "motion of the chaser: planar: x, y and rotation about z, on an air-bearing table; "
+        "attitude_held: reaction wheels hold its attitude, and it drifts",
         since="0.3",
         brief=True,
         default=Base.FREE_FLYER,
     )
     wheels: WheelsFile | None = declare(
         part(WheelsFile),
-        "with base attitude_held: what holds it; default: a wheel along each axis of the base "
-        "link, without limits",
+        "reaction wheels of base attitude_held; default: one along each axis of the base link, "
+        "without limits",
         since="0.3",
         default=None,
     )
     locked_joints: Mapping[str, float] | None = declare(
         by_name("a joint"),
-        "where joints are held that are not planned; default: all that are not between base "
-        "and tip, at zero",
+        "locked joints and their positions; default: all joints that are not between base and tip, "
+        "at zero",
         unit="rad, m",
         since="0.3",
         formerly="held_joints",
@@ -95,8 +95,8 @@ class RobotFile:
     )
     geometry: Geometry | None = declare(
         a_word(Geometry),
-        "what of it is kept clear: shapes: its bodies as the URDF's collision elements have them; "
-        "lines: the arm's centre lines, as in the paper; default: shapes where the arm has any",
+        "collision geometry: shapes: the URDF's collision elements; lines: the link centre lines, "
+        "as in the paper; default: shapes if the arm has any",
         since="0.3",
         default=None,
     )
@@ -112,8 +112,8 @@ class RobotFile:
     )
     slide_weight: float | None = declare(
         a_number(at_least=0.0, at_most=SLIDE_WEIGHTS[1]),
-        "what a joint that slides by 1 m adds to the joint path, 0: it is held; default: as one "
-        "turned by 1 rad",
+        "weight of a prismatic joint in the joint path, in which a revolute joint counts 1; 0: "
+        "prismatic joints are locked; default: 1",
         unit="rad/m",
         since="0.3",
         default=None,
@@ -151,7 +151,7 @@ KEYS: DeclaredFields = {
 
 @dataclass(frozen=True)
 class Defaults:
-    """Values for what a scenario leaves out. What has no value here must be in the scenario."""
+    """Values for keys that a scenario omits. A key without a value here is required."""
 
     settings: PlannerSettings
     limits: Limits = _NO_LIMITS  # beside the joints' position limits

@@ -1,1 +1,1 @@
-"""The search for a path, from first guesses to the best that passes the check."""
+"""The search for a path, from initial guesses to the best path that passes the check."""

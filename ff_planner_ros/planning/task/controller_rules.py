@@ -13,6 +13,11 @@ branch jazzy, version 4.42.1:
    before that never);
 6. the trajectory does not end before now.
 
+After the last point it goes on to want that point's position and velocities (`tolerances.hpp`).
+Joints that stop there are off by these velocities: where it measures velocities, more than
+`constraints.stopped_velocity_tolerance` is no success, and once `constraints.goal_time` is over it
+gives the plan up. A goal of its action can erase that tolerance, a topic cannot.
+
 Ours are stricter where the controller lets pass what does harm: a joint named twice takes another
 one's place, numbers that are not finite go to the motors, and of a trajectory that has begun the
 first part is skipped, so that the arm jumps: it must not begin before now.
@@ -20,6 +25,7 @@ first part is skipped, so that the arm jumps: it must not begin before now.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -27,11 +33,11 @@ from typing import ClassVar
 import numpy as np
 
 from ff_planner_ros.common.declared import declare
-from ff_planner_ros.common.forms import TRUTH
+from ff_planner_ros.common.forms import TRUTH, a_number
 from ff_planner_ros.errors import NoPlanFound, Status
 
 # The controller's own: single precision's [rad/s].
-_REST = float(np.finfo(np.float32).eps)
+REST = float(np.finfo(np.float32).eps)
 
 _Rows = Sequence[Sequence[float]]
 
@@ -47,6 +53,19 @@ class Controller:
     effort_interface: bool = declare(
         TRUTH, "whether effort is among its parameter command_interfaces"
     )
+    stopped_velocity_tolerance: float = declare(
+        a_number(at_least=0.0),
+        "rate of joints at the end, above which it gives a plan up: its parameter "
+        "constraints.stopped_velocity_tolerance; 0: it gives none up for that",
+        unit="rad/s",
+        default=0.0,
+        late=True,
+    )
+
+    @property
+    def takes_every_end(self) -> bool:
+        """Whether joints may move at the end, however fast."""
+        return self.allow_nonzero_velocity_at_trajectory_end and not self.stopped_velocity_tolerance
 
 
 @dataclass(frozen=True)
@@ -78,14 +97,7 @@ def require_acceptable(controller: Controller, command: Command) -> None:
                     f"points[{point}].effort is given: only a controller whose command_interfaces "
                     "hold effort takes it"
                 )
-    if not controller.allow_nonzero_velocity_at_trajectory_end:
-        for name, rate in zip(command.joint_names, command.velocities[-1], strict=False):
-            if not abs(rate) <= _REST:
-                raise _refusal(
-                    f"joint {name} still moves at {rate:.3g} rad/s at the last point: choose the "
-                    "end_behaviour stop_joints, or set the controller's parameter "
-                    "allow_nonzero_velocity_at_trajectory_end and say so to the planner"
-                )
+    _require_end(controller, command)
 
 
 def require_in_time(start_ns: int, now_ns: int) -> None:
@@ -100,6 +112,26 @@ def require_in_time(start_ns: int, now_ns: int) -> None:
             f"the trajectory was to begin {(now_ns - start_ns) / 1e9:.3f} s ago: the stamp "
             "in its header must not be in the past",
         )
+
+
+def _require_end(controller: Controller, command: Command) -> None:
+    """Refuse joints that move at the last point, or too fast there."""
+    fastest = controller.stopped_velocity_tolerance or math.inf
+    advice = (
+        f"more than stopped_velocity_tolerance, {fastest:g} rad/s: choose the end_behaviour "
+        "stop_joints, or controller.hand_over action, whose goals leave that tolerance out"
+    )
+    if not controller.allow_nonzero_velocity_at_trajectory_end:
+        fastest = REST
+        advice = (
+            "choose the end_behaviour stop_joints, or set the controller's parameter "
+            "allow_nonzero_velocity_at_trajectory_end and say so to the planner"
+        )
+    for name, rate in zip(command.joint_names, command.velocities[-1], strict=False):
+        if not abs(rate) <= fastest:
+            raise _refusal(
+                f"joint {name} still moves at {rate:.3g} rad/s at the last point: {advice}"
+            )
 
 
 def _require_joints(joints: Sequence[str], names: Sequence[str]) -> None:

@@ -29,14 +29,14 @@ from ff_planner_ros.robot.urdf.payload import Payload
 MOST_STEPS = 2**53
 # Of phases behind the first, as messages have them.
 MOST_PHASES = 8
-# Of a phase in a file: in a request they are those of the request, or none.
-_NOT_IN_MESSAGES = ("points", "parametrisation", "camera")
+# Where a request has how it is searched for; a phase has these values by themselves.
+_SEARCH = "search."
 
 
 def of_problem(name: str, **default: Any) -> Any:
     """Declare a field as that of the problem is declared."""
     said = declared_by_name(PlanningProblem)[name]
-    place = None if name in _NOT_IN_MESSAGES else said.message
+    place = None if said.message is None else said.message.removeprefix(_SEARCH)
     one = replace(said, since="0.3", optional=bool(default), formerly="", message=place)
     return field(metadata={"declared": one}, **default)
 

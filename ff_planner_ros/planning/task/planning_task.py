@@ -62,14 +62,15 @@ class PlanningTask:
     )
     running: JointMotion | None = declare(
         changes(JointMotion),
-        "what the joints do until then; default: they keep their velocities",
+        "motion of the joints until then; default: constant velocities",
         since="0.3",
         default=None,
     )
     # It begins exactly on that motion, and is looked for near what remains of it
     running_goal: float | None = declare(
         a_number(),
-        "when that motion is at its goal: the plan takes over from it; default: a plan of its own",
+        "time at which that motion reaches its goal: the plan takes over from it; default: a plan "
+        "of its own",
         unit="s from the state",
         since="0.3",
         default=None,
@@ -77,14 +78,14 @@ class PlanningTask:
     )
     end_behaviour: EndBehaviour = declare(
         a_word(EndBehaviour, FORMER_END_BEHAVIOURS),
-        "what the arm does after the goal",
+        "behaviour of the arm after the goal",
         since="0.3",
         default=EndBehaviour.NONE,
         message="end_behaviour",
     )
     tail: float = declare(  # zero for `none`
         a_number(),
-        "how long it does so",
+        "duration of the end behaviour",
         key="post_goal_duration",
         formerly="tail_duration",
         unit="s",
@@ -99,13 +100,13 @@ class PlanningTask:
     )
     first_guess: Array | None = declare(
         a_vector(None),
-        "decision variables of the path family, tried before anything else",
+        "initial guess, tried before all others: decision variables of the path family",
         since="0.3",
         default=None,
     )
     effort: int = declare(
         a_whole_number(0, MOST_STEPS),
-        "step at which the search ends, as an answer tells it; default: it goes to its end",
+        "step at which the search ends, from an answer; default: no limit",
         key="search.effort",
         since="0.3",
         brief=True,
@@ -167,7 +168,7 @@ class PlanningTask:
         """A hash of everything that the plan depends on: equal tasks have equal digests."""
         # A controller that lets joints move at the end takes every sound plan.
         strict = self.controller
-        if strict is not None and strict.allow_nonzero_velocity_at_trajectory_end:
+        if strict is not None and strict.takes_every_end:
             strict = None
         digest = digest_of(replace(self, controller=strict))
         # A capture by itself does not depend on the mass of what is captured.

@@ -33,7 +33,7 @@ _STEPS = 40
 
 
 class EndBehaviour(StrEnum):
-    """What the arm does after the goal."""
+    """The behaviour of the arm after the goal."""
 
     NONE = "none"
     HOLD_END_EFFECTOR = "hold_end_effector"

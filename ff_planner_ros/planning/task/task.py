@@ -77,7 +77,7 @@ def in_frame_of_user(
 
 
 def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) -> Plan:
-    """Plan from where the system will be to the end of the tail, and judge the plan.
+    """Plan from the predicted start to the end of the post-goal segment, and check the plan.
 
     The same task gives the same plan. Where the watch ends the search, the same task with the
     effort that the plan, or the refusal, tells gives the same again. The plan is made and judged in

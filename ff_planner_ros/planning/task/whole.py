@@ -9,6 +9,10 @@ import numpy as np
 
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.problem.problem import lasting
+from ff_planner_ros.planning.problem.scene import Scene, scene_of
+from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 
 # Of all phases: their sum; others are the largest, those named `min_` the least.
 _SUMS = ("joint_path_length", "penalty")
@@ -23,8 +27,7 @@ def whole(plan: Plan) -> Plan:
     """
     if not plan.then:
         return plan
-    phases = plan.phases
-    begins = np.cumsum([0.0, *(one.trajectory.time[-1] for one in phases)]).tolist()
+    phases, begins = plan.phases, plan.begins
     motion = phases[0].trajectory
     for begin, one in zip(begins[1:], phases[1:], strict=False):
         motion = motion.followed_by(one.trajectory, begin)
@@ -39,12 +42,33 @@ def whole(plan: Plan) -> Plan:
         orientation_reading="",
         metrics=_metrics([one.metrics for one in phases], begins),
         solver=_solver([one.solver for one in phases]),
-        duration=begins[-2] + (phases[-1].duration or 0.0),
+        duration=begins[-1] + (phases[-1].duration or 0.0),
         wheels=wheels,
         effort=plan.effort,
         notes=tuple(dict.fromkeys(note for one in phases for note in one.notes)),
         turn_rate_at_rest=phases[-1].turn_rate_at_rest,
     )
+
+
+def whole_scene(task: PlanningTask, plan: Plan) -> Scene:
+    """Return what all phases of a plan are made among: the first one's, and what is captured.
+
+    What a later phase captures takes the place of the first one's goal, approach and camera.
+    """
+    scene, bodies = scene_of(lasting(task.problem, plan.duration)), captured_bodies(task)
+    phase = next((k for k, one in enumerate(bodies[: len(plan.phases)]) if one is not None), None)
+    if phase is None:
+        return scene
+    if phase > 0:
+        goal = plan.begins[phase] + (plan.phases[phase].duration or 0.0)
+        scene = Scene(scene.obstacles, target_body=bodies[phase], capture_time=goal)
+    later = plan.begins[phase + 1 :]
+    return replace(scene, held_from=later[0]) if later else scene
+
+
+def captured_bodies(task: PlanningTask) -> list[TargetBody | None]:
+    """Return what each phase captures, as it is at the first point of the first."""
+    return [task.problem.target_body, *(phase.target_body for phase in task.then)]
 
 
 def _metrics(each: Sequence[Metrics], begins: Sequence[float]) -> Metrics:

@@ -1,1 +1,1 @@
-"""Collision geometry: the bodies of a robot, and the pairs of them that must not touch."""
+"""Collision geometry: the bodies of a robot, and the pairs that must not touch."""

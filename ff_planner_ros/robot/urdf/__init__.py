@@ -1,1 +1,1 @@
-"""URDF, SRDF and meshes, read with the care that files from outside need."""
+"""URDF, SDF, SRDF and meshes, read with the care that files from outside need."""

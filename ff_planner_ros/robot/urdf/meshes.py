@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import stat
 from pathlib import Path
 from typing import Self
 from urllib.parse import unquote
@@ -15,6 +14,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.share import PACKAGE_SCHEME, package_directory
+from ff_planner_ros.common.text_file import not_a_file
 from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_solid
 from ff_planner_ros.robot.urdf.mesh_process import Hull, MeshProcess
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, shortened
@@ -158,14 +158,14 @@ def _path(name: str, directory: Path | None) -> Path:
 def _size(path: Path) -> int:
     """Return the size of a file that can be read whole [bytes]."""
     try:
-        status = path.stat()
+        reason, size = not_a_file(path), path.stat().st_size
     except (OSError, ValueError):
-        raise NoSolid(f"there is no such file; {_LINES_NEED_NONE}") from None
-    if not stat.S_ISREG(status.st_mode):
-        raise NoSolid("it is no regular file")
-    if status.st_size > MAX_FILE:
+        reason, size = f"there is no such file; {_LINES_NEED_NONE}", 0
+    if reason:
+        raise NoSolid(reason)
+    if size > MAX_FILE:
         raise NoSolid(
-            f"it has {status.st_size} bytes, more than {MAX_FILE}: a million triangles; "
+            f"it has {size} bytes, more than {MAX_FILE}: a million triangles; "
             "`collision` needs a simpler one"
         )
-    return status.st_size
+    return size

@@ -44,33 +44,34 @@ FIELD = "robot.payload"
 
 @dataclass(frozen=True, eq=False)
 class HeldShape:
-    """A solid of a payload.
+    """A solid of a payload, or of what else it is fixed to.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
     """
 
     SINCE: ClassVar[str] = "0.3"
+    PLACE: ClassVar[str] = f"{FIELD}.shapes"  # in errors
 
-    id: str = declare(NAME, "name in errors about the payload, unique there", message="id")
+    id: str = declare(NAME, "name in messages and errors, unique there", message="id")
     shape: Solid | MeshFile = declare(SHAPE, SHAPE_SENTENCE, unit="m")
     position: Array = declare(
         a_vector(),
         "of the shape's frame",
         unit="m",
-        frame="in the link's frame",
+        frame="in the frame of the link or body",
         message="pose.position",
     )
     quaternion_xyzw: Array = declare(
         QUATERNION,
-        "axes of the shape to those of the link",
+        "axes of the shape to those of the link or body",
         default_factory=no_turn,
         message="pose.orientation",
     )
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"{FIELD}.shapes[{self.id}]")
+        check_declared(self, f"{self.PLACE}[{self.id}]")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ class Payload:
 
     SINCE: ClassVar[str] = "0.3"
 
-    link: str = declare(TEXT, "of the arm, that it is fixed to", message="link")
+    link: str = declare(TEXT, "link of the arm that it is fixed to", message="link")
     mass: float = declare(a_number(above=0.0), "of the body", unit="kg", message="inertia.m")
     inertia: Array = declare(  # shape (3, 3)
         INERTIA,
@@ -104,7 +105,7 @@ class Payload:
     )
     shapes: tuple[HeldShape, ...] = declare(
         each(part(HeldShape)),
-        "that it fills: kept clear of all but what it is fixed to",
+        "its collision geometry, kept apart from all but what it is fixed to",
         default=(),
     )
 

@@ -1,1 +1,1 @@
-"""What the node hears: the newest state and the newest scene."""
+"""What the node subscribes to: state and scene."""

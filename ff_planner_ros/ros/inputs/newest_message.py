@@ -14,12 +14,16 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.clock_offset import ClockOffset
 from ff_planner_ros.ros.inputs.input_topics import InputTopic
-from ff_planner_ros.ros.inputs.speakers import Speakers
+from ff_planner_ros.ros.inputs.publishers import Publishers
+from ff_planner_ros.ros.inputs.speakers import Speakers, require_agreement
 from ff_planner_ros.ros.inputs.topic_memory import (
     ROUNDING,
+    Contradiction,
     HeardMessage,
     ahead_of_now,
+    came_lately,
     require_same_clock,
+    seconds_between,
     stamp_of,
 )
 
@@ -34,10 +38,23 @@ class NewestMessage(Generic[Seen]):
     """
 
     def __init__(
-        self, topic: InputTopic, read: Callable[[Any], Seen], now_ns: Callable[[], int] | None
+        self,
+        topic: InputTopic,
+        read: Callable[[Any], Seen],
+        apart: Contradiction[Seen],
+        now_ns: Callable[[], int] | None,
+        publishers: Publishers | None,
     ) -> None:
-        """Begin with nothing heard; None for the clock: when messages come is not known."""
-        self._type, self._read, self._now_ns = topic.message_type, read, now_ns
+        """Begin with nothing heard.
+
+        Args:
+            read: Returns what is in a message, or refuses it.
+            apart: Says how far two messages are apart; empty: they agree.
+            now_ns: The node's clock; None: when messages come is not known.
+            publishers: None: not known, likewise.
+        """
+        self._topic, self._read, self._now_ns = topic, read, now_ns
+        self._apart, self._publishers = apart, publishers
         self._field = f"{topic.name}.header.stamp"
         self._lock = threading.Lock()
         self._kept: HeardMessage[Seen] | None = None
@@ -71,16 +88,30 @@ class NewestMessage(Generic[Seen]):
             if came_ns is not None and stamp_ns:
                 self._offset.note(stamp_ns - came_ns, came_ns)
             kept_ns = 0 if self._kept is None else self._kept.stamp_ns or 0
-            self._speakers.note(heard, number)
+            publishers = self._publishers
+            several = publishers is not None and publishers.are_several(self._topic.name)
+            self._speakers.note(heard, number, self._agree, looks=several)
             if not 0 < stamp_ns < kept_ns <= now_ns:
                 self._kept, self.late = heard, None
             else:
                 self.late = self._behind((kept_ns - stamp_ns) / NANOSECONDS)
 
-    def last_two(self) -> tuple[HeardMessage[Seen], HeardMessage[Seen]] | None:
-        """Return the last messages of the two who spoke last; None: there are not two."""
+    def require_agreement(self, now_ns: int, *, until_old: bool = False) -> None:
+        """Refuse what publishers say that contradict each other.
+
+        Args:
+            until_old: Whether what came longer ago than a few seconds contradicts nobody.
+
+        Raises:
+            InvalidInput: They do.
+        """
         with self._lock:
-            return self._speakers.last_two()
+            two = self._speakers.last_two()
+        lately = two is not None and all(came_lately(one, now_ns) for one in two)
+        if lately or not until_old:
+            require_agreement(
+                self._topic.name, self._publishers, two, self._contradiction, lately=lately
+            )
 
     def require_in_order(self) -> None:
         """Refuse what is kept where a message with an older stamp came after it.
@@ -91,12 +122,16 @@ class NewestMessage(Generic[Seen]):
         if self.late is not None:
             raise copy.copy(self.late)
 
-    def sound(self, heard: HeardMessage[Seen]) -> Seen | None:
-        """Return what is in a message; None: it cannot be used."""
+    def _agree(self, before: HeardMessage[Seen], after: HeardMessage[Seen]) -> bool:
+        return not self._contradiction(before, after)
+
+    def _contradiction(self, before: HeardMessage[Seen], after: HeardMessage[Seen]) -> str:
+        """Say how far two messages are apart; empty: they agree, or cannot be used."""
         try:
-            return self._read(_plain(heard.message, self._type))
+            there, here = (self._read(self._plain(one.message)) for one in (before, after))
         except InvalidInput:
-            return None
+            return ""  # it is refused for another reason
+        return self._apart(there, here, seconds_between(before, after))
 
     def offset(self, now_ns: int) -> float | None:
         """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
@@ -136,10 +171,10 @@ class NewestMessage(Generic[Seen]):
             return None
         if read is not None and read[0] is kept:
             return read[1]
-        seen = self._read(_plain(kept.message, self._type))
+        seen = self._read(self._plain(kept.message))
         self._last_read = kept, seen
         return seen
 
-
-def _plain(message: Any, kind: type[Any]) -> Any:
-    return deserialize_message(message, kind) if isinstance(message, bytes) else message
+    def _plain(self, message: Any) -> Any:
+        kind = self._topic.message_type
+        return deserialize_message(message, kind) if isinstance(message, bytes) else message

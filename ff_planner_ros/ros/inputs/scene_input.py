@@ -31,14 +31,7 @@ from ff_planner_ros.ros.inputs.input_topics import (
 )
 from ff_planner_ros.ros.inputs.newest_message import NewestMessage
 from ff_planner_ros.ros.inputs.publishers import Publishers
-from ff_planner_ros.ros.inputs.speakers import require_agreement
-from ff_planner_ros.ros.inputs.topic_memory import (
-    HeardMessage,
-    came_lately,
-    require_current,
-    seconds_between,
-    unheard_words,
-)
+from ff_planner_ros.ros.inputs.topic_memory import require_current, unheard_words
 from ff_planner_ros.ros.messages.from_messages import (
     bodies_from_message,
     scene_from_message,
@@ -103,9 +96,10 @@ class SceneInput:
         """
         self._inertial_frame, self._publishers, self._tell = inertial_frame, publishers, tell
         self._begun = time.monotonic()
-        self._obstacles = NewestMessage(OBSTACLES, self._spheres, now_ns)
-        self._bodies = NewestMessage(OBSTACLE_BODIES, self._bodies_in, now_ns)
-        self._target = NewestMessage(TARGET_BODY, self._seen_body, now_ns)
+        known = now_ns, publishers
+        self._obstacles = NewestMessage(OBSTACLES, self._spheres, _scenes_apart, *known)
+        self._bodies = NewestMessage(OBSTACLE_BODIES, self._bodies_in, _scenes_apart, *known)
+        self._target = NewestMessage(TARGET_BODY, self._seen_body, _targets_apart, *known)
 
     def callbacks(self) -> dict[str, Callable[..., None]]:
         """Return what takes the next message of a topic, and its number, by the topic's name."""
@@ -244,11 +238,7 @@ class SceneInput:
         field, came_ns = f"{TARGET_BODY.name}.header.stamp", None
         if own is None:
             self._target.require_same_clock(now_ns, max_lead, _OF_TARGETS[1])
-            two = self._target.last_two()
-            if two is not None and all(came_lately(one, now_ns) for one in two):
-                require_agreement(
-                    TARGET_BODY.name, self._publishers, two, self._bodies_apart, lately=True
-                )
+            self._target.require_agreement(now_ns, until_old=True)
             came_ns = self._target.came_ns
         require_current(field, seen.stamp_ns, now_ns, max_age, max_lead, _OF_TARGETS, came_ns)
         return seen
@@ -262,22 +252,10 @@ class SceneInput:
 
     def _require_sound(self, now_ns: int, max_lead: float) -> None:
         """Refuse obstacles of topics that came in another order or with another clock."""
-        for name, topic in (
-            (OBSTACLES.name, self._obstacles),
-            (OBSTACLE_BODIES.name, self._bodies),
-        ):
+        for topic in (self._obstacles, self._bodies):
             topic.require_same_clock(now_ns, max_lead)
-            two = topic.last_two()
-            lately = two is not None and all(came_lately(one, now_ns) for one in two)
-            apart = partial(_parts_apart, topic)
-            require_agreement(name, self._publishers, two, apart, lately=lately)
+            topic.require_agreement(now_ns)
             topic.require_in_order()
-
-    def _bodies_apart(self, before: HeardMessage[SeenBody], after: HeardMessage[SeenBody]) -> str:
-        bodies = [self._target.sound(one) for one in (before, after)]
-        if bodies[0] is None or bodies[1] is None:
-            return ""
-        return of_bodies(bodies[0].body, bodies[1].body, seconds_between(before, after))
 
     def _spheres(self, message: ObstacleSphereArray) -> Scene:
         stamp_ns = time_in_ns(f"{OBSTACLES.name}.header.stamp", message.header.stamp)
@@ -301,11 +279,10 @@ class SceneInput:
         return SeenBody(body, stamp_ns, message.source)
 
 
-def _parts_apart(
-    topic: NewestMessage[Scene], before: HeardMessage[Scene], after: HeardMessage[Scene]
-) -> str:
-    parts = [topic.sound(one) for one in (before, after)]
-    if None in parts:
-        return ""  # they are refused for another reason
-    there, here = ((*part.spheres, *part.bodies) for part in parts if part is not None)
-    return of_obstacles(there, here, seconds_between(before, after))
+def _scenes_apart(before: Scene, after: Scene, time: float) -> str:
+    there, here = ((*one.spheres, *one.bodies) for one in (before, after))
+    return of_obstacles(there, here, time)
+
+
+def _targets_apart(before: SeenBody, after: SeenBody, time: float) -> str:
+    return of_bodies(before.body, after.body, time)

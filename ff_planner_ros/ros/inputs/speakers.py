@@ -27,16 +27,29 @@ class Speakers(Generic[Message]):
         # With its number; who was heard last at the end.
         self._last: deque[tuple[int | None, Message]] = deque(maxlen=_MOST)
 
-    def note(self, message: Message, number: int | None) -> None:
+    def note(
+        self,
+        message: Message,
+        number: int | None,
+        agree: Callable[[Message, Message], bool],
+        *,
+        looks: bool,
+    ) -> None:
         """Take the next message, and its number; None: the middleware gives none.
 
         Where numbers are missing, lost or never given, it counts as that of another publisher:
         how many there are, the middleware knows.
+
+        Args:
+            agree: Says whether two messages may be of one publisher.
+            looks: Whether that is asked even where one publisher alone can be meant: the number of
+                one that speaks once, and never again, is passed by those of others.
         """
-        for known in self._last:
-            if number is not None and known[0] == number - 1:
-                self._last.remove(known)
-                break
+        before = [known for known in self._last if number is not None and known[0] == number - 1]
+        if looks or len(before) > 1:
+            before = [known for known in before if agree(known[1], message)]
+        if before:
+            self._last.remove(before[0])
         self._last.append((number, message))
 
     def forget(self) -> None:

@@ -158,7 +158,8 @@ class TopicMemory(Generic[Part]):
             if isinstance(message, bytes) and len(message) > _LONGEST_STORED:
                 self.read(heard)
             self._kept.append(heard)
-            self._speakers.note(heard, number)
+            # Who publishes states does so again and again: see there what else could be meant.
+            self._speakers.note(heard, number, self._agree, looks=False)
 
     def read(self, heard: HeardMessage[Part]) -> Part | InvalidInput:
         """Return what is in a message, or why it cannot be used; it is read once."""
@@ -242,15 +243,18 @@ class TopicMemory(Generic[Part]):
         """Refuse what two publishers have said lately if they contradict each other."""
         with self._lock:
             two = self._speakers.last_two()
-
-        def contradiction(before: HeardMessage[Part], after: HeardMessage[Part]) -> str:
-            parts = self.read(before), self.read(after)
-            if isinstance(parts[0], InvalidInput) or isinstance(parts[1], InvalidInput):
-                return ""  # for another reason
-            return self._contradiction(parts[0], parts[1], seconds_between(before, after))
-
         if two is not None and all(came_lately(one, now_ns) for one in two):
-            require_agreement(self._topic.name, self._publishers, two, contradiction, lately=True)
+            require_agreement(self._topic.name, self._publishers, two, self._apart, lately=True)
+
+    def _agree(self, before: HeardMessage[Part], after: HeardMessage[Part]) -> bool:
+        return not self._apart(before, after)
+
+    def _apart(self, before: HeardMessage[Part], after: HeardMessage[Part]) -> str:
+        """Say how far two messages are apart; empty: they agree, or cannot be used."""
+        parts = self.read(before), self.read(after)
+        if isinstance(parts[0], InvalidInput) or isinstance(parts[1], InvalidInput):
+            return ""  # it is refused for another reason
+        return self._contradiction(parts[0], parts[1], seconds_between(before, after))
 
     def _read_now(self, message: Any) -> Part | InvalidInput:
         if isinstance(message, bytes):

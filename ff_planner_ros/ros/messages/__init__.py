@@ -1,1 +1,1 @@
-"""Messages to planning objects and back: pure functions, no clock."""
+"""Messages to planning objects and back."""

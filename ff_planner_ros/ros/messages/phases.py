@@ -25,8 +25,10 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import DurationRange, TargetBody
+from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.planning.task.phase import Phase, require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.whole import captured_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import (
     duration_in,
@@ -128,7 +130,8 @@ def plan_messages(
     """
     written = list[PlanMessage]()
     for phase, body in zip(plan.phases, bodies, strict=True):
-        written.append(plan_message(phase, start_ns, inertial_frame, body))
+        captured = None if body is None else CapturedBody(body)
+        written.append(plan_message(phase, start_ns, inertial_frame, captured))
         start_ns += round(float(phase.trajectory.time[-1]) * NANOSECONDS)
     return written
 
@@ -152,9 +155,5 @@ def efforts_of(answer: PlanAnswer) -> Sequence[int]:
 
 def bodies_of(task: PlanningTask, plan: Plan) -> list[TargetBody | None]:
     """Return the body that each phase of a plan captures, at the first point of the phase."""
-    begin, bodies = 0.0, [task.problem.target_body]
-    for phase, before in zip(task.then, plan.phases, strict=False):
-        begin += float(before.trajectory.time[-1])
-        body = phase.target_body
-        bodies.append(None if body is None else body.after(begin))
-    return bodies[: len(plan.phases)]
+    pairs = zip(captured_bodies(task), plan.begins, strict=False)
+    return [None if body is None else body.after(begin) for body, begin in pairs]

@@ -27,7 +27,6 @@ from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh, SolidPrimitive
 from std_msgs.msg import Header
@@ -57,6 +56,7 @@ from ff_planner_ros.planning.problem.obstacles import (
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.collision.solids import MESH, MeshFile
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
@@ -144,12 +144,12 @@ def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) ->
 
 
 def plan_message(
-    plan: Plan, start_ns: int, inertial_frame: str, body: TargetBody | None = None
+    plan: Plan, start_ns: int, inertial_frame: str, captured: CapturedBody | None = None
 ) -> PlanMessage:
     """Write a plan that starts at start_ns [ns] as a message, but for what it was made from.
 
     Args:
-        body: That it captures, at its first point; None: none.
+        captured: The body that it captures; None: none.
     """
     motion = plan.trajectory
     offsets_ns = np.rint(motion.time * NANOSECONDS).astype(np.int64).tolist()
@@ -190,11 +190,10 @@ def plan_message(
     if plan.wheels is not None:
         rows = zip(plan.wheels.momenta.tolist(), plan.wheels.torques.tolist(), strict=True)
         message.wheels = [WheelPoint(momenta=momenta, torques=given) for momenta, given in rows]
-    if body is not None:
-        there = body.motion(np.zeros(3), motion.time)
-        turns = Rotation.from_matrix(there.rotations).as_quat()
-        message.target_path = _path(headers, there.positions, turns)
-        message.target_twists = _twists(*np.hsplit(there.twists, 2))
+    if captured is not None:
+        there = captured.along(motion)
+        message.target_path = _path(headers, there.positions, there.quaternions_xyzw)
+        message.target_twists = _twists(there.linear_velocities, there.angular_velocities)
     return message
 
 

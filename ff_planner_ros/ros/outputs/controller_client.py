@@ -15,7 +15,8 @@ from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.parameters.controller import ControllerParameters
+from ff_planner_ros.parameters.controller import ERASED, ControllerParameters
+from ff_planner_ros.planning.task.controller_rules import REST
 from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, JointTolerance
 
 _RESULT = FollowJointTrajectory.Result
@@ -122,7 +123,7 @@ def goal_of(trajectory: JointTrajectory, settings: ControllerParameters) -> Any:
     return FollowJointTrajectory.Goal(
         trajectory=trajectory,
         path_tolerance=_tolerances(trajectory, settings.path_tolerance),
-        goal_tolerance=_tolerances(trajectory, settings.goal_tolerance),
+        goal_tolerance=_goal_tolerances(trajectory, settings.goal_tolerance),
         goal_time_tolerance=Duration(
             sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS
         ),
@@ -139,6 +140,16 @@ def ended_by(response: Any) -> Ended:
     name = _ERRORS.get(code, f"error {code}")
     words = f"the controller aborted it: {name}{': ' if said else ''}{said}"
     return Ended(words, error_code=code, is_replaced=code == _RESULT.INVALID_GOAL)
+
+
+def _goal_tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:
+    """Return the tolerances at the end, where joints that are to move need not have stopped."""
+    told = {one.name: one for one in _tolerances(trajectory, position)}
+    for point in trajectory.points[-1:]:
+        for name, rate in zip(trajectory.joint_names, point.velocities, strict=False):
+            if abs(rate) > REST:
+                told.setdefault(name, JointTolerance(name=name)).velocity = ERASED
+    return list(told.values())
 
 
 def _tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:

@@ -12,11 +12,15 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ff_planner_ros.parameters.controller import ERASED, ControllerParameters, HandOver
+
 NOT_AT_END = "allow_nonzero_velocity_at_trajectory_end"
 INTERFACES, JOINTS = "command_interfaces", "joints"
-_EFFORT = "effort"
-_CONSTRAINTS = ("constraints.goal_time", "constraints.stopped_velocity_tolerance")
-_LIMITS = ("trajectory", "goal")  # of each joint
+STATES = "state_interfaces"
+_EFFORT, _VELOCITY = "effort", "velocity"
+GOAL_TIME, STOPPED = "constraints.goal_time", "constraints.stopped_velocity_tolerance"
+# Of each joint, and the planner's that takes its place in a goal.
+_LIMITS = {"trajectory": "path_tolerance", "goal": "goal_tolerance"}
 # In front of the planner's own names.
 _OWN = "controller."
 
@@ -27,19 +31,19 @@ class ControllerSettings:
     def __init__(
         self,
         node: Node,
-        controller: str,
+        settings: ControllerParameters,
         joints: Sequence[str],
         learn: Callable[[Mapping[str, Any]], None],
     ) -> None:
         """Ask from now on, whenever `look` is called.
 
         Args:
-            controller: Name of its node; empty: nobody is asked.
             joints: That plans move.
             learn: Takes values of the planner's parameters that the controller's say.
         """
         self._node, self._logger, self._learn = node, node.get_logger(), learn
-        self.controller, self._joints = controller, joints
+        self._settings, self._joints = settings, joints
+        self.controller = controller = settings.from_node  # empty: nobody is asked
         # What was read, by name; None: nothing yet
         self.read: Mapping[str, Any] | None = None
         self._is_asked = False
@@ -68,8 +72,8 @@ class ControllerSettings:
             return
         self._is_asked = True
         constraints = [f"constraints.{joint}.{what}" for joint in self._joints for what in _LIMITS]
-        self._ask([NOT_AT_END, INTERFACES, JOINTS], self._taken)
-        self._ask([*_CONSTRAINTS, *constraints], self._add)
+        self._ask([NOT_AT_END, INTERFACES, JOINTS, STATES, GOAL_TIME, STOPPED], self._taken)
+        self._ask(constraints, self._compared)
 
     def close(self) -> None:
         """Remove the client from the node."""
@@ -100,6 +104,8 @@ class ControllerSettings:
             told[f"{_OWN}{NOT_AT_END}"] = values[NOT_AT_END]
         if INTERFACES in values:
             told[f"{_OWN}effort_interface"] = _EFFORT in values[INTERFACES]
+        if STOPPED in values:
+            told[f"{_OWN}stopped_velocity_tolerance"] = _held_against_ends(values)
         self._add(values)
         self._learn(told)
         said = ", ".join(f"{name}: {value}" for name, value in told.items())
@@ -107,8 +113,34 @@ class ControllerSettings:
         if self.complaint:
             self._logger.error(f"{self.controller} takes no plan: {self.complaint}")
 
+    def _compared(self, values: dict[str, Any]) -> None:
+        """Warn of tolerances that the planner's own take the place of."""
+        self._add(values)
+        for what, name in _LIMITS.items():
+            own = getattr(self._settings, name)
+            strict = [
+                f"{limit:g} ({joint})"
+                for joint in self._joints
+                if (limit := values.get(f"constraints.{joint}.{what}", 0.0)) > 0.0
+                and (own == ERASED or own > limit)
+            ]
+            if strict and self._settings.hand_over == HandOver.ACTION:
+                self._logger.warning(
+                    f"{_OWN}{name}, {own:g}, takes the place of the tighter constraints.*.{what} "
+                    f"of {self.controller}: {', '.join(strict)}"
+                )
+
     def _add(self, values: dict[str, Any]) -> None:
         self.read = {**(self.read or {}), **values}
+
+
+def _held_against_ends(values: Mapping[str, Any]) -> float:
+    """Return the rate at the end above which a plan is given up [rad/s]; 0: at none."""
+    sees = _VELOCITY in values.get(STATES, ()) and not {_VELOCITY, _EFFORT}.isdisjoint(
+        values.get(INTERFACES, ())
+    )
+    gives_up = sees and values.get(GOAL_TIME, 0.0) > 0.0
+    return max(0.0, values[STOPPED]) if gives_up else 0.0
 
 
 def _named(name: str, value: ParameterValue) -> ParameterMessage:

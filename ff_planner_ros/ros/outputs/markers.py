@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
+from geometry_msgs.msg import Point
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -12,15 +15,15 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface
 from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
 from ff_planner_ros.analysis.drawing.surroundings import constraint_lines
-from ff_planner_ros.analysis.nearest import Nearest, nearest
+from ff_planner_ros.analysis.nearest import Nearest, nearest_of
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, attached
 from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.task.captured import CapturedBody, captured_in
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import point_message, pose_message
@@ -38,6 +41,10 @@ _CHASER_PATH = (0.0, 0.62, 0.45, 1.0)
 _ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
 _BODIES, _NEAREST = (0.80, 0.47, 0.65), (0.84, 0.0, 0.0, 1.0)
 _TEXT_HEIGHT = 0.08  # [m]
+# Of a plan that waits to be released: in front of its namespaces, and the colour of what moves.
+WAITING = "waiting/"
+_WAITING = (0.90, 0.62, 0.0)
+_MOVES = ("arm", "chaser", "bodies", "end_effector_path", "chaser_path")
 _AROUND = 24  # corners of a circle
 
 
@@ -55,10 +62,11 @@ def plan_markers(
     if the chaser has one of them; and `nearest`, a line and words where they come nearest. An
     obstacle that moves is drawn where it is at the first point, and its way is `obstacle_path`. Of
     a body that is captured there are `grasp_path`, and in `target_body` what is fixed to it, at
-    the times of the arm. What the end effector keeps on its way to the goal has the
-    namespaces of `constraint_lines`.
+    the times of the arm; where a phase follows the grasp, it moves with the end effector from then
+    on, and `nearest` is of the motion until then. What the end effector keeps on its way to the
+    goal has the namespaces of `constraint_lines`.
     """
-    obstacles, body = scene.obstacles, scene.target_body
+    obstacles, captured = scene.obstacles, captured_in(scene)
     motion, end = plan.trajectory, float(plan.trajectory.time[-1])
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
     opacities = np.linspace(_FAINT, _SOLID, SNAPSHOTS).tolist()
@@ -69,7 +77,8 @@ def plan_markers(
     turns = (attitudes * Rotation.from_matrix(box.rotation_box_to_chaser)).as_quat()
     chasers = zip(motion.chaser_positions[shown].tolist(), turns.tolist(), strict=True)
     surface = robot_surface(robot) if robot.bodies else None
-    near = nearest(robot, motion, obstacles)
+    alone = slice(int(np.searchsorted(motion.time, scene.held_from, side="right")))
+    near = nearest_of(robot, q[alone], motion.time[alone], obstacles)
     boxed = not any(body.joint == 1 for body in robot.bodies)
     markers = [
         Marker(action=Marker.DELETEALL),
@@ -84,7 +93,7 @@ def plan_markers(
             for one in obstacles
             if one.body is None and one.moves
         ),
-        *(_target_body(body, motion.time, shown, opacities) if body is not None else ()),
+        *(() if captured is None else _target_body(captured, motion, shown, opacities)),
         *(_lines(name, lines) for name, lines in constraint_lines(scene, robot, motion).items()),
         _line("end_effector_path", motion.ee_positions, _PATH_WIDTH, _EE_PATH),
         _line("chaser_path", motion.chaser_positions, _PATH_WIDTH, _CHASER_PATH),
@@ -111,15 +120,39 @@ def plan_markers(
     return MarkerArray(markers=markers)
 
 
+def waiting_markers(plan_id: str, markers: Iterable[Marker]) -> Iterator[Marker]:
+    """Return the markers of a plan as of one that waits to be released, and say that it does.
+
+    Their namespaces begin with `waiting/`. What moves has another colour than in a plan that was
+    published.
+    """
+    header, place = Header(), Point()
+    for drawn in map(copy, markers):
+        if drawn.ns in _MOVES:
+            drawn.color = ColorRGBA(**dict(zip("rgb", _WAITING, strict=True)), a=drawn.color.a)
+        if drawn.ns == "end_effector_path":
+            header, place = drawn.header, drawn.points[-1]
+        drawn.ns = f"{WAITING}{drawn.ns}"
+        yield drawn
+    words = Marker(ns=f"{WAITING}words", type=Marker.TEXT_VIEW_FACING, header=header)
+    words.text = f"{plan_id} waits to be released"
+    words.color = _colour((*_WAITING, 1.0))
+    words.pose.position = Point(x=place.x, y=place.y, z=place.z + 2.0 * _TEXT_HEIGHT)
+    words.scale.x = words.scale.y = words.scale.z = _TEXT_HEIGHT
+    yield words
+
+
 def _target_body(
-    body: TargetBody, times: Array, shown: Array, opacities: Sequence[float]
+    captured: CapturedBody, motion: Trajectory, shown: Array, opacities: Sequence[float]
 ) -> Iterator[Marker]:
-    """Draw the way of a body's grasp, and what is fixed to it at some of the times."""
-    yield _line("grasp_path", body.grasp(times).positions, _PATH_WIDTH, _GRASP_PATH)
-    colours = [(*_TARGET, opacity) for opacity in opacities]
-    drawn = [list(_obstacle("target_body", one, times[shown], colours)) for one in attached(body)]
-    for at_one_time in zip(*drawn, strict=True):
-        yield from at_one_time
+    """Draw the way of a body's grasp, and what is fixed to it at some of the points."""
+    body, there = captured.body, captured.along(motion)
+    grasps = Rotation.from_quat(there.quaternions_xyzw).apply(body.grasp_position.copy())
+    yield _line("grasp_path", there.positions + grasps, _PATH_WIDTH, _GRASP_PATH)
+    for point, opacity in zip(shown.tolist(), opacities, strict=True):
+        place, turn = there.positions[point], there.quaternions_xyzw[point]
+        for one in attached(replace(body, position=place, quaternion_xyzw=turn)):
+            yield from _obstacle("target_body", one, np.zeros(1), [(*_TARGET, opacity)])
 
 
 def _obstacle(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from ff_planner_msgs.msg import WheelState
 from geometry_msgs.msg import PoseStamped
 from scipy.interpolate import CubicHermiteSpline
@@ -15,7 +16,7 @@ from ff_planner_ros.analysis.drawing.tracking import planned_poses
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
-from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
 
@@ -64,23 +65,30 @@ def predicted_chaser_pose(
     )
 
 
+def predicted_target(trajectory: Trajectory, time: float, captured: CapturedBody) -> FramePose:
+    """Return where a target body's frame is at a time from the plan's start [s]."""
+    ee = None if time <= captured.held_from else predicted_pose(trajectory, "ee", time)
+    if ee is None:
+        there = captured.body.motion(np.zeros(3), np.array([time]))
+        return FramePose(there.positions[0], Rotation.from_matrix(there.rotations[0]))
+    return _fixed_to(ee, captured.place)
+
+
 def predicted_relative_pose(
-    trajectory: Trajectory, start_ns: int, time_ns: int, body: TargetBody
+    trajectory: Trajectory, start_ns: int, time_ns: int, captured: CapturedBody
 ) -> PoseStamped | None:
     """Return where the end effector is to the grasp at time_ns [ns], its stamp; None: no plan then.
 
-    Its frame is the grasp: at the capture the position is zero and the quaternion that of no turn.
-
-    Args:
-        body: At the plan's first point.
+    Its frame is the grasp: from the capture on the position is zero and the quaternion that of no
+    turn.
     """
     time = (time_ns - start_ns) / NANOSECONDS
     ee = predicted_pose(trajectory, "ee", time)
     if ee is None:
         return None
-    grasp = body.grasp(np.array([time]))
-    attitude = Rotation.from_matrix(grasp.rotations[0]).inv()
-    way = attitude.apply(ee.position - grasp.positions[0])
+    grasp = _fixed_to(predicted_target(trajectory, time, captured), captured.place.inverse())
+    attitude = grasp.rotation.inv()
+    way = attitude.apply(ee.position - grasp.position)
     return PoseStamped(
         header=Header(stamp=time_message(time_ns), frame_id=GRASP_FRAME),
         pose=pose_message(way.tolist(), (attitude * ee.rotation).as_quat().tolist()),
@@ -123,3 +131,9 @@ def difference(predicted: FramePose, found: FramePose) -> TrackingError:
     """Return how far a frame is from where it was predicted."""
     distance = float(np.linalg.norm(found.position - predicted.position))
     return TrackingError(distance, float((predicted.rotation.inv() * found.rotation).magnitude()))
+
+
+def _fixed_to(frame: FramePose, place: pin.SE3) -> FramePose:
+    """Return where a frame is that has a place in another."""
+    position = frame.position + frame.rotation.apply(place.translation.copy())
+    return FramePose(position, frame.rotation * Rotation.from_matrix(place.rotation))

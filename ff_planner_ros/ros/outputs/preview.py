@@ -1,14 +1,52 @@
-"""The planned joint motion, to be played again and again for a robot model on a screen."""
+"""What screens show of plans: markers, and the joint motion, played again and again.
+
+A plan that waits to be released is what an operator has to look at: it is played instead of the
+one that was published, and drawn beside it, until it is released, rejected or too late.
+"""
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
 
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.task.captured import captured_in
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.outputs.markers import plan_markers, waiting_markers
+from ff_planner_ros.ros.outputs.transforms import Transforms
+from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A plan, and what is needed to draw it."""
+
+    plan_id: str
+    robot: Robot
+    plan: Plan
+    scene: Scene
+    inertial_frame: str
+
+    @cached_property
+    def markers(self) -> Sequence[Marker]:
+        """The plan and its scene as they are drawn; the first deletes all that were before."""
+        drawn = plan_markers(self.robot, self.plan, self.scene, self.inertial_frame)
+        return tuple(drawn.markers)
 
 
 class Previewed(NamedTuple):
@@ -16,6 +54,97 @@ class Previewed(NamedTuple):
 
     time: float  # since the plan's first point [s]
     joints: JointState
+
+
+class Preview:
+    """Shows the plan that was published last, and the one that waits."""
+
+    def __init__(
+        self, node: LifecycleNode, transforms: Transforms, parameters: NodeParameters
+    ) -> None:
+        """Create the publishers, which are silent until the node is active."""
+        self._node, self._transforms = node, transforms
+        self._clock, self._rate = node.get_clock(), parameters.rates.preview
+        self._lock = threading.Lock()
+        self._released: Drawn | None = None
+        self._waiting: Drawn | None = None
+        self._played: Drawn | None = None
+        self._states: Iterator[Previewed] = iter(())
+        self._repeated_since_ns: int | None = None  # None while it is played for the first time
+        self._viewers = 1  # when they were last counted
+        self._markers: LifecyclePublisher = node.create_lifecycle_publisher(
+            MarkerArray, "markers", LATCHED_QOS
+        )
+        self._joint_states: LifecyclePublisher = node.create_lifecycle_publisher(
+            JointState, "planned_joint_states", STREAM_QOS
+        )
+        self.publishers = self._markers, self._joint_states
+        group = MutuallyExclusiveCallbackGroup()
+        self._timer = node.create_timer(1.0 / self._rate, self._play, group)
+        self._timer.cancel()  # until there is something to play
+
+    def release(self, released: Drawn) -> None:
+        """Show a plan that was published from the next drawing on."""
+        self._released = released
+
+    def let_wait(self, waiting: Drawn | None) -> bool:
+        """Show a plan that waits from the next drawing on; None: none does.
+
+        Returns:
+            Whether anything changes.
+        """
+        changes, self._waiting = waiting is not self._waiting, waiting
+        return changes
+
+    def draw(self) -> None:
+        """Publish what is drawn, and play what is to be looked at."""
+        with self._lock:
+            released, waiting = self._released, self._waiting
+            markers = [Marker(action=Marker.DELETEALL)] if released is None else released.markers
+            if waiting is not None:
+                markers = [*markers, *waiting_markers(waiting.plan_id, waiting.markers[1:])]
+            self._markers.publish(MarkerArray(markers=[copy(one) for one in markers]))
+            shown = waiting or released
+            if shown is not self._played:
+                self._played = shown
+                states = [] if shown is None else preview_joint_states(shown.plan, self._rate)
+                self._states = self._again_and_again(states)
+                self._timer.reset()
+
+    def look_for_viewers(self, recorders: int) -> None:
+        """Play it again where somebody subscribes, beside so many recorders."""
+        self._viewers = self._joint_states.get_subscription_count() - recorders
+        if self._viewers > 0 and self._timer.is_canceled() and self._repeated_since_ns is not None:
+            self._timer.reset()
+
+    def is_repeated(self, received_ns: int) -> bool:
+        """Tell whether it had been played once before a time of the host [ns]."""
+        since_ns = self._repeated_since_ns
+        return since_ns is not None and received_ns >= since_ns
+
+    def close(self) -> None:
+        """Remove the timer from the node."""
+        self._node.destroy_timer(self._timer)
+
+    def _again_and_again(self, states: Sequence[Previewed]) -> Iterator[Previewed]:
+        self._repeated_since_ns = None
+        yield from states
+        self._repeated_since_ns = time.time_ns()
+        yield from cycle(states)
+
+    def _play(self) -> None:
+        # The first time it is played for the bag, too, which repeats nothing.
+        is_seen, played = self._repeated_since_ns is None or self._viewers > 0, self._played
+        shown = next(self._states, None) if is_seen else None
+        if shown is None or played is None:
+            self._timer.cancel()
+            return
+        now = self._clock.now()
+        shown.joints.header.stamp = now.to_msg()
+        self._transforms.preview(
+            played.plan.trajectory, shown.time, now.nanoseconds, captured_in(played.scene)
+        )
+        self._joint_states.publish(shown.joints)
 
 
 def preview_joint_states(plan: Plan, rate: float) -> list[Previewed]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 
-import numpy as np
 import pinocchio as pin
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
@@ -14,12 +14,17 @@ from std_msgs.msg import Header
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.foreign import TFMessage
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.ros.outputs.prediction import GRASP_FRAME, FramePose, predicted_pose
+from ff_planner_ros.ros.outputs.prediction import (
+    GRASP_FRAME,
+    FramePose,
+    predicted_pose,
+    predicted_target,
+)
 from ff_planner_ros.ros.qos import LATCHED_QOS, TF_QOS
 
 # What the URDF has no link for: the origin of the chaser's states and predictions.
@@ -34,6 +39,10 @@ class Transforms:
         """Create the publishers, which are silent until the node is active."""
         self._robot, self._frame = robot, parameters.inertial_frame
         self._root, self._settings = root_link(robot), parameters.tf
+        self._period, self._due = (
+            1.0 / parameters.rates.predicted_pose,
+            0.0,
+        )  # by the steady clock [s]
         self._told_ns: dict[str, int] = {}  # newest stamp of each frame
         self._static = self._fixed_to_chaser(parameters)
         self._moving: LifecyclePublisher = node.create_lifecycle_publisher(TFMessage, "/tf", TF_QOS)
@@ -43,23 +52,23 @@ class Transforms:
         self.publishers = self._moving, self._fixed
 
     @property
-    def measures(self) -> bool:
-        """Whether the measured chaser is published."""
-        return self._settings.measured
+    def is_due(self) -> bool:
+        """Whether the measured chaser is to be published, and was not within the last period."""
+        return self._settings.measured and time.monotonic() >= self._due
 
     def describe(self) -> None:
         """Publish what is fixed to the chaser; to be called when the node becomes active."""
         self._fixed.publish(TFMessage(transforms=list(self._static.values())))
 
     def measured(self, state: SystemState, stamp_ns: int) -> None:
-        """Publish where the chaser was measured, where a parameter asks for it."""
-        if self._settings.measured:
-            attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
-            chaser = FramePose(state.position_chaser_in_inertial, attitude)
-            self._publish(stamp_ns, [(self._root, root_pose(self._robot, chaser))])
+        """Publish where the chaser was measured."""
+        self._due = time.monotonic() + self._period
+        attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+        chaser = FramePose(state.position_chaser_in_inertial, attitude)
+        self._publish(stamp_ns, [(self._root, root_pose(self._robot, chaser))])
 
     def predicted(
-        self, motion: Trajectory, start_ns: int, time_ns: int, body: TargetBody | None
+        self, motion: Trajectory, start_ns: int, time_ns: int, captured: CapturedBody | None
     ) -> None:
         """Publish where chaser, end effector and target should be at a time [ns]."""
         prefix, time = self._settings.predicted_prefix, (time_ns - start_ns) / NANOSECONDS
@@ -70,34 +79,31 @@ class Transforms:
             (f"{prefix}{self._root}", root_pose(self._robot, chaser)),
             (f"{prefix}{self._robot.tip_link}", ee),
         ]
-        if body is not None:
-            frames.append((f"{prefix}{_TARGET}", target_pose(body, time)))
+        if captured is not None:
+            there = predicted_target(motion, time, captured)
+            frames.append((f"{prefix}{_TARGET}", there))
         self._publish(time_ns, frames)
 
     def preview(
-        self, motion: Trajectory, time: float, time_ns: int, body: TargetBody | None
+        self, motion: Trajectory, time: float, time_ns: int, captured: CapturedBody | None
     ) -> None:
         """Publish, as of a time [ns], chaser and target of a plan at a time from its start [s]."""
         prefix, chaser = self._settings.preview_prefix, predicted_pose(motion, "chaser", time)
         if not prefix or chaser is None:
             return
         frames = [(f"{prefix}{self._root}", root_pose(self._robot, chaser))]
-        if body is not None:
-            frames.append((f"{prefix}{_TARGET}", target_pose(body, time)))
+        if captured is not None:
+            there = predicted_target(motion, time, captured)
+            frames.append((f"{prefix}{_TARGET}", there))
         self._publish(time_ns, frames)
 
-    def published(self, body: TargetBody | None) -> None:
+    def published(self, captured: CapturedBody | None) -> None:
         """Tell where the grasp is in a target body that a published plan captures."""
         prefix = self._settings.predicted_prefix
-        if body is None or not prefix:
+        if captured is None or not prefix:
             return
-        zero = np.zeros(1)
-        there, grasp = target_pose(body, 0.0), body.grasp(zero)
-        turn = there.rotation.inv()
-        pose = FramePose(
-            turn.apply(grasp.positions[0] - there.position),
-            turn * Rotation.from_matrix(grasp.rotations[0]),
-        )
+        grasp = captured.place.inverse()
+        pose = FramePose(grasp.translation, Rotation.from_matrix(grasp.rotation))
         self._static[GRASP_FRAME] = _transform(f"{prefix}{_TARGET}", GRASP_FRAME, pose, 0)
         self.describe()
 
@@ -137,12 +143,6 @@ def root_pose(robot: Robot, chaser: FramePose) -> FramePose:
         chaser.position - rotation.as_matrix() @ robot.position_chaser_in_base,
         rotation,
     )
-
-
-def target_pose(body: TargetBody, time: float) -> FramePose:
-    """Return where a target body's centre of mass and axes are, a time after its own [s]."""
-    there = body.motion(np.zeros(3), np.array([time]))
-    return FramePose(there.positions[0], Rotation.from_matrix(there.rotations[0]))
 
 
 def _transform(parent: str, child: str, pose: FramePose, stamp_ns: int) -> TransformStamped:

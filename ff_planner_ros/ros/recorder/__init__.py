@@ -1,1 +1,1 @@
-"""The recorder of everything that the node hears and says."""
+"""The bag of a running node."""

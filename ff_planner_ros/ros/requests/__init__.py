@@ -1,1 +1,1 @@
-"""Requests: read, taken up one at a time, planned in a process of their own, answered."""
+"""Service and action, jobs, and the solver's process."""

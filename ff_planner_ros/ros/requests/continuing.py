@@ -45,7 +45,10 @@ def continued_plan(
             not where it says (STATE_MOVED).
     """
     if published is None:
-        words = "no plan was published: ask for one without replan_active first"
+        words = (
+            "none was published yet, or the last one was aborted: ask for one without "
+            "replan_active first"
+        )
         raise InvalidInput(Status.NO_ACTIVE_PLAN, _FIELD, True, words)
     splice_time = (start_ns - published.start_ns) / NANOSECONDS
     running = published.at(measured.stamp_ns)

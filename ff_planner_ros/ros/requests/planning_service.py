@@ -26,10 +26,9 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.node import PREEMPT
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress
-from ff_planner_ros.planning.problem.problem import lasting
-from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.library import Guesses
-from ff_planner_ros.planning.task.whole import whole
+from ff_planner_ros.planning.task.whole import whole, whole_scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
@@ -41,7 +40,7 @@ from ff_planner_ros.ros.messages.phases import (
     plan_messages,
     tell_found,
 )
-from ff_planner_ros.ros.messages.to_messages import answer_of_error, answer_with_plan
+from ff_planner_ros.ros.messages.to_messages import answer_of_error, answer_with_plan, plan_message
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
@@ -141,6 +140,10 @@ class PlanningService:
         self._jobs.close(status, message)
         self._jobs.wait_until_idle(patience)
         self._publication.close(status, message)
+
+    def look(self) -> None:
+        """Let screens show what waits to be published, as long as it may be."""
+        self._publication.look()
 
     def give_up(self, status: Status, message: str) -> None:
         """Give up the request that is being planned, if there is one, and plans that wait."""
@@ -295,11 +298,12 @@ class PlanningService:
             self.solve_times.append(time.perf_counter() - begun)
 
         bodies, total = bodies_of(asked.task, plan), whole(plan)
+        scene = whole_scene(asked.task, plan)
 
         def write() -> tuple[list[PlanMessage], PlanMessage, JointTrajectory]:
             told = asked.start_ns, parameters.inertial_frame
             phases = plan_messages(plan, *told, bodies)
-            (written,) = plan_messages(total, *told, bodies[:1]) if plan.then else phases
+            written = plan_message(total, *told, captured_in(scene)) if plan.then else phases[0]
             takes_torques = parameters.controller.effort_interface
             return phases, written, controller_message(written.joint_trajectory, takes_torques)
 
@@ -317,7 +321,7 @@ class PlanningService:
             asked.start_ns,
             asked.task.end_behaviour,
             asked.task.problem.robot,
-            scene_of(lasting(asked.task.problem, plan.duration)),
+            scene,
             parameters,
             asked.provenance.previous_plan_id,
             self._clock.now().nanoseconds,

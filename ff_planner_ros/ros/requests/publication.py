@@ -11,7 +11,6 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from functools import partial
 from hmac import compare_digest
 from typing import Any
 
@@ -25,11 +24,13 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
 from ff_planner_ros.ros.messages.to_messages import plan_message, status_message
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
+from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.reading import Knowledge, requester_named
 from ff_planner_ros.ros.requests.request_queue import RequestQueue
@@ -83,12 +84,14 @@ class Publication:
         """Publish no more, and forget the plans that wait."""
         with self._lock:
             self._refusal = status, message
-            self._waiting.clear()
+            self.forget()
 
     def forget(self) -> None:
         """Forget the plans that wait: their times are no longer the clock's."""
         with self._lock:
             self._waiting.clear()
+            if self._output.preview.let_wait(None):
+                self._output.preview.draw()
 
     def destroy(self) -> None:
         """Take the service off the node."""
@@ -101,6 +104,19 @@ class Publication:
             self._waiting[made.plan_id] = made
             while len(self._waiting) > MOST_WAITING:
                 del self._waiting[next(iter(self._waiting))]
+        self.look()
+
+    def look(self) -> None:
+        """Let screens show the newest plan that waits and may still go out, if any."""
+        with self._lock:
+            shown: Drawn | None = None
+            if self._waiting:
+                now_ns = self._node.get_clock().now().nanoseconds
+                most = self._knowledge().parameters.publication.max_age
+                fit = (one for one in self._waiting.values() if one.may_go_out(now_ns, most))
+                shown = next((one.drawn for one in reversed(list(fit))), None)
+            if self._output.preview.let_wait(shown):
+                self._draw()
 
     def publish(
         self,
@@ -123,17 +139,18 @@ class Publication:
                 for_controller,
                 requester,
                 made.end_behaviour,
-                made.scene.target_body,
+                captured_in(made.scene),
                 made.previous_plan_id,
             )
-        executor: Any = self._node.executor
-        executor.create_task(partial(self._output.show, made.robot, made.plan, made.scene))
+            self._output.preview.release(made.drawn)
+        self._draw()
 
     def _serve(
         self, request: PublishPlan.Request, response: PublishPlan.Response
     ) -> PublishPlan.Response:
         try:
-            message = self._published(request)
+            message = self._rejected(request) if request.reject else self._published(request)
+            self.look()
             self._logger.info(in_log(message))
             response.status = PlanStatus(code=int(Status.SOLVED), message=message)
         except FfPlannerError as error:
@@ -145,6 +162,15 @@ class Publication:
             response.status = status_message(FfPlannerError(Status.INTERNAL_ERROR, unforeseen))
         self.answered = time.monotonic()
         return response
+
+    def _rejected(self, request: PublishPlan.Request) -> str:
+        """Forget the plan that is asked for, and say so in words."""
+        with self._lock:
+            self._require_open()
+            requester = requester_named(request.requester, PUBLISH_PLAN)
+            made = self._waiting_plan(request)
+            del self._waiting[made.plan_id]
+        return f"{made.plan_id} is dropped, {requester} rejected it"
 
     def _published(self, request: PublishPlan.Request) -> str:
         """Publish the plan that is asked for, and say so in words."""
@@ -158,7 +184,7 @@ class Publication:
             require_same_start(made, request.start_state, knowledge)
         # Thousands of points take a second, in which others may publish or forget.
         frame = made.parameters.inertial_frame
-        written = plan_message(made.plan, made.start_ns, frame, made.scene.target_body)
+        written = plan_message(made.plan, made.start_ns, frame, captured_in(made.scene))
         takes_torques = knowledge.parameters.controller.effort_interface
         for_controller = controller_message(written.joint_trajectory, takes_torques)
         with self._lock:
@@ -168,6 +194,10 @@ class Publication:
             self.publish(made, written, for_controller, requester)
             del self._waiting[made.plan_id]
         return f"{made.plan_id} is published, {requester} asked for it"
+
+    def _draw(self) -> None:
+        executor: Any = self._node.executor
+        executor.create_task(self._output.preview.draw)
 
     def _require_open(self) -> None:
         if self._refusal is not None:
@@ -189,7 +219,8 @@ class Publication:
                 "it is published already"
                 if last is not None and last.plan_id == plan_id
                 else "no plan of this id waits to be published (plans asked for with plan_only "
-                f"wait, the newest {MOST_WAITING}, until they are published or their start is over)"
+                f"wait, the newest {MOST_WAITING}, until they are published, rejected, or their "
+                "start is over)"
             )
         raise InvalidInput(Status.UNKNOWN_PLAN, field, value, allowed)
 

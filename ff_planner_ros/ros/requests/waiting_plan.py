@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from ff_planner_msgs.msg import ChaserState
@@ -20,6 +22,7 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.joint_names import turns_without_end
+from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
 
@@ -41,6 +44,35 @@ class MadePlan:
     previous_plan_id: str = ""  # that the joints follow until it begins; empty: none
     made_ns: int = 0  # when it was ready [ns]
     token: str = ""  # that whoever publishes it must know; empty: it is published at once
+
+    @cached_property
+    def drawn(self) -> Drawn:
+        """The plan as screens show it."""
+        frame = self.parameters.inertial_frame
+        return Drawn(self.plan_id, self.robot, self.plan, self.scene, frame)
+
+    def may_go_out(self, now_ns: int, most: float) -> bool:
+        """Tell whether its start is ahead, and it was made at most so long ago [s]."""
+        return self.start_ns >= now_ns and self.age(now_ns) <= most
+
+    def age(self, now_ns: int) -> float:
+        """Return how long ago it was ready [s]."""
+        return (now_ns - self.made_ns) / NANOSECONDS
+
+
+class Difference(NamedTuple):
+    """How far one number of a system is from a plan's first point."""
+
+    what: str
+    parameter: str  # of `publication.`, that allows it
+    found: float
+    allowed: float
+    unit: str
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether it is little enough; not a number is not."""
+        return self.found <= self.allowed
 
 
 def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
@@ -68,7 +100,7 @@ def require_young(made: MadePlan, knowledge: Knowledge) -> None:
     Raises:
         NoPlanFound: It is too old (CHECK_FAILED).
     """
-    age = (knowledge.now_ns - made.made_ns) / NANOSECONDS
+    age = made.age(knowledge.now_ns)
     most = knowledge.parameters.publication.max_age
     if age > most:
         raise NoPlanFound(
@@ -88,19 +120,11 @@ def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Kn
         InvalidInput: No state is known that can be used.
         NoPlanFound: It will (STATE_MOVED).
     """
-    measured = measured_state(own, knowledge)
-    running = motion_until_start(knowledge, measured, made.start_ns)
-    # A state may be stamped ahead of now by state_future_tolerance, and so be later than the start
-    # of a plan that begins at once.
-    ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
-    there = carried_forward(made.robot, measured.state, ahead, running)
     off = [
-        f"{what} by {found:.3g} {unit}, more than publication.{name}, {limit:g} {unit}"
-        for what, name, found, limit, unit in _differences(
-            there, made.plan.trajectory, knowledge.robot, knowledge.parameters.publication
-        )
-        # Written so that NaN is refused.
-        if not found <= limit
+        f"{one.what} by {one.found:.3g} {one.unit}, more than publication.{one.parameter}, "
+        f"{one.allowed:g} {one.unit}"
+        for one in start_differences(made, own, knowledge)
+        if not one.is_allowed
     ]
     if off:
         raise NoPlanFound(
@@ -110,13 +134,35 @@ def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Kn
         )
 
 
+def start_differences(
+    made: MadePlan, own: Sequence[ChaserState], knowledge: Knowledge
+) -> Iterator[Difference]:
+    """Yield how far the system, carried forward as for a new plan, will be from a plan's start.
+
+    Args:
+        own: State that the request brings, one at most.
+
+    Raises:
+        InvalidInput: No state is known that can be used.
+    """
+    measured = measured_state(own, knowledge)
+    running = motion_until_start(knowledge, measured, made.start_ns)
+    # A state may be stamped ahead of now by state_future_tolerance, and so be later than the start
+    # of a plan that begins at once.
+    ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
+    there = carried_forward(made.robot, measured.state, ahead, running)
+    yield from (
+        Difference(*one)
+        for one in _differences(
+            there, made.plan.trajectory, knowledge.robot, knowledge.parameters.publication
+        )
+    )
+
+
 def _differences(
     state: SystemState, motion: Trajectory, robot: Robot, allowed: PublicationParameters
 ) -> Iterator[tuple[str, str, float, float, str]]:
-    """Yield how far a state is from a plan's first point.
-
-    What, name of the parameter, by how much, how much is allowed, and the unit of both.
-    """
+    """Yield how far a state is from a plan's first point, as `Difference` has it."""
 
     def distance(a: Array, b: Array) -> float:
         return float(np.linalg.norm(a - b))

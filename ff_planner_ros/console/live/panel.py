@@ -1,0 +1,238 @@
+"""The part of the page that is about a running node: what waits, what runs, release and reject."""
+
+from __future__ import annotations
+
+import html
+import threading
+from typing import Any
+
+import viser
+
+from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.console.colours import STYLE
+from ff_planner_ros.console.entries import Entry
+from ff_planner_ros.console.live.link import Link
+from ff_planner_ros.console.live.measured import MeasuredRobot
+from ff_planner_ros.console.live.plans import WAITS, Fit, Plans, fit_of
+from ff_planner_ros.console.page import Page
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.outputs.prediction import tracking_error
+
+_RELEASE, _REJECT = "release", "reject"
+_NO_TOKEN = (
+    "Another client asked for this plan, and who asked, publishes: this console has no token of "
+    "it. Release it there, or enter the publish token of its answer here."
+)
+_MEANS = {
+    _RELEASE: "The node sends {} to the controller, and the arm will move.",
+    _REJECT: "This console forgets the token of {}, which cannot be released here any more.",
+}
+
+
+class NodePanel:
+    """Shows how a node is and what becomes of its plans; the looks are called again and again."""
+
+    def __init__(
+        self, server: viser.ViserServer, page: Page, link: Link, plans: Plans, lead: float
+    ) -> None:
+        """Build the controls.
+
+        Args:
+            lead: From a request to the start of its plan, at first [s].
+        """
+        self._page, self._link, self._plans = page, link, plans
+        self._measured = MeasuredRobot(server, link.robot)
+        self._lock = threading.RLock()
+        self._asked_twice: tuple[str, Entry] | None = None  # what, of which: after the first click
+        gui = server.gui
+        with gui.add_folder("Node", order=-1):
+            self._state = gui.add_html("")
+            most = link.parameters.start_horizon
+            hint = "how long after the request the plan begins: time to look at it is part of that"
+            self.lead = gui.add_number(
+                "start after [s]", lead, min=0.0, max=most, step=1.0, hint=hint
+            )
+            self._follow = gui.add_checkbox("follow the plan that runs", True)
+            self._fit = gui.add_html("")
+            self._token = gui.add_text("publish token", "", visible=False)
+            self._release = gui.add_button(_RELEASE, disabled=True)
+            self._reject = gui.add_button(_REJECT, disabled=True)
+            self._means = gui.add_html("", visible=False)
+            self._yes = gui.add_button("yes", visible=False)
+            self._no = gui.add_button("no", visible=False)
+            self._said = gui.add_html("")
+            self._differences = gui.add_html("")
+        self._release.on_click(lambda _: self.first_click(_RELEASE))
+        self._reject.on_click(lambda _: self.first_click(_REJECT))
+        self._yes.on_click(lambda _: self.second_click())
+        self._no.on_click(lambda _: self._ask_twice(None))
+        self._token.on_update(lambda _: self._take_token())
+
+    def first_click(self, what: str) -> None:
+        """Ask whether the plan that is shown is to be released, or rejected."""
+        with self._lock:
+            if self._plans.waiting(self._page.chosen) is not None:
+                self._ask_twice((what, self._page.chosen))
+
+    def second_click(self) -> None:
+        """Do what was asked, unless another plan is shown by now, and tell what came of it."""
+        with self._lock:
+            asked = self._asked_twice
+            self._ask_twice(None)
+            made = None if asked is None else self._plans.waiting(asked[1])
+            if asked is None or made is None:
+                return
+            what, entry = asked
+            if what == _REJECT:
+                self._plans.reject(made.plan_id)
+                self._say(f"{entry.name} is rejected: its token is forgotten here")
+                return
+            try:
+                status, words = self._link.release(made.plan_id, made.token)
+            except FfPlannerError as error:
+                status, words = error.status, str(error)
+            if status is Status.SOLVED:
+                self._say(f"{entry.name}: {words}")
+            else:
+                self._say(f"{entry.name} is not released: {status.name}: {words}", "bad")
+
+    def look(self) -> None:
+        """Show everything as it is now."""
+        with self._lock:
+            link, entry = self._link, self._page.chosen
+            asked = self._asked_twice
+            if asked is not None and self._plans.waiting(asked[1]) is None:
+                self._ask_twice(None)  # another has released it
+            if asked is not None and asked[1].plan_id != entry.plan_id:
+                self._ask_twice(None)
+            lost, measured = link.lost, self._snapshot()
+            words = [_line(lost or f"{link.name} is heard", "bad" if lost else "good")]
+            if link.other_robot:
+                words.append(_line(link.other_robot, "bad"))
+            if isinstance(measured, FfPlannerError):
+                self._measured.hide()
+                words.append(_line(str(measured), "bad"))
+            else:
+                robot = link.robot
+                self._measured.place(configuration(robot, measured.state)[0])
+                age = (link.now_ns() - measured.stamp_ns) / NANOSECONDS
+                words.append(_line(f"state {max(age, 0.0):.2f} s old, drawn in green"))
+                words += self._running(measured)
+            words += [_line(f"{part}: {said}", "bad") for part, said in link.warnings.items()]
+            _show(self._state, "".join(words))
+            self._show_waiting(entry, bool(lost))
+
+    def _snapshot(self) -> Snapshot | FfPlannerError:
+        now = self._link.knowledge
+        limits = now.parameters.state_max_age, now.parameters.state_future_tolerance
+        try:
+            return now.states.snapshot(now.now_ns, *limits)
+        except FfPlannerError as error:
+            return error
+
+    def _running(self, measured: Snapshot) -> list[str]:
+        """Return words on the plan that runs, and show it at its time if it is to be followed."""
+        last, now_ns = self._link.published, self._link.now_ns()
+        running = None if last is None else last.at(now_ns)
+        if running is None:
+            return []
+        name = self._plans.name_of(running.plan_id)
+        time = (now_ns - running.start_ns) / NANOSECONDS
+        shown = self._page.chosen
+        if self._follow.value and shown.plan_id == running.plan_id:
+            self._page.go_to(time)
+        words = f"{name} runs: {time:.1f} s of {running.trajectory.time[-1]:.1f} s"
+        error = tracking_error(
+            running.trajectory, running.start_ns, measured.state, measured.stamp_ns
+        )
+        most = self._link.parameters.tracking
+        if error is None or not error.position >= 0.0:
+            return [_line(words)]
+        is_off = error.position > most.max_position or error.angle > most.max_angle
+        off = f"chaser {error.position * 1e3:.2f} mm, {error.angle:.5f} rad from it"
+        return [_line(f"{words}; {off}", "bad" if is_off else "good")]
+
+    def _show_waiting(self, entry: Entry, is_lost: bool) -> None:
+        made = self._plans.waiting(entry)
+        self._release.disabled = made is None or is_lost or not made.token
+        self._reject.disabled = made is None or not made.token
+        self._token.visible = made is not None and not made.token
+        if made is None:
+            _show(self._fit, "")
+            _show(self._differences, "")
+            return
+        most = self._link.parameters.publication.max_age
+        fit = fit_of(made, self._link.knowledge)
+        _show(self._fit, _of_fit(entry.name, fit, most, bool(made.token)))
+        _show(self._differences, _of_differences(fit))
+
+    def _ask_twice(self, what: tuple[str, Entry] | None) -> None:
+        self._asked_twice = what
+        for one in (self._means, self._yes, self._no):
+            one.visible = what is not None
+        if what is not None:
+            doing, entry = what
+            self._yes.label = f"yes, {doing} {entry.name}"
+            _show(self._means, _line(_MEANS[doing].format(entry.name), "bad"))
+
+    def _take_token(self) -> None:
+        with self._lock:
+            made, token = self._plans.waiting(self._page.chosen), self._token.value.strip()
+            if made is not None and token:
+                self._plans.know_token(made.plan_id, token)
+                _set(self._token, "")
+
+    def _say(self, words: str, kind: str = "good") -> None:
+        _show(self._said, _line(words, kind))
+
+
+def _of_fit(name: str, fit: Fit, most: float, has_token: bool) -> str:
+    """Return a plan that waits, as it is now, in HTML."""
+    words = [
+        _line(
+            f"{name} {WAITS}: made {fit.age:.1f} s ago (at most {most:g} s), "
+            + (
+                f"begins in {fit.until_start:.1f} s"
+                if fit.until_start > 0.0
+                else "its start is over"
+            )
+        )
+    ]
+    if not has_token:
+        words.append(_line(_NO_TOKEN, "bad"))
+    if fit.refusal:
+        words.append(_line(f"The node would refuse it now. {fit.refusal}", "bad"))
+    else:
+        words.append(_line("By what is heard here, the node would publish it now.", "good"))
+    return "".join(words)
+
+
+def _of_differences(fit: Fit) -> str:
+    """Return how far the system is from a plan's first point, number by number, in HTML."""
+    rows = [
+        f"<tr><td>{html.escape(one.what)}</td>"
+        f"<td>{one.found:.4f}</td><td>{one.allowed:g}</td><td>{one.unit}</td>"
+        f"<td class='{'good' if one.is_allowed else 'bad'}'>"
+        f"{'fits' if one.is_allowed else 'MOVED'}</td></tr>"
+        for one in fit.differences
+    ]
+    head = "<tr><th>at its start</th><th>off by</th><th>allowed</th><th></th><th></th></tr>"
+    return f"<table>{head}{''.join(rows)}</table>" if rows else ""
+
+
+def _line(words: str, kind: str = "") -> str:
+    return f"<p class='{kind}'>{html.escape(words)}</p>"
+
+
+def _show(handle: viser.GuiHtmlHandle, words: str) -> None:
+    """Set words unless they are those that are shown: nothing is sent for nothing."""
+    content = f"{STYLE}<div class='ff'>{words}</div>" if words else ""
+    if handle.content != content:
+        handle.content = content
+
+
+def _set(handle: Any, value: Any) -> None:
+    """Set a control to a value: viser's types know such an attribute as read-only."""
+    handle.value = value

@@ -1,0 +1,218 @@
+"""The plans of a running node that a console knows, and what has become of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, replace
+from threading import RLock
+
+from ff_planner_msgs.msg import Plan as PlanMessage
+from ff_planner_msgs.msg import PlanAnswer, PlanEvent, PlanRequest, PublishedPlan
+
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.console.answers import entry_of_answer
+from ff_planner_ros.console.entries import Entry
+from ff_planner_ros.console.live.link import Link
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.messages.trajectories import trajectory_in
+from ff_planner_ros.planning.problem.problem import lasting
+from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.task.captured import captured_in
+from ff_planner_ros.planning.task.controller_rules import require_in_time
+from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.planning.task.whole import whole
+from ff_planner_ros.ros.outputs.plan_output import PublishedPlan as RunningPlan
+from ff_planner_ros.ros.requests.reading import Knowledge, read_request
+from ff_planner_ros.ros.requests.waiting_plan import (
+    Difference,
+    MadePlan,
+    require_same_rules,
+    require_same_start,
+    require_young,
+    start_differences,
+)
+
+WAITS = "waits for approval"
+_EVENTS = {
+    PlanEvent.STARTED: "runs",
+    PlanEvent.AT_GOAL: "at its goal",
+    PlanEvent.ABORTED: "aborted",
+    PlanEvent.SUPERSEDED: "superseded",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A plan that waits as it is now."""
+
+    age: float  # since it was made [s]
+    until_start: float  # negative: its start is over [s]
+    differences: tuple[Difference, ...]  # of the system from its first point; empty: not known
+    refusal: str  # why the node would not publish it now; empty: it would, as far as is known here
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A plan, or a refusal."""
+
+    entry: Entry
+    made: MadePlan | None = None  # None: there is no plan
+
+
+class Plans:
+    """All answers since the console was opened; each by the number that the node gave it."""
+
+    def __init__(self, link: Link, changed: Callable[[Entry], None]) -> None:
+        """Begin without plans; `changed` is given every entry that is new or another one."""
+        self._link, self._changed = link, changed
+        self._lock = RLock()
+        self._known: dict[str, _Known] = {}  # by plan id
+        self._runs: list[str] = []  # of the node, as its plan ids tell
+
+    def answered(
+        self, request: PlanRequest, answer: PlanAnswer, asked: PlanningTask | None, is_own: bool
+    ) -> Entry:
+        """Take an answer, and return it as the page lists it.
+
+        Args:
+            asked: What was asked, as it was known before; None: not known.
+            is_own: Whether this console asked. Tokens of others are none of its business, even
+                where the middleware tells them.
+        """
+        with self._lock:
+            before = self._known.get(answer.plan_id)
+            if before is not None:
+                return before.entry
+            task, missing = self._task(request, answer, asked)
+            entry = entry_of_answer(self._name(answer.plan_id), task, answer, missing)
+            made = None
+            if entry.plan is not None and task is not None and answer.plans:
+                start_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)
+                made = MadePlan(
+                    answer.plan_id,
+                    whole(entry.plan),
+                    start_ns,
+                    str(task.end_behaviour),
+                    task.problem.robot,
+                    scene_of(lasting(task.problem, entry.plan.duration)),
+                    self._link.parameters,
+                    answer.inputs.previous_plan_id,
+                    self._link.now_ns(),
+                    answer.publish_token if is_own else "",
+                )
+                if request.plan_only:
+                    entry = replace(entry, status=WAITS)
+            self._known[answer.plan_id] = _Known(entry, made)
+            return entry
+
+    def waiting(self, entry: Entry) -> MadePlan | None:
+        """Return the plan of an entry that waits to be published; None: it does not."""
+        known = self._known.get(entry.plan_id)
+        return known.made if known is not None and known.entry.status == WAITS else None
+
+    def name_of(self, plan_id: str) -> str:
+        """Return the name by which a plan is listed, or else its id."""
+        known = self._known.get(plan_id)
+        return plan_id if known is None else known.entry.name
+
+    def know_token(self, plan_id: str, token: str) -> None:
+        """Take the token of a plan that another asked for; empty: forget the one that is known."""
+        with self._lock:
+            known = self._known[plan_id]
+            if known.made is not None:
+                made = replace(known.made, token=token)
+                self._known[plan_id] = replace(known, made=made)
+
+    def reject(self, plan_id: str) -> None:
+        """Forget the token: nobody can have the plan published by this console any more."""
+        self.know_token(plan_id, "")
+        self._becomes(plan_id, "rejected")
+
+    def published(self, message: PublishedPlan) -> None:
+        """Take a plan that the node has published: the joints follow it from its start on."""
+        known, last = self._known.get(message.plan_id), self._link.published
+        start_ns = nanoseconds(message.start_time)
+        if known is None or known.made is None:
+            # Of the chaser nothing is told there.
+            motion = trajectory_in(PlanMessage(joint_trajectory=message.joint_trajectory))
+            self._link.published = RunningPlan(message.plan_id, motion, start_ns)
+            return
+        made = known.made
+        is_before = last is not None and last.plan_id == made.previous_plan_id
+        self._link.published = RunningPlan(
+            made.plan_id,
+            made.plan.trajectory,
+            start_ns,
+            captured_in(made.scene),
+            made.plan.duration,
+            replace(last, before=None) if last is not None and is_before else None,
+            made.plan.wheels,
+        )
+        self._becomes(message.plan_id, f"published by {message.requester}")
+
+    def happened(self, event: PlanEvent) -> None:
+        """Take what has become of a published plan."""
+        if event.event not in _EVENTS:
+            return
+        words = _EVENTS[event.event]
+        if event.event == PlanEvent.ABORTED:
+            words = f"{words}: {event.message}"
+            last = self._link.published
+            if last is not None and last.plan_id == event.plan_id:
+                self._link.published = None
+        elif event.event == PlanEvent.SUPERSEDED:
+            words = f"{words} by {self.name_of(event.successor)}"
+        self._becomes(event.plan_id, words)
+
+    def _becomes(self, plan_id: str, status: str) -> None:
+        with self._lock:
+            known = self._known.get(plan_id)
+            if known is None or known.entry.status == status:
+                return
+            entry = replace(known.entry, status=status)
+            # What is drawn is kept with the entry: it is drawn once.
+            for name in ("stages", "fault", "metrics"):
+                if name in vars(known.entry):
+                    vars(entry)[name] = vars(known.entry)[name]
+            self._known[plan_id] = replace(known, entry=entry)
+        self._changed(entry)
+
+    def _task(
+        self, request: PlanRequest, answer: PlanAnswer, asked: PlanningTask | None
+    ) -> tuple[PlanningTask | None, str]:
+        """Return the task of an answer, among the obstacles at the start of its plan."""
+        again = copy(request)
+        if answer.plans:
+            again.start_time = answer.plans[0].joint_trajectory.header.stamp
+        try:
+            return read_request(again, self._link.knowledge).task, ""
+        except FfPlannerError as error:
+            return asked, "" if asked is not None else str(error)
+
+    def _name(self, plan_id: str) -> str:
+        run, _, number = plan_id.rpartition(".")
+        if run not in self._runs:
+            self._runs.append(run)
+        start = self._runs.index(run) + 1
+        return f"plan {number}" if start == 1 else f"plan {number} of start {start}"
+
+
+def fit_of(made: MadePlan, knowledge: Knowledge) -> Fit:
+    """Return how a plan that waits is now, judged as the node judges it before it is published."""
+    differences: tuple[Difference, ...] = ()
+    refusal = ""
+    try:
+        differences = tuple(start_differences(made, (), knowledge))
+        require_in_time(made.start_ns, knowledge.now_ns)
+        require_young(made, knowledge)
+        require_same_rules(made, knowledge.parameters)
+        require_same_start(made, (), knowledge)
+    except FfPlannerError as error:
+        refusal = f"{error.status.name}: {error}"
+    return Fit(
+        (knowledge.now_ns - made.made_ns) / NANOSECONDS,
+        (made.start_ns - knowledge.now_ns) / NANOSECONDS,
+        differences,
+        refusal,
+    )

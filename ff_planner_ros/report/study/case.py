@@ -1,0 +1,153 @@
+"""The page of one case of a campaign: planned again, and drawn."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import astuple, replace
+from pathlib import Path
+
+from ff_planner_ros.analysis.drawing.before_plan import figure_before_plan
+from ff_planner_ros.analysis.methods import PLANNED
+from ff_planner_ros.analysis.scene_distances import gaps_at_goal, gaps_at_start
+from ff_planner_ros.campaign.again import (
+    case_directory,
+    changes_of,
+    command_again,
+    defaults_of,
+    scenario_again,
+)
+from ff_planner_ros.campaign.methods import method_of
+from ff_planner_ros.campaign.table import below
+from ff_planner_ros.campaign.work import motion_digest
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.problem.problem import lasting
+from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.scenario.scenario import load_task
+from ff_planner_ros.planning.task.following import phase_tasks
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.task import perform
+from ff_planner_ros.planning.task.whole import whole
+from ff_planner_ros.report.html import LIBRARY
+from ff_planner_ros.report.run_page import save_page
+from ff_planner_ros.report.run_report import Report, ReportedRequest, reported_plan, robot_facts
+from ff_planner_ros.report.statistics import Row
+
+PAGE = "plan.html"
+# What a table asks for may take for ever [s].
+_LONGEST = 120.0
+
+
+def save_case(row: Row, directory: Path) -> str:
+    """Plan a case again, write its page below the campaign's directory; return why there is none.
+
+    The page takes plotly from the file `LIBRARY` of the campaign.
+    """
+    try:
+        scenario = scenario_again(row, directory)
+        page = below(directory, *case_directory(row, directory).relative_to(directory).parts, PAGE)
+        save_page(_report(row, directory, scenario), page, library=f"../../{LIBRARY}")
+    except (FfPlannerError, OSError) as error:
+        return str(error)
+    return ""
+
+
+class _Deadline(Watch):
+    """Ends a search that takes far too long, and does nothing before."""
+
+    def __init__(self) -> None:
+        """Begin now."""
+        self._end = time.monotonic() + _LONGEST
+
+    def require_time(self, phase: str = "", /) -> None:  # noqa: ARG002 (any phase)
+        """Raise OutOfTime once it is over."""
+        if time.monotonic() > self._end:
+            raise OutOfTime(f"a report plans a case for {_LONGEST:g} s at most")
+
+
+def _report(row: Row, directory: Path, scenario: Path) -> Report:
+    """Return the report of a case.
+
+    Raises:
+        InvalidInput: The scenario is none of a campaign.
+    """
+    facts = [
+        ("campaign", str(directory)),
+        ("case", row["id"]),
+        ("scenario", row["source"]),
+        ("method", row["method"]),
+        *((key, str(value)) for key, value in changes_of(row, "changes").items()),
+        ("planned again by", command_again(row, directory, scenario)),
+    ]
+    title = f"case {row['id']} of {directory.resolve().name}"
+    begun = time.perf_counter()
+    try:
+        task = load_task(scenario, defaults_of(directory))
+        facts += robot_facts(task.problem.robot)
+        answer: Plan | NoPlanFound = perform(
+            task, _Deadline(), method_of(row["planned_by"], task.problem)
+        )
+    except NoPlanFound as error:
+        answer = error
+    except FfPlannerError as error:  # it cannot even be read
+        refused = ReportedRequest("", "campaign", code=error.status, message=str(error))
+        return Report(title, tuple(facts), _differences(row, error), (refused,))
+    took = time.perf_counter() - begun
+    requests = tuple(_requests(row["id"], task, answer, took))
+    return Report(title, tuple(facts), _differences(row, answer), requests)
+
+
+def _differences(row: Row, answer: Plan | FfPlannerError) -> tuple[str, ...]:
+    """Return what is other than in the table."""
+    if isinstance(answer, Plan):
+        same = row["solved"] and motion_digest(whole(answer)) == row["motion_digest"]
+    else:
+        same = answer.status.name.lower() == row["status"]
+    told = "Planned again for this page it came out otherwise than in the table, which says "
+    return () if same else (f"{told}{row['status']}: another version or another processor.",)
+
+
+def _requests(
+    name: str, task: PlanningTask, answer: Plan | NoPlanFound, took: float
+) -> Iterator[ReportedRequest]:
+    """Yield the plan of each phase, or the best attempt with its refusal."""
+    if isinstance(answer, Plan):
+        phases = list(phase_tasks(task, answer))
+        for number, (one, found) in enumerate(phases, start=1):
+            called = f"{name}, phase {number}" if len(phases) > 1 else name
+            yield _drawn(called, one, found, found.message, took)
+        return
+    refused = ReportedRequest(name, "campaign", code=answer.status, message=str(answer))
+    if not isinstance(answer.attempt, Plan):
+        problem = task.problem
+        asked = figure_before_plan(problem, gaps_at_start(problem), gaps_at_goal(problem) or ())
+        yield replace(refused, solve_time=took, asked=asked)
+        return
+    drawn = _drawn(name, task, answer.attempt, str(answer), took)
+    remarks = ("It is the best attempt, and no plan: nobody must execute it.",)
+    plan = None if drawn.plan is None else replace(drawn.plan, remarks=remarks)
+    yield replace(drawn, code=answer.status, plan=plan)
+
+
+def _drawn(
+    name: str, task: PlanningTask, found: Plan, message: str, took: float
+) -> ReportedRequest:
+    problem = lasting(task.problem, found.duration)
+    motion = found.trajectory
+    return ReportedRequest(
+        name,
+        "campaign",
+        code=Status.SOLVED,
+        message=message,
+        weights=astuple(problem.objective),
+        duration=found.duration or float(motion.time[-1]),
+        points=len(motion.time),
+        metrics=found.metrics,
+        solver=found.solver,
+        solve_time=took,
+        plan=reported_plan(
+            problem.robot, {PLANNED: motion}, problem.obstacles, scene_of(problem), found.wheels
+        ),
+    )
