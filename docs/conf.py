@@ -33,6 +33,7 @@ if os.environ.get("DOCS_ONLINE"):  # links into the docs of others: their lists 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4  # as GitHub makes them
 nitpicky = True
+highlight_language = "none"  # what a command prints
 
 # What is public is what `ff_planner_ros/__init__.py` lists; a name is there when it is first used.
 vars(ff_planner_ros).update(

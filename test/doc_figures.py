@@ -37,33 +37,32 @@ def benchmark_in_short() -> str:
     missed = [number(cell("executions", "miss, median [mm]", *row)) / 10.0 for row in misled]
     inside = -number(papers("clearance [mm]", "min(Theta)"))
     assert inside > 0.0, "the paper's way ends outside every obstacle: say so"
-    return dedent(
-        f"""\
-        On one core of an {MACHINE}, in processor time;
-        [the benchmark](docs/explanation/benchmark.md) has all figures.
+    longer, steadier = papers("time / ours", "min(L)"), papers("value [rad]", "min(Theta)")
+    rows = {
+        f"on one core of an {MACHINE}, in processor time": "",
+        "---": "---",
+        "the paper's capture, shortest joint path": f"{ours('time [s]', 'min(L)')} s",
+        "the same by the paper's method (SciPy's SLSQP, finite differences)": f"{longer} times "
+        "as long",
+        "the paper's capture, least rotation of the chaser": f"{ours('time [s]', 'min(Theta)')} s, "
+        f"{ours('value [rad]', 'min(Theta)')} rad",
+        "the same by the paper's method": f"{steadier} rad, {inside:.1f} mm inside an obstacle",
+        "ordinary scenarios, drawn at random": _found("ordinary"),
+        "cluttered scenarios": _found("cluttered"),
+        "bodies that tumble at up to 10 deg/s": f"{solved('captures')} captured",
+        "1000 spheres instead of 3": f"{cell('scaling', 'time / 3', '1000')} times as long",
+        "500 points instead of 50": f"{cell('scaling', 'time / 50', '500')} times as long",
+        "plans for a fixed base or zero momentum, on the true system": f"{least(collide)} % to "
+        f"{most(collide)} % collide, {min(missed):.0f} to {max(missed):.0f} cm off the goal "
+        "(medians)",
+    }
+    return "".join(f"| {what} | {figure} |\n" for what, figure in rows.items())
 
-        - The shortest plan of the paper's capture takes {ours("time [s]", "min(L)")} s, the one
-          that turns the chaser least {ours("time [s]", "min(Theta)")} s.
-        - The paper's problem as it is written (finite differences, SciPy's SLSQP) takes
-          {papers("time / ours", "min(L)")} times as long for the first. For the second it ends at
-          {papers("value [rad]", "min(Theta)")} rad, where ours has
-          {ours("value [rad]", "min(Theta)")} rad, and {inside:.1f} mm inside an obstacle.
-        - {solved("scenarios", kind="ordinary")} ordinary and
-          {solved("scenarios", kind="cluttered")} cluttered scenarios drawn at random are solved, in
-          {cell("scenarios", "median [s]", "ordinary", "all")} s and
-          {cell("scenarios", "median [s]", "cluttered", "all")} s in the median; 95 % take at most
-          {cell("scenarios", "95 % [s]", "ordinary", "all")} s and
-          {cell("scenarios", "95 % [s]", "cluttered", "all")} s.
-        - {solved("captures")} [bodies that
-          tumble](docs/how_to/tumbling_targets.md#how-often-it-finds-a-plan) at up to 10 deg/s are
-          captured.
-        - A thousand spheres cost {cell("scaling", "time / 3", "1000")} times as much time as three,
-          500 points {cell("scaling", "time / 50", "500")} times as much as 50.
-        - Plans for a fixed base or for zero momentum, executed on the true system, collide in
-          {least(collide)} % to {most(collide)} % of the cases and miss their goal by
-          {min(missed):.0f} to {max(missed):.0f} cm (medians).
-        """
-    )
+
+def _found(kind: str) -> str:
+    """Return how many scenarios of a kind are solved, and in what time."""
+    median, slow = (cell("scenarios", f"{one} [s]", kind, "all") for one in ("median", "95 %"))
+    return f"{solved('scenarios', kind=kind)} solved, median {median} s, 95 % within {slow} s"
 
 
 def capture_times() -> str:

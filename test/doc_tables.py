@@ -6,6 +6,7 @@ Run as a script, it writes the tables and sentences into the pages, between thei
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -40,6 +41,7 @@ from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
+STUDY_SCHEMA = SOURCE_TREE / "config" / "schemas" / "study.json"  # `ff-planner schema study`
 BLOCK = re.compile(
     r"(<!-- (table|example|figures|bench): ([\w, ]+) -->\n?)(.*?)(<!-- end -->)", re.DOTALL
 )
@@ -117,10 +119,15 @@ def parameters() -> Iterator[tuple[str, ...]]:
         first = told.setdefault(meaning, f"`{name}`")
         yield (
             f"`{name}`{_when(name, one)}",
-            f"`{str(value).lower() if isinstance(value, bool) else value}`",
+            f"`{_shown(value)}`",
             " ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None),
             meaning if first == f"`{name}`" else f"as {first}",
         )
+
+
+def _shown(value: Any) -> str:
+    """Return a default as YAML has it."""
+    return str(value).lower() if isinstance(value, bool) else f"{value}" or '""'
 
 
 def _when(name: str, declared: DeclaredField) -> str:
@@ -161,6 +168,15 @@ def scenario() -> Iterator[tuple[str, ...]]:
         words += _OF_EITHER.get(key.rpartition("obstacles[]")[2], "; required" if required else "")
         place = places.get(key)
         yield f"`{key}`", words.lstrip("; "), f"`{place}`" if place else ""
+
+
+def study() -> Iterator[tuple[str, ...]]:
+    yield "key", "value"
+    for key, schema, required in _keys(json.loads(STUDY_SCHEMA.read_text(encoding="utf-8"))):
+        words = re.sub(r"\.? Since version [\d.]+\.$", "", schema.get("description", ""))
+        words += _choices(schema)
+        words += f"; default `{json.dumps(schema['default'])}`" if "default" in schema else ""
+        yield f"`{key}`", (words + ("; required" if required else "")).lstrip("; ")
 
 
 # Of obstacles, which are spheres or bodies.

@@ -44,7 +44,7 @@ every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 
 
 def test_the_readme_is_short() -> None:
-    assert len(text_of(README).splitlines()) <= 250
+    assert len(text_of(README).splitlines()) <= 150
 
 
 @pytest.mark.parametrize("page", [README, BENCHMARK], ids=lambda page: page.stem)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -26,6 +27,7 @@ NOT_TYPED = {
         "they run until they are stopped: test_examples.py, test_launch.py and test_demo.py"
     ),
     ".*ff-planner demo": "test_demo.py, test_whole_flight.py",
+    ".*ff-planner ask": "a node must run: test_ask.py",
     ".*ff-planner console": "it runs until it is stopped: test_console_in_browser.py",
     ".*my_planner {scenario}": "a program of the reader's",
 }
@@ -38,7 +40,7 @@ CI = re.compile(
 )
 NIGHTLY = re.compile(
     r".*(ff-planner (bench|campaign|map)|--library|data_set|ten_thousand|two_hundred"
-    r"|before_and_after)"
+    r"|before_and_after|by_mass)"
 )
 FIRST_PAGES = {"README", "without_ros", "your_robot"}
 TIERS = ("everyday", "ci", "nightly")
@@ -78,6 +80,8 @@ def test_the_commands_of_a_page_do_what_it_shows(page: Path, tier: str, tmp_path
         # What takes a night is measured: the pages say when it was, and on which machine.
         if all(one in typed and tier_of(one, page) != "nightly" for one in block.commands):
             assert not differences(block.lines, done.stdout.splitlines()), done.stdout
+    if {tier_of(one, page) for one in console(page)} - {None} <= set(tiers):
+        pictures_made(page, tmp_path)
 
 
 def have_what_the_page_takes_for_granted(page: Path, directory: Path) -> None:
@@ -94,9 +98,32 @@ def have_what_the_page_takes_for_granted(page: Path, directory: Path) -> None:
         # A bag of this version: to replay one of an older version says that plans have changed.
         capture = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
         assert main(["plan", str(capture), "--bag", str(demo / "ff_planner_1")]) == 0
+    for name, content in files_of(page):
+        (directory / name).write_text(content, encoding="utf-8")
     method = re.search(r"```python\n(import yaml\n+def answer.*?)```", text_of(page), re.DOTALL)
     if method:
         (directory / "my_method.py").write_text(method[1], encoding="utf-8")
+
+
+def files_of(page: Path) -> Iterator[tuple[str, str]]:
+    """Yield the files that the reader of a tutorial writes: blocks that begin with their name."""
+    if page.parent.name == "tutorials":
+        block = r"^```\w+\n((?:# |<!-- )([\w.]+\.\w+)(?: -->)?\n.*?)^```$"
+        for content, name in re.findall(block, text_of(page), re.DOTALL | re.MULTILINE):
+            yield name, content
+
+
+def pictures_made(page: Path, directory: Path) -> None:
+    """Look for the pictures of a tutorial, `DIR_NAME.png`, where its commands draw `DIR/NAME.png`.
+
+    With PICTURES=1 they are put into docs/pictures.
+    """
+    if page.parent.name == "tutorials":
+        for name in re.findall(r"\]\(\.\./pictures/(\w+\.png)\)", text_of(page)):
+            drawn = {f"{one.parent.name}_{one.name}": one for one in directory.glob("*/*.png")}
+            assert name in drawn, f"no command draws {name}: {sorted(drawn)}"
+            if os.environ.get("PICTURES"):
+                shutil.copy(drawn[name], SOURCE_TREE / "docs" / "pictures" / name)
 
 
 def test_a_command_that_is_not_typed_has_one_reason_and_each_reason_a_command() -> None:

@@ -26,6 +26,8 @@ def add_plan(add: Add) -> None:
     plan.add_argument(
         "--bag", type=Path, metavar="DIR", help="write task and answer as a new bag (needs ROS)"
     )
+    draw_help = "draw the plan, of phases the first: figures over time as PNG and PDF, and a scene"
+    plan.add_argument("--draw", type=Path, metavar="DIR", help=draw_help)
     pareto = plan.add_argument(
         "--pareto",
         action="store_true",
@@ -81,6 +83,10 @@ def plan_scenario(options: Namespace) -> int:
     if answer.then:
         print()
         print_columns("Phases, each from where the one before ends", PHASES, phase_rows(answer))
+    if options.draw is not None:
+        from ff_planner_ros.analysis.drawing.figures import plot_plan
+
+        plot_plan(task.problem, answer, options.draw)
     return SOLVED
 
 
@@ -91,7 +97,12 @@ def _plan_pareto_front(options: Namespace) -> int:
     from ff_planner_ros.commands.tasks import task_of
     from ff_planner_ros.common.text_table import print_table as print_columns
 
-    for name, default in (("objective", None), ("method", OPTIMAL), ("bag", None)):
+    for name, default in (
+        ("objective", None),
+        ("method", OPTIMAL),
+        ("bag", None),
+        ("draw", None),
+    ):
         value = getattr(options, name)
         if value != default:
             allowed = "not beside --pareto, which plans with weights of its own"
