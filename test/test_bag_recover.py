@@ -205,7 +205,7 @@ def test_every_file_of_a_split_bag_is_saved(tmp_path: Path) -> None:
     (bag / "run_1.mcap").write_bytes(b"")
     recovery = recover(bag, tmp_path / "new")
     assert not recovery.is_whole
-    assert any("run_1.mcap is empty" in note for note in recovery.notes)
+    assert any("run_1.mcap: it is empty" in note for note in recovery.notes)
     check_bag(tmp_path / "new")
     assert [data for _, data in read_by_rosbags(tmp_path / "new")] == [
         MESSAGES[time][1] for time in (0, 1, 4, 5)

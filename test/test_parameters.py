@@ -21,6 +21,7 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
 from ff_planner_ros.parameters.values import FORMER_NAMES
 from ff_planner_ros.planning.problem import limits
+from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW_NOT_ZERO
 from ff_planner_ros.ros.parameters import (
     _AT_START,
     _WHILE_CONFIGURED,
@@ -377,7 +378,7 @@ def test_a_number_that_is_none_loosens_nothing(value: float) -> None:
             "planner.singular_value_threshold",
         ):
             (result,) = node.set_parameters([Parameter(name, value=value)])
-            unlimited = name in OF_ONE_NUMBER and value == math.inf
+            unlimited = value == math.inf and STRICT[name] is STRICT_IF_LOW_NOT_ZERO
             assert result.successful == unlimited, (name, result)
 
 

@@ -17,6 +17,7 @@ from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.action import CancelResponse, GoalResponse
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
@@ -52,6 +53,8 @@ def service(
                 Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()
             ],
         )
+        executor = SingleThreadedExecutor()  # which the node knows only as long as it is held here
+        executor.add_node(node)
         logger, worker = Mock(), Mock(spec=Worker)
         monkeypatch.setattr(node, "get_logger", lambda: logger)
         answering = PlanningService(

@@ -60,7 +60,7 @@ def open_mcap(path: Path, stream: BinaryIO, progress: Progress) -> McapFile:
     try:
         size = os.fstat(stream.fileno()).st_size
         if os.pread(stream.fileno(), len(MAGIC), 0) != MAGIC:
-            raise BagError(f"bag {path} {'is empty' if size == 0 else 'is no MCAP file'}")
+            raise BagError(f"bag {path} is no MCAP file")
         file = McapFile(path, stream, size)
         try:
             _by_index(file)
