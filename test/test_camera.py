@@ -233,6 +233,7 @@ def test_least_attitude_and_a_free_duration_keep_the_view() -> None:
     require_seen(free, perform(PlanningTask(free, replace(SETTINGS, starts=3))))
 
 
+@pytest.mark.ci
 def test_the_plan_is_the_same_in_every_inertial_frame() -> None:
     problem = looking(replace(RESTING, points=25), "end_effector", 0.1, 0.15)
     here = perform(PlanningTask(problem, SETTINGS))

@@ -102,6 +102,7 @@ ENDLESS: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ENDLESS)
 def test_a_study_without_end_is_refused_in_words(kind: str, tmp_path: Path, run: Run) -> None:
     changes, words = ENDLESS[kind]

@@ -113,6 +113,7 @@ def fast_clock(client: Client) -> Iterator[None]:
         thread.join()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("lead", [30.0])
 def test_with_a_clock_ten_times_as_fast_a_plan_begins_and_ends_by_that_clock(
     tmp_path: Path, lead: float

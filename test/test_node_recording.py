@@ -161,6 +161,7 @@ def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
     assert saved == [before.plan_id]
 
 
+@pytest.mark.ci
 def test_where_no_bag_can_be_written_planning_goes_on_and_everybody_is_told(
     tmp_path: Path,
 ) -> None:

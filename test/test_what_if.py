@@ -30,6 +30,7 @@ def bag(
     return directory
 
 
+@pytest.mark.ci
 def test_the_answer_is_that_of_the_changed_problem(
     bag: Path,
     lemur_capture: PlanningProblem,
