@@ -55,6 +55,12 @@ def test_nothing_is_nearer(seed: int, obstacles: bool) -> None:
     between = np.linalg.norm(found.ends[1] - found.ends[0])
     assert between == pytest.approx(abs(found.distance), abs=1e-5)
     assert found.pair in found.words
+    body, _, other = found.pair.partition("/")
+    pair = "/".join(name.partition("#")[0] for name in (body, other))
+    left = nearest(ARM, motion, spheres, [pair])
+    assert left is not None
+    assert left.pair != found.pair
+    assert left.distance > found.distance
     assert f"{found.time:.2f} s" in found.words
 
 

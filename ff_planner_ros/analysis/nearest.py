@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import coal
@@ -36,21 +36,31 @@ class Nearest:
         return f"{self.pair}, {self.distance * 1e3:.1f} mm at {self.time:.2f} s"
 
 
-def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Obstacle]) -> Nearest | None:
-    """Return the least distance at the points of a plan; None: the robot has no bodies."""
+def nearest(
+    robot: Robot,
+    motion: Trajectory,
+    obstacles: Sequence[Obstacle],
+    may_touch: Collection[str] = (),
+) -> Nearest | None:
+    """Return the least distance at the points of a plan, as `nearest_of` does."""
     q, _ = from_trajectory(robot, motion)
-    return nearest_of(robot, q, motion.time - motion.time[0], obstacles)
+    return nearest_of(robot, q, motion.time - motion.time[0], obstacles, may_touch)
 
 
 def nearest_of(
-    robot: Robot, q: Array, times: Array, obstacles: Sequence[Obstacle]
+    robot: Robot,
+    q: Array,
+    times: Array,
+    obstacles: Sequence[Obstacle],
+    may_touch: Collection[str] = (),
 ) -> Nearest | None:
-    """Return the least distance at some configurations; None: the robot has no bodies.
+    """Return the least distance at some configurations; None: there is nothing to measure.
 
     Args:
         q: Shape (points, 7 + joints).
         times: Of each, from the first point of the plan on, where obstacles are told. Shape
             (points,) [s].
+        may_touch: Pairs that are left out, as `allowed_collisions` names them.
     """
     if not robot.bodies:
         return None
@@ -66,7 +76,13 @@ def nearest_of(
         own = [data.oMi[body.joint].act(body.center_in_joint) for body in robot.bodies]
         balls.append([*own, *centers[row]])
     count = len(robot.bodies)
-    pairs = [*robot.pairs, *((a, count + b) for a in range(count) for b in range(len(obstacles)))]
+    links = [body.link for body in robot.bodies] + [one.id for one in obstacles]
+    every = [*robot.pairs, *((a, count + b) for a in range(count) for b in range(len(obstacles)))]
+    pairs = [
+        (a, b)
+        for a, b in every
+        if not {f"{links[a]}/{links[b]}", f"{links[b]}/{links[a]}"}.intersection(may_touch)
+    ]
     if not pairs:
         return None
     solids = [body.solid for body in robot.bodies]

@@ -36,7 +36,8 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     motions = dict(plan.motions)
     if plan.measured is not None and plan.deviations is not None:
         motions[MEASURED] = _rows_of(plan.measured, shown_rows(plan.deviations))
-    scene = scene_figure(robot, obstacles, plan.goal, motions, motions, controls=False)
+    allowed = plan.scene.allowed_collisions
+    scene = scene_figure(robot, obstacles, plan.goal, motions, motions, allowed, controls=False)
     scene.add_traces(list(drawn_constraints(plan.scene, robot, plan.motion)))
     words = (
         "Arm, chaser and obstacles (the paper's Fig. 2): drag to turn. The axes of end effector "
@@ -44,7 +45,7 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     )
     words += (
         "the bodies are those that the planner keeps clear; a red line marks where they come "
-        "nearest to each other or to an obstacle."
+        "nearest to each other or to an obstacle, but for what may touch."
         if robot.bodies
         else "the box of lines has the chaser's mass and inertia."
     )

@@ -68,7 +68,8 @@ def save_scene(
     goal = problem.target
     if problem.posture is not None:  # it has no place: where the end effector comes is shown
         goal = Target(first.ee_positions[-1], first.ee_quaternions_xyzw[-1])
-    figure = scene_figure(problem.robot, problem.obstacles, goal, motions, shown)
+    allowed = problem.allowed_collisions
+    figure = scene_figure(problem.robot, problem.obstacles, goal, motions, shown, allowed)
     figure.add_traces(list(drawn_constraints(scene_of(problem), problem.robot, first)))
     save_page(figure, ", ".join(method.label for method in motions), path)
 
@@ -79,6 +80,7 @@ def scene_figure(
     goal: Target,
     motions: Mapping[Method, Trajectory],
     shown: Collection[Method],
+    may_touch: Collection[str] = (),
     controls: bool = True,
 ) -> go.Figure:
     """Draw the scene: Fig. 2 of the paper, for several methods and all times.
@@ -86,13 +88,14 @@ def scene_figure(
     Args:
         shown: Methods whose paths are shown from the start; a click in the legend shows the
             others. The robot is that of the first; buttons show the others in turn.
+        may_touch: Pairs that no line marks as the nearest, as `allowed_collisions` names them.
         controls: Whether the figure has a slider and buttons of its own.
     """
     longest = max((motion.time for motion in motions.values()), key=lambda time: float(time[-1]))
     times = np.linspace(0.0, longest[-1], min(len(longest), _MOST_FRAMES))
     surface = robot_surface(robot)
     drawn = [
-        _motion(robot, obstacles, surface, method, trajectory, times)
+        _motion(robot, obstacles, may_touch, surface, method, trajectory, times)
         for method, trajectory in motions.items()
     ]
     snapshots = drawn[0].snapshots
@@ -166,6 +169,7 @@ class _Motion:
 def _motion(
     robot: Robot,
     obstacles: Sequence[Obstacle],
+    may_touch: Collection[str],
     surface: RobotSurface,
     method: Method,
     trajectory: Trajectory,
@@ -185,7 +189,7 @@ def _motion(
         axes=axes_of(trajectory.ee_quaternions_xyzw),
         surface=surface_at(robot, surface, q[rows]),
         triangles=surface.triangles,
-        nearest=nearest(robot, trajectory, obstacles),
+        nearest=nearest(robot, trajectory, obstacles, may_touch),
         rows=rows,
     )
 

@@ -78,7 +78,8 @@ def plan_markers(
     chasers = zip(motion.chaser_positions[shown].tolist(), turns.tolist(), strict=True)
     surface = robot_surface(robot) if robot.bodies else None
     alone = slice(int(np.searchsorted(motion.time, scene.held_from, side="right")))
-    near = nearest_of(robot, q[alone], motion.time[alone], obstacles)
+    allowed = scene.allowed_collisions
+    near = nearest_of(robot, q[alone], motion.time[alone], obstacles, allowed)
     boxed = not any(body.joint == 1 for body in robot.bodies)
     markers = [
         Marker(action=Marker.DELETEALL),
