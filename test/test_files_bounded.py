@@ -286,7 +286,6 @@ def test_a_flipped_bit_of_a_table_that_we_wrote_is_noticed(
 
 VERSIONS_OF = {
     "a pipe": make_pipe,
-    "a device": make_device,
     "deep lists": lambda path: path.write_text("[" * 100_000),
     "no UTF-8": lambda path: path.write_bytes(b'{"a": "\xff"}'),
     "a list": lambda path: path.write_text("[1]"),

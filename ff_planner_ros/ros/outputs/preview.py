@@ -84,8 +84,10 @@ class Preview:
         self._timer.cancel()  # until there is something to play
 
     def release(self, released: Drawn) -> None:
-        """Show a plan that was published from the next drawing on."""
+        """Show a plan that was published from the next drawing on; it waits no longer."""
         self._released = released
+        if self._waiting is released:
+            self._waiting = None
 
     def let_wait(self, waiting: Drawn | None) -> bool:
         """Show a plan that waits from the next drawing on; None: none does.
