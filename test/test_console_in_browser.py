@@ -204,6 +204,7 @@ def test_a_plan_is_chosen_by_a_click_in_the_picture(console: Callable[..., Conso
     assert page.errors == []
 
 
+@pytest.mark.nightly
 def test_longer_use_does_not_grow(console: Callable[..., Console]) -> None:
     """Of the server's memory, what is kept for the browser; of the browser, its own."""
     page = console()

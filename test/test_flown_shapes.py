@@ -34,7 +34,7 @@ def test_nothing_touches_in_mujoco_and_distances_are_as_planned(
     times: Callable[[int, int], int],
 ) -> None:
     """The class `shapes` in turn: five robots, lines too, at rest, moving, turning, captures."""
-    for number in range(times(20, 200)):
+    for number in range(times(10, 200)):
         problem = shapes.problem(number).problem
         plan = perform(PlanningTask(problem, SETTINGS))
         found = verify(problem.robot, plan.trajectory, scene_of(problem))

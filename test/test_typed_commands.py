@@ -40,7 +40,7 @@ CI = re.compile(
 )
 NIGHTLY = re.compile(
     r".*(ff-planner (bench|campaign|map)|--library|data_set|ten_thousand|two_hundred"
-    r"|before_and_after|by_mass)"
+    r"|before_and_after|by_mass|comparisons)"
 )
 FIRST_PAGES = {"README", "without_ros", "your_robot"}
 TIERS = ("everyday", "ci", "nightly")
