@@ -26,6 +26,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.messages.service_events import RESULT_EVENTS
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT
@@ -105,10 +106,7 @@ def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> P
     """
     task = load_task(scenario, Defaults(load_parameters().planner))
     problem, names = task.problem, task.problem.robot.joint_names
-    request = request_message(problem, frame)
-    request.then = [phase_message(one, names, frame) for one in task.then]
-    if problem.robot.payload is not None:
-        request.payload = [payload_message(problem.robot.payload)]
+    request = request_of_task(task, frame)
     # Stamps of zero: as if measured when the node reads it.
     if "state" in bring:
         request.start_state = [state_message(problem.start, names, 0, frame)]
@@ -116,6 +114,16 @@ def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> P
         request.scene = [scene_message(problem.obstacles, 0, frame)]
     if "target_body" in bring and problem.target_body is not None:
         request.target_body = [target_body_message(problem.target_body, 0, frame)]
+    return request
+
+
+def request_of_task(task: PlanningTask, frame: str) -> PlanRequest:
+    """Return the request for a task's goal and phases, from the node's own state and scene."""
+    robot = task.problem.robot
+    request = request_message(task.problem, frame)
+    request.then = [phase_message(one, robot.joint_names, frame) for one in task.then]
+    if robot.payload is not None:
+        request.payload = [payload_message(robot.payload)]
     return request
 
 

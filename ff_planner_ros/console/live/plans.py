@@ -207,11 +207,11 @@ def fit_of(made: MadePlan, knowledge: Knowledge) -> Fit:
         require_in_time(made.start_ns, knowledge.now_ns)
         require_young(made, knowledge)
         require_same_rules(made, knowledge.parameters)
-        require_same_start(made, (), knowledge)
+        require_same_start(made, differences)
     except FfPlannerError as error:
         refusal = f"{error.status.name}: {error}"
     return Fit(
-        (knowledge.now_ns - made.made_ns) / NANOSECONDS,
+        made.age(knowledge.now_ns),
         (made.start_ns - knowledge.now_ns) / NANOSECONDS,
         differences,
         refusal,

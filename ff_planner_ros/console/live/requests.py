@@ -28,11 +28,10 @@ from ff_planner_ros.messages.service_events import (
 )
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.background import ask
-from ff_planner_ros.ros.client import RefusedGoals
+from ff_planner_ros.ros.client import RefusedGoals, request_of_task
 from ff_planner_ros.ros.messages.from_messages import metrics_from_message
 from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
-from ff_planner_ros.ros.messages.phases import phase_message
-from ff_planner_ros.ros.messages.to_messages import payload_message, request_message, time_message
+from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.qos import EVENT_QOS
 
 _INTERVAL = 0.1  # [s] between looks at whether it is cancelled, or the node lost
@@ -45,11 +44,7 @@ def request_of(task: PlanningTask, frame: str, start_ns: int) -> PlanRequest:
     Args:
         start_ns: Of the plan [ns]; zero: as soon as the node can.
     """
-    problem = task.problem
-    request = request_message(problem, frame)
-    request.then = [phase_message(one, problem.robot.joint_names, frame) for one in task.then]
-    if problem.robot.payload is not None:
-        request.payload = [payload_message(problem.robot.payload)]
+    request = request_of_task(task, frame)
     request.start_time = time_message(start_ns)
     request.plan_only, request.requester = True, REQUESTER
     return request

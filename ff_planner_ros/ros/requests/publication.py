@@ -39,6 +39,7 @@ from ff_planner_ros.ros.requests.waiting_plan import (
     require_same_rules,
     require_same_start,
     require_young,
+    start_differences,
 )
 
 # Plans that wait to be published; one of 10,000 points takes 5 MB. A newer one takes the place of
@@ -181,7 +182,7 @@ class Publication:
             self._require_in_time(made, knowledge.now_ns)
             require_young(made, knowledge)
             require_same_rules(made, knowledge.parameters)
-            require_same_start(made, request.start_state, knowledge)
+            require_same_start(made, start_differences(made, request.start_state, knowledge))
         # Thousands of points take a second, in which others may publish or forget.
         frame = made.parameters.inertial_frame
         written = plan_message(made.plan, made.start_ns, frame, captured_in(made.scene))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -110,20 +110,19 @@ def require_young(made: MadePlan, knowledge: Knowledge) -> None:
         )
 
 
-def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Knowledge) -> None:
-    """Refuse a plan if the system, carried forward as for a new plan, will be elsewhere.
+def require_same_start(made: MadePlan, differences: Iterable[Difference]) -> None:
+    """Refuse a plan if the system will be elsewhere.
 
     Args:
-        own: State that the request brings, one at most.
+        differences: As `start_differences` yields them.
 
     Raises:
-        InvalidInput: No state is known that can be used.
         NoPlanFound: It will (STATE_MOVED).
     """
     off = [
         f"{one.what} by {one.found:.3g} {one.unit}, more than publication.{one.parameter}, "
         f"{one.allowed:g} {one.unit}"
-        for one in start_differences(made, own, knowledge)
+        for one in differences
         if not one.is_allowed
     ]
     if off:
