@@ -110,14 +110,22 @@ evidence: env $(VENV)/extras_ci
 	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) -m law --junitxml build/evidence.xml || true
 	$(BIN)/python test/evidence.py $(TIER) build/evidence.xml
 
+# Jazzy's own Python, where the machine has it: the other steps run on the machine's default.
+PYTHON_OF_JAZZY = $(firstword $(shell for python in python3.12 ~/.pyenv/versions/3.12.*/bin/python3.12; do \
+	$$python -c 'import ensurepip' 2> /dev/null && echo $$python; done))
+
 nightly:
 	$(MAKE) test TIER=nightly
 	$(MAKE) sanitize SANITIZED_TESTS=core
-	$(MAKE) mutants
+	$(MAKE) mutants FAULTS=--today
+	$(if $(PYTHON_OF_JAZZY),$(MAKE) short-test PYTHON=$(PYTHON_OF_JAZZY) VENV=.venv_python3.12, \
+		@echo 'There is no Python 3.12 with venv here: nothing was run on it.')
 
 # Faults that a reviewer would call real, put into the code one at a time: do the tests notice?
+# `make mutants FAULTS=AREA` tries some, `FAULTS=--today` a seventh of all: another one each night.
+FAULTS ?=
 mutants: env $(VENV)/extras_everyday
-	$(BIN)/python test/faults/run.py
+	$(BIN)/python test/faults/run.py $(FAULTS)
 
 # A part of the tests in a minute: one plan after the other, bags of earlier versions, one node. For
 # another Python: `make short-test PYTHON=python3.12 VENV=.venv_python3.12`.

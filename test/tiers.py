@@ -22,6 +22,7 @@ TIERS = ("everyday", "ci", "nightly")
 SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
 
 _left_out = pytest.StashKey[Counter[str]]()
+_measured = pytest.StashKey[set[str]]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -44,6 +45,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.stash[_left_out].update(later.values())
     config.hook.pytest_deselected(items=list(later))
     items[:] = [item for item in items if item not in later]
+    first = {item.nodeid.partition("[")[0]: item.nodeid for item in reversed(items)}
+    config.stash[_measured] = set(first.values())
     # Files that start nodes come first: what waits so much must not be what is waited for.
     items.sort(key=lambda item: not hasattr(item.module, "running_planner"))
 
@@ -98,22 +101,20 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Leave out of the coverage, whose tracing takes time, what is tried at length in CI."""
+    """Measure the coverage of one case of each test that is not long: tracing doubles its time."""
     coverage: Any = sys.modules.get("coverage")
     measuring = coverage and coverage.Coverage.current()
-    if not measuring or not _is_long(item):
+    long = item.get_closest_marker("ci") or "times" in getattr(item, "fixturenames", ())
+    if not measuring or (item.nodeid in item.config.stash[_measured] and not long):
         return (yield)
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)  # for the processes it starts
+        if long:  # the processes that others start may be shared by tests
+            patch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)
         measuring.stop()
         try:
             return (yield)
         finally:
             measuring.start()
-
-
-def _is_long(item: pytest.Item) -> bool:
-    return item.get_closest_marker("ci") is not None or "times" in getattr(item, "fixturenames", ())
 
 
 @pytest.hookimpl(wrapper=True, trylast=True)  # pytest-cov combines right after it

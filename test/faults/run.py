@@ -1,6 +1,6 @@
 """Put one fault after the other into the code, and see whether the tests notice.
 
-    .venv/bin/python test/faults/run.py [AREA ...] [--jobs N]
+    .venv/bin/python test/faults/run.py [AREA ...] [--jobs N] [--today]
 
 AREA.yaml beside this file lists faults that a reviewer would call real: a text that occurs once in
 a file of the package or the benchmark, what stands there instead, what goes wrong then, and the
@@ -8,7 +8,8 @@ tests that are to fail. Written by hand, not mutants by machine: of these most a
 change nothing.
 
 The libraries take most of the time that a test of one fault takes: a server imports them once, and
-each fault has a process that forks from it, with a copy of the project of its own.
+each fault has a process that forks from it, with a copy of the project of its own. All faults take
+hours: of a night's share (`--today`) every week tries all of them once.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -82,8 +84,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("areas", nargs="*", default=AREAS, metavar="AREA")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--today", action="store_true", help="a seventh, by the day of the week")
     options = parser.parse_args()
     faults = [fault for area in options.areas for fault in faults_of(area)]
+    if options.today:
+        faults = faults[date.today().weekday() :: 7]
     tests = {(fault.tier, test) for fault in faults for test in fault.tests.split()}
     multiprocessing.set_start_method("forkserver")
     multiprocessing.set_forkserver_preload([*LIBRARIES])
