@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +14,7 @@ import pytest
 from drawn_plans import drawn_plan
 from geometry_msgs.msg import Pose, Transform
 from rclpy.lifecycle import LifecycleNode
-from robots import ROBOTS, random_state
+from robots import LEMUR_URDF, ROBOTS, random_state
 from scipy.spatial.transform import Rotation
 from test_plan_output import START, Output
 from visualization_msgs.msg import MarkerArray
@@ -120,7 +121,7 @@ def test_the_frames_of_a_capture_lead_to_the_way_that_the_topic_tells(lemur: Rob
 def test_the_preview_moves_in_the_inertial_frame(
     lemur: Robot, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whoever puts the joints on the root link sees the end effector on its planned path."""
+    """With all links, so that nobody needs another node to see the arm on its planned path."""
     monkeypatch.setattr(preview, "plan_markers", Mock(return_value=MarkerArray()))
     output, motion = Output(lemur), lemur_plan.trajectory
     output.output.preview.release(Drawn("run.1", lemur, lemur_plan, Scene(), "inertial"))
@@ -130,12 +131,16 @@ def test_the_preview_moves_in_the_inertial_frame(
     for number in range(round(motion.time[-1] * rate) + 1):
         output.now_ns += NANOSECONDS
         output.output.preview._play()
-        root, joints = output.heard["/tf"][-1].transforms[0], output.heard["planned_joint_states"]
-        assert (root.child_frame_id, root.header.frame_id) == ("preview/chaser", "inertial")
+        found, joints = frames(output.heard["/tf"][-1:]), output.heard["planned_joint_states"]
+        assert {one.header.frame_id for one in found.values()} == {"inertial"}
+        root = found["preview/chaser"]
         assert root.header.stamp == joints[-1].header.stamp
         q = np.concatenate([pin.SE3ToXYZQUAT(placement(root.transform)), joints[-1].position])
         pin.framesForwardKinematics(model, data, q)
         tip = data.oMf[lemur.tip_frame_id].translation
+        for link in ElementTree.parse(LEMUR_URDF).iter("link"):
+            shown = placement(found[f"preview/{link.get('name')}"].transform)
+            assert same(shown, data.oMf[model.getFrameId(link.get("name"))])
         path = [np.interp(number / rate, motion.time, motion.ee_positions[:, i]) for i in range(3)]
         np.testing.assert_allclose(tip, path, atol=5e-3)
 

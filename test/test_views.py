@@ -33,6 +33,8 @@ TABLE = {
 OF_ROS = {"/rosout": "rcl_interfaces/msg/Log"}
 # Panels of Foxglove and displays of RViz, with what they show.
 PANELS = {"3D", "Plot", "StateTransitions", "DiagnosticSummary", "RosOut"}
+# Type, name and value of each constant, type and name of each field.
+DEFINED = re.compile(r"^([\w/\[\]<=]+) (\w+)(=\d+)?", re.MULTILINE)
 DISPLAYS = {
     "RobotModel": "std_msgs/msg/String",
     "MarkerArray": "visualization_msgs/msg/MarkerArray",
@@ -178,3 +180,17 @@ def fields_in(kind: Any, path: str) -> Iterator[tuple[str, str]]:
         if hasattr(inner, "namespaces"):
             part = getattr(import_module(".".join(inner.namespaces)), inner.name)
             yield from fields_in(part, f"{path}.{name}")
+
+
+def test_the_constants_of_a_message_stand_before_their_field() -> None:
+    """By which Foxglove knows whose they are, and shows their names instead of numbers."""
+    named = dict[str, set[str]]()  # the types of the constants before each field
+    for path in (CONFIG.parent / "msg_defs" / "msg").glob("*.msg"):
+        waiting = set[str]()
+        for kind, name, value in DEFINED.findall(path.read_text(encoding="utf-8")):
+            waiting.add(kind)
+            if not value:
+                named |= {f"{path.stem}.{name}": waiting} if len(waiting) > 1 else {}
+                waiting = set()
+    # A capsule is one more of the types of shape_msgs.
+    assert named == {"Obstacle.id": {"uint8", "string"}}

@@ -26,7 +26,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import date
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -88,7 +88,7 @@ def main() -> int:
     options = parser.parse_args()
     faults = [fault for area in options.areas for fault in faults_of(area)]
     if options.today:
-        faults = faults[date.today().weekday() :: 7]
+        faults = faults[datetime.now(UTC).weekday() :: 7]
     tests = {(fault.tier, test) for fault in faults for test in fault.tests.split()}
     multiprocessing.set_start_method("forkserver")
     multiprocessing.set_forkserver_preload([*LIBRARIES])

@@ -144,7 +144,11 @@ class Preview:
         now = self._clock.now()
         shown.joints.header.stamp = now.to_msg()
         self._transforms.preview(
-            played.plan.trajectory, shown.time, now.nanoseconds, captured_in(played.scene)
+            played.plan.trajectory,
+            shown.time,
+            shown.joints.position,
+            now.nanoseconds,
+            captured_in(played.scene),
         )
         self._joint_states.publish(shown.joints)
 

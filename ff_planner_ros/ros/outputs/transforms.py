@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
+import numpy as np
 import pinocchio as pin
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
@@ -38,7 +39,8 @@ class Transforms:
     def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
         """Create the publishers, which are silent until the node is active."""
         self._robot, self._frame = robot, parameters.inertial_frame
-        self._root, self._settings = root_link(robot), parameters.tf
+        self._links, self._settings = links(robot), parameters.tf
+        self._root, self._data = root_link(robot), robot.model.createData()
         self._period, self._due = (
             1.0 / parameters.rates.predicted_pose,
             0.0,
@@ -85,17 +87,33 @@ class Transforms:
         self._publish(time_ns, frames)
 
     def preview(
-        self, motion: Trajectory, time: float, time_ns: int, captured: CapturedBody | None
+        self,
+        motion: Trajectory,
+        time: float,
+        positions: Sequence[float],
+        time_ns: int,
+        captured: CapturedBody | None,
     ) -> None:
-        """Publish, as of a time [ns], chaser and target of a plan at a time from its start [s]."""
+        """Publish, as of a time [ns], links and target of a plan at a time from its start [s].
+
+        Args:
+            positions: Of the joints then.
+        """
         prefix, chaser = self._settings.preview_prefix, predicted_pose(motion, "chaser", time)
         if not prefix or chaser is None:
             return
-        frames = [(f"{prefix}{self._root}", root_pose(self._robot, chaser))]
+        root = root_pose(self._robot, chaser)
+        q = np.concatenate([root.position, root.rotation.as_quat(), positions])
+        pin.framesForwardKinematics(self._robot.model, self._data, q)
+        frames = [(f"{prefix}{name}", self._link_pose(frame)) for frame, name in self._links]
         if captured is not None:
             there = predicted_target(motion, time, captured)
             frames.append((f"{prefix}{_TARGET}", there))
         self._publish(time_ns, frames)
+
+    def _link_pose(self, frame: int) -> FramePose:
+        found = self._data.oMf[frame]
+        return FramePose(found.translation, Rotation.from_matrix(found.rotation))
 
     def published(self, captured: CapturedBody | None) -> None:
         """Tell where the grasp is in a target body that a published plan captures."""
@@ -130,10 +148,16 @@ class Transforms:
             self._moving.publish(TFMessage(transforms=told))
 
 
+def links(robot: Robot) -> list[tuple[int, str]]:
+    """Return the links, as indices of the model's frames and their names."""
+    frames = enumerate(robot.model.frames)
+    return [(i, str(frame.name)) for i, frame in frames if frame.type == pin.FrameType.BODY]
+
+
 def root_link(robot: Robot) -> str:
-    """Return the link that carries all others: the only one that a transform may move."""
-    frames = (frame for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
-    return next(str(frame.name) for frame in frames if frame.parentJoint == 1)
+    """Return the link that carries all others: the only one that a measured transform may move."""
+    frames = robot.model.frames
+    return next(name for number, name in links(robot) if frames[number].parentJoint == 1)
 
 
 def root_pose(robot: Robot, chaser: FramePose) -> FramePose:
