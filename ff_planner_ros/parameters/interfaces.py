@@ -138,7 +138,7 @@ class TransformParameters:
         "plan runs; empty: no such frames"
     )
     preview_prefix: str = tunable(
-        "Prefix of the frames of root link and target in the preview; empty: no such frames"
+        "Prefix of the frames of links and target in the preview; empty: no such frames"
     )
 
 
