@@ -92,14 +92,6 @@ def _search(depth: str) -> str:
     return f"{seconds} s | {nearness} and {worst}"
 
 
-def bodies_in_capture() -> str:
-    lines, shapes, ratio = (
-        cell("crowds", column, "lemur_capture_bodies", "3")
-        for column in ("lines: rollouts", "shapes: rollouts", "shapes / lines")
-    )
-    return f"{shapes} rollouts instead of {lines} and {ratio} times the time"
-
-
 def captures_in_short() -> str:
     far, turned, fast = (
         most(cells("captures", column))
