@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -39,7 +39,7 @@ class Transforms:
     def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
         """Create the publishers, which are silent until the node is active."""
         self._robot, self._frame = robot, parameters.inertial_frame
-        self._links, self._settings = links(robot), parameters.tf
+        self._links, self._settings = tuple(carried_links(robot)), parameters.tf
         self._root, self._data = root_link(robot), robot.model.createData()
         self._period, self._due = (
             1.0 / parameters.rates.predicted_pose,
@@ -105,15 +105,20 @@ class Transforms:
         root = root_pose(self._robot, chaser)
         q = np.concatenate([root.position, root.rotation.as_quat(), positions])
         pin.framesForwardKinematics(self._robot.model, self._data, q)
-        frames = [(f"{prefix}{name}", self._link_pose(frame)) for frame, name in self._links]
+        frames = [(f"{prefix}{self._root}", root)]
         if captured is not None:
             there = predicted_target(motion, time, captured)
             frames.append((f"{prefix}{_TARGET}", there))
-        self._publish(time_ns, frames)
+        self._publish(time_ns, frames, self._on_links(prefix, time_ns))
 
-    def _link_pose(self, frame: int) -> FramePose:
-        found = self._data.oMf[frame]
-        return FramePose(found.translation, Rotation.from_matrix(found.rotation))
+    def _on_links(self, prefix: str, stamp_ns: int) -> Iterator[TransformStamped]:
+        """Yield each link on the one that carries it in the URDF, as whoever reads that expects."""
+        frames, data = self._robot.model.frames, self._data
+        for link, carrier in self._links:
+            found = data.oMf[carrier].actInv(data.oMf[link])
+            pose = FramePose(found.translation, Rotation.from_matrix(found.rotation))
+            parent, child = (f"{prefix}{frames[each].name}" for each in (carrier, link))
+            yield _transform(parent, child, pose, stamp_ns)
 
     def published(self, captured: CapturedBody | None) -> None:
         """Tell where the grasp is in a target body that a published plan captures."""
@@ -139,25 +144,35 @@ class Transforms:
             fixed[sensor.child_frame_id] = FramePose(position, center.rotation * turn)
         return {name: _transform(self._root, name, pose, 0) for name, pose in fixed.items()}
 
-    def _publish(self, stamp_ns: int, frames: Iterable[tuple[str, FramePose]]) -> None:
+    def _publish(
+        self,
+        stamp_ns: int,
+        frames: Iterable[tuple[str, FramePose]],
+        others: Iterable[TransformStamped] = (),
+    ) -> None:
         """Publish frames in the inertial frame; whoever buffers transforms minds repeated ones."""
         new = [(name, pose) for name, pose in frames if self._told_ns.get(name, -1) != stamp_ns]
         self._told_ns |= dict.fromkeys((name for name, _ in new), stamp_ns)
         if new:
             told = [_transform(self._frame, name, pose, stamp_ns) for name, pose in new]
-            self._moving.publish(TFMessage(transforms=told))
-
-
-def links(robot: Robot) -> list[tuple[int, str]]:
-    """Return the links, as indices of the model's frames and their names."""
-    frames = enumerate(robot.model.frames)
-    return [(i, str(frame.name)) for i, frame in frames if frame.type == pin.FrameType.BODY]
+            self._moving.publish(TFMessage(transforms=[*told, *others]))
 
 
 def root_link(robot: Robot) -> str:
     """Return the link that carries all others: the only one that a measured transform may move."""
-    frames = robot.model.frames
-    return next(name for number, name in links(robot) if frames[number].parentJoint == 1)
+    frames = (frame for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
+    return next(str(frame.name) for frame in frames if frame.parentJoint == 1)
+
+
+def carried_links(robot: Robot) -> Iterator[tuple[int, int]]:
+    """Yield each other link and the one that carries it, as indices of the model's frames."""
+    frames, root = robot.model.frames, root_link(robot)
+    for link, frame in enumerate(frames):
+        if frame.type == pin.FrameType.BODY and frame.name != root:
+            carrier = frame.parentFrame
+            while frames[carrier].type != pin.FrameType.BODY:  # joints, which are frames, too
+                carrier = frames[carrier].parentFrame
+            yield link, carrier
 
 
 def root_pose(robot: Robot, chaser: FramePose) -> FramePose:
