@@ -138,6 +138,16 @@ def test_what_captures_nothing_is_refused(flown: tuple[PlanningTask, Plan]) -> N
         fly(replace(task, problem=still, then=()), plan)
 
 
-def test_the_demonstration_flies_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.nightly
+def test_the_demonstration_flies_it_over_ros_and_in_mujoco(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["demo", "whole_capture", "--output", str(tmp_path)]) == 0
-    assert "replay of the bag: identical" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "replay of the bag: identical" in said
+    for where in ("over ROS", "in MuJoCo"):
+        table = said.partition(f"Off from what was predicted, {where}\n")[2].splitlines()[1:4]
+        off = np.array([line.split() for line in table], float)[:, 1:].reshape(3, 3, 2)
+        end_effector, chaser, grasp = np.swapaxes(off * [1e-3, np.pi / 180.0], 0, 1)
+        assert (np.array([end_effector[0], grasp[0]]) < AT_GRASP).all()
+        assert (np.array([end_effector, chaser, grasp]) < AT_END).all()

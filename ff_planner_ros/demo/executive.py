@@ -31,7 +31,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.messages.trajectories import begin_of
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
@@ -186,7 +185,7 @@ class MissionExecutive:
     def watch(self, answer: PlanAnswer, duration: float, robot: Robot) -> FlownPlan:
         """Wait until a plan that was committed is over, and compare it with what was measured.
 
-        `duration` [s] is from its start to the moment that counts, of `moments`.
+        `duration` [s] is from its start to the moment that counts, the end of a phase.
 
         Raises:
             FfPlannerError: The states fail to come.
@@ -281,16 +280,6 @@ class MissionExecutive:
             raise FfPlannerError(
                 Status.INTERNAL_ERROR, f"{what} did not come within {self._patience:g} s"
             )
-
-
-def moments(answer: PlanAnswer) -> list[float]:
-    """Return when each grasp is that phases follow, then the end, from the plan's start on [s]."""
-    last = len(answer.plans) - 1
-    return [
-        begin_of(answer, phase) + one.duration
-        for phase, one in enumerate(answer.plans)
-        if phase == last or one.target_path.poses
-    ]
 
 
 def _flown_plan(
