@@ -66,7 +66,7 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
     for name, value in figures.items():
         print(f"{name:20} {value:.5g}")
     way = np.array([flown.time, flown.from_end]).T.tolist()
-    return mission_report(first, flown) | figures | {"way": way}
+    return mission_report(first, [flown]) | figures | {"way": way}
 
 
 def _replans(

@@ -22,12 +22,13 @@ from builtin_interfaces.msg import Time
 from ff_planner_msgs.msg import PlanAnswer, PlanProgress
 from rclpy.utilities import remove_ros_args
 
-from ff_planner_ros.demo.executive import NAME, MissionExecutive
-from ff_planner_ros.demo.mission import mission_report, run_mission
+from ff_planner_ros.demo.executive import NAME, FlownPlan, MissionExecutive
+from ff_planner_ros.demo.mission import ends_of_phases, mission_report, phases_said, run_mission
 from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import DurationRange, Objective
-from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME, load_scenario
-from ff_planner_ros.ros.messages.to_messages import request_message
+from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME, Defaults, load_task
+from ff_planner_ros.ros.client import request_of_task
 from ff_planner_ros.ros.outputs.prediction import FramePose
 
 OBJECTIVES = {
@@ -39,28 +40,32 @@ PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
 
 
 def main() -> int:
-    """Fly one capture; exit code: 0 done, 2 something could not run, 3 no plan, 130 interrupted."""
+    """Fly a scenario; exit code: 0 done, 2 something could not run, 3 no plan, 130 interrupted."""
     options = _options()
     return run_mission("mission_executive", partial(_fly, options), options.json)
 
 
 def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, Any]:
-    scenario = load_scenario(options.scenario)
+    task = load_task(options.scenario, Defaults(load_parameters().planner))
+    problem = task.problem
     if options.objective is not None:
-        scenario = replace(scenario, objective=OBJECTIVES[options.objective])
+        problem = replace(problem, objective=OBJECTIVES[options.objective])
     if options.durations is not None:
         window = DurationRange(*options.durations)
-        scenario = replace(scenario, duration=window.maximum, duration_range=window)
+        problem = replace(problem, duration=window.maximum, duration_range=window)
     with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
         # 1. Ask. The planner carries the chaser forward to the start time and plans from there. It
         #    keeps the plan to itself, so that nobody executes what the mission has not checked.
-        request = request_message(scenario, SCENARIO_FRAME)
+        #    Where the scenario has phases, it plans all of them.
+        request = request_of_task(replace(task, problem=problem), SCENARIO_FRAME)
         request.plan_only, request.requester = True, NAME
         request.start_time = Time(sec=options.start)
         request.search.time_budget = PATIENCE  # unless the start is before
         print("asking     the planner, as soon as it is there", flush=True)
         answer = executive.plan(request, _say_how_the_search_goes)
         print(f"plan       {answer.plan_id}: {_worth(answer)}", flush=True)
+        for number, said in enumerate(phases_said(request, answer), start=1):
+            print(f"phase {number}    {said}", flush=True)
 
         # 2. Check. No plan that the planner gives breaks a limit or touches an obstacle; what only
         #    the mission knows has to be checked here.
@@ -77,16 +82,25 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         executive.commit(answer)
         print("committed  the controller has it", flush=True)
 
-        # 4. Watch it come true. Where the planner chose the duration, the answer says which.
-        flown = executive.watch(answer, answer.plans[0].duration, scenario.robot)
+        # 4. Watch it come true, each phase. Where the planner chose the duration, the answer says
+        #    which.
+        flown = list[FlownPlan]()
+        for seconds in ends_of_phases(answer):
+            flown.append(executive.watch(answer, seconds, problem.robot))
+            _say_what_was_reached(seconds, flown[-1])
+    return mission_report(answer, flown)
+
+
+def _say_what_was_reached(seconds: float, flown: FlownPlan) -> None:
+    print(f"after      {seconds:.3f} s")
     print(f"predicted  end effector at {_words(flown.predicted)}")
     print(f"reached    end effector at {_words(flown.reached)}")
     print(f"off by     {flown.error.position * 1e3:.2f} mm, {_deg(flown.error.angle)}")
     if flown.capture is not None:
         apart, turned = flown.capture.position_error, flown.capture.orientation_error
         print(f"grasp      {apart * 1e3:.2f} mm, {_deg(turned)} from the end effector")
-    print(f"chaser     {flown.worst.position * 1e3:.2f} mm, {_deg(flown.worst.angle)} at worst")
-    return mission_report(answer, flown)
+    worst = f"{flown.worst.position * 1e3:.2f} mm, {_deg(flown.worst.angle)}"
+    print(f"chaser     {worst} at worst", flush=True)
 
 
 def _say_how_the_search_goes(progress: PlanProgress) -> None:
@@ -102,7 +116,7 @@ def _worth(answer: PlanAnswer) -> str:
     return (
         f"joint path {metrics.joint_path_length:.4f} rad, "
         f"rotation of the chaser {_deg(metrics.max_chaser_rotation)}, "
-        f"clearance {metrics.min_clearance * 1e3:.1f} mm, {answer.plans[0].duration:.3f} s long, "
+        f"clearance {metrics.min_clearance * 1e3:.1f} mm, {ends_of_phases(answer)[-1]:.3f} s long, "
         f"found in {answer.solver.solve_time:.2f} s"
     )
 

@@ -5,7 +5,8 @@
 publishes `chaser_state` and the scenario's `obstacles`, and does in real time what comes on
 `arm_controller/joint_trajectory`; `--help` lists noise and delays. It waits for its first plan: it
 stays where a plan that is asked for now begins near the scenario's start, and begins to drift when
-the planner is asked. Replace it by your hardware: those three topics are all there is.
+the planner is asked. Replace it by your hardware: those three topics are all there is. A scenario
+that captures a body has a fourth, `target_body`; if phases follow, the end effector grasps it.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ from rclpy.utilities import remove_ros_args
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.demo.testbed import Imperfections, SimulatedTestbed
 from ff_planner_ros.errors import FfPlannerError
-from ff_planner_ros.parameters import default_values
-from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.parameters import default_values, load_parameters
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.task.whole import captured_bodies
 from ff_planner_ros.ros.background import StopRequest, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
 
@@ -46,7 +48,7 @@ def main() -> int:
     options = _options()
     stop = StopRequest()
     try:
-        scenario = load_scenario(options.scenario)
+        task = load_task(options.scenario, Defaults(load_parameters().planner))
         with joining_ros():
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
             node = rclpy.create_node("simulated_testbed")
@@ -59,7 +61,8 @@ def main() -> int:
         **{i.name: getattr(options, i.name) for i in fields(Imperfections)}
     )
     lead = default_values()["planning_lead_time"]
-    SimulatedTestbed(node, scenario, epoch_ns, options.rate, imperfections, lead)
+    body = next(filter(None, captured_bodies(task)), None)
+    SimulatedTestbed(node, task.problem, body, epoch_ns, options.rate, imperfections, lead)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     leave = spin_in_background(executor, node.get_logger())

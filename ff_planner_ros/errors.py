@@ -71,6 +71,11 @@ class Status(IntEnum):
     OUT_OF_TIME = TIMED_OUT
     CONTROLLER_RULE = CONTROLLER_CONSTRAINT
 
+    @property
+    def is_no_plan(self) -> bool:
+        """Whether a request that could be read has no plan, or none any more."""
+        return Status.GOAL_OUT_OF_REACH <= self < Status.INTERNAL_ERROR
+
 
 class Retry(IntEnum):
     """Whether it makes sense to ask again after an answer; as in `ff_planner_msgs/PlanStatus`."""

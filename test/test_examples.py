@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from quick_capture import quick_capture
+from quick_capture import quick_capture, quick_whole_capture
 from ros_processes import DEADLINE, private_domain, running_planner
 
 from ff_planner_ros.errors import Status
@@ -92,6 +92,28 @@ def test_a_capture_is_flown_and_comes_out_as_predicted(tmp_path: Path) -> None:
     assert report["worst_chaser_error"]["position"] < 1e-4
     for word in ("plan", "committed", "predicted", "reached", "off by"):
         assert any(line.startswith(word) for line in said.splitlines())
+
+
+@pytest.mark.ci
+@pytest.mark.usefixtures("world")
+def test_a_body_is_grasped_and_stopped_as_predicted(tmp_path: Path) -> None:
+    code, report, said = fly(tmp_path, quick_whole_capture(tmp_path))
+    assert code == 0, said
+    assert "phase 1    capture, 2.000 s long" in said
+    assert "phase 2    at rest" in said
+    grasped, stopped = report["phases"]
+    assert within(1e-3, 0.1, grasped["error"])
+    assert within(5e-3, 0.5, stopped["error"])
+    assert within(5e-3, 0.5, stopped["worst_chaser_error"])
+    # The body, which would have gone on, is where the end effector holds it.
+    for one in (grasped, stopped):
+        apart, turned = one["capture"]["position_error"], one["capture"]["orientation_error"]
+        assert within(1e-3, 0.1, {"position": apart, "angle": turned})
+    assert max(stopped["capture"]["linear_speed"], stopped["capture"]["angular_speed"]) < 1e-3
+
+
+def within(metres: float, degrees: float, error: dict[str, float]) -> bool:
+    return error["position"] < metres and error["angle"] < math.radians(degrees)
 
 
 @pytest.mark.ci

@@ -25,7 +25,6 @@ from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.demo.executive import captured
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
@@ -61,6 +60,7 @@ from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_req
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.simulation.capture import captured
 from ff_planner_ros.simulation.verification import verify
 
 FRAME = "inertial"

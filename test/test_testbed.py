@@ -23,6 +23,8 @@ from ff_planner_msgs.msg import (
     PlanStatus,
     TargetBody,
 )
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_processes import DEADLINE, FRAME, private_domain
@@ -61,6 +63,7 @@ from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.simulation.free_floating import carried_back
 
 PERFECT = Imperfections()
+ALONG_A_BODY = Path(poses=[PoseStamped()])
 LEAD = 1.5  # of a testbed that waits [s]
 # What the testbed's sensors measure of a state: everything but these.
 NOT_MEASURED = ("joint_accelerations", "wheel_momenta")
@@ -207,10 +210,13 @@ class Watcher:
         self._events.goal_received(SEND_GOAL.Request(goal_id=UUID()))
 
     def tell_result(self, status: Status, *plans: JointTrajectory, **inputs: Any) -> None:
-        """Tell what the planner answered, and what that was made from."""
+        """Tell what the planner answered, and what that was made from; all but the last capture."""
         answer = PlanAnswer(
             status=PlanStatus(code=int(status)),
-            plans=[Plan(joint_trajectory=one) for one in plans],
+            plans=[
+                *(Plan(joint_trajectory=one, target_path=ALONG_A_BODY) for one in plans[:-1]),
+                *(Plan(joint_trajectory=one) for one in plans[-1:]),
+            ],
             inputs=PlanInputs(**inputs),
         )
         self._events.result_sent(GET_RESULT.Request(goal_id=UUID()), 4, answer)
@@ -246,7 +252,8 @@ def running_testbed(
             node = rclpy.create_node("testbed")
             epoch_ns = node.get_clock().now().nanoseconds + round((epoch or 0.0) * NANOSECONDS)
             given = None if epoch is None else epoch_ns
-            SimulatedTestbed(node, scenario, given, 50.0, imperfections, LEAD)
+            body = scenario.target_body
+            SimulatedTestbed(node, scenario, body, given, 50.0, imperfections, LEAD)
             watcher = Watcher()
             executor = SingleThreadedExecutor()
             for each in (node, watcher.node):

@@ -81,8 +81,9 @@ def ask_node(options: Namespace) -> int:
         return _INTERRUPTED
     status, solve_time = Status(answer.status.code), answer.solver.solve_time
     if status is not Status.SOLVED:
-        none_found = Status.GOAL_OUT_OF_REACH <= status < Status.INTERNAL_ERROR
-        error = (NoPlanFound if none_found else FfPlannerError)(status, answer.status.message)
+        error = (NoPlanFound if status.is_no_plan else FfPlannerError)(
+            status, answer.status.message
+        )
         write_json(options.json, refusal_dictionary(error, solve_time, answer.task_digest or None))
         raise error
     plan, digest = plan_from_answer(answer), answer.task_digest
@@ -135,7 +136,7 @@ def add_demo(add: Add) -> None:
         choices=("capture", _WHOLE),
         default="capture",
         help="capture: one of the testbeds below, executed in real time (default); whole_capture: "
-        "approach, grasp, stop and stow in one request, executed in MuJoCo",
+        "approach, grasp, stop and stow in one request, executed in real time, then in MuJoCo",
     )
     testbed = demo.add_argument(
         "--testbed",

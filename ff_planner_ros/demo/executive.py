@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import (
@@ -33,8 +32,6 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.target_body import TargetBody as FreeBody
-from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
@@ -53,7 +50,7 @@ from ff_planner_ros.ros.outputs.prediction import (
     tracking_error,
 )
 from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
-from ff_planner_ros.simulation.capture import Capture
+from ff_planner_ros.simulation.capture import Capture, captured, end_effector_motion
 
 NAME = "mission_executive"  # of the node, and of who asks
 
@@ -188,7 +185,7 @@ class MissionExecutive:
     def watch(self, answer: PlanAnswer, duration: float, robot: Robot) -> FlownPlan:
         """Wait until a plan that was committed is over, and compare it with what was measured.
 
-        `duration` [s] is from its start to the moment that counts, that of the capture.
+        `duration` [s] is from its start to the moment that counts, the end of a phase.
 
         Raises:
             FfPlannerError: The states fail to come.
@@ -217,7 +214,7 @@ class MissionExecutive:
         flown = _flown_plan(plan_from_answer(answer), start_ns, measured, robot)
         last_ns, last = measured[-1]
         seen = [one for one in self._bodies if nanoseconds(one.header.stamp) <= last_ns]
-        if not (planned.target_path.poses and seen):
+        if not (seen and any(one.target_path.poses for one in answer.plans)):
             return flown
         body = target_body_from_message(seen[-1], frame)
         since = (last_ns - nanoseconds(seen[-1].header.stamp)) / NANOSECONDS
@@ -308,29 +305,7 @@ def _flown_plan(
     )
 
 
-def captured(robot: Robot, state: SystemState, body: FreeBody) -> Capture:
-    """Return how the end effector is to the grasp of a body, and moves to it, at one moment."""
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, *configuration(robot, state))
-    pose = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    axes = pin.LOCAL_WORLD_ALIGNED
-    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, axes).vector
-    grasp = body.grasp(np.zeros(1))
-    way, seen = pose.translation - grasp.positions[0], grasp.twists[0]
-    turn = Rotation.from_matrix(pose.rotation @ grasp.rotations[0].T)
-    # Of the body's point where the end effector is.
-    there = seen[:3] + np.cross(seen[3:], way)
-    return Capture(
-        position_error=float(np.linalg.norm(way)),
-        orientation_error=float(turn.magnitude()),
-        linear_speed=float(np.linalg.norm(twist[:3] - there)),
-        angular_speed=float(np.linalg.norm(twist[3:] - seen[3:])),
-    )
-
-
 def end_effector(robot: Robot, state: SystemState) -> FramePose:
     """Return where a measured state has the end effector."""
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, configuration(robot, state)[0])
-    pose = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    return FramePose(np.array(pose.translation), Rotation.from_matrix(pose.rotation))
+    pose, _ = end_effector_motion(robot, state)
+    return FramePose(pose.translation, Rotation.from_matrix(pose.rotation))

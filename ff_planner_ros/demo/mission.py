@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ff_planner_msgs.msg import PlanAnswer
+import numpy as np
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.demo.executive import FlownPlan
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.messages.trajectories import begin_of, trajectory_in
+from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.ros.background import StopRequest
 from ff_planner_ros.ros.outputs.prediction import FramePose
 
@@ -43,10 +48,15 @@ def run_mission(
     except FfPlannerError as error:
         print(f"{name}: {_said(error)}", file=sys.stderr)
         report = {"status": int(error.status), "message": str(error)}
-        code = 3 if Status.GOAL_OUT_OF_REACH <= error.status < Status.INTERNAL_ERROR else 2
+        code = exit_code(error)
     if file is not None:
         file.write_text(json.dumps(report) + "\n", encoding="utf-8")
     return code
+
+
+def exit_code(error: FfPlannerError) -> int:
+    """Return the exit code of a program that an error ends: 3 no plan, 2 something else."""
+    return 3 if error.status.is_no_plan else 2
 
 
 def _said(error: FfPlannerError) -> str:
@@ -56,13 +66,45 @@ def _said(error: FfPlannerError) -> str:
     return f"refused {int(error.status)} {error.status.name}: {error}"
 
 
-def mission_report(answer: PlanAnswer, flown: FlownPlan) -> dict[str, Any]:
-    """Return what became of a plan that was committed, for JSON."""
+def ends_of_phases(answer: PlanAnswer) -> list[float]:
+    """Return when the plan of each phase reaches its goal, from the first point on [s]."""
+    return [begin_of(answer, phase) + one.duration for phase, one in enumerate(answer.plans)]
+
+
+def phases_said(request: PlanRequest, answer: PlanAnswer) -> list[str]:
+    """Return a line on the plan of each phase; none where there is one phase alone."""
+    said = list[str]()
+    goals = [request.goal, *(one.goal for one in request.then)]
+    for goal, one in zip(goals, answer.plans, strict=True):
+        motion, kind = trajectory_in(one), GoalKind(goal.kind).name.lower()
+        path = np.linalg.norm(motion.joint_velocities[:-1], axis=1) @ np.diff(motion.time)
+        turns = Rotation.from_quat(motion.chaser_quaternions_xyzw)
+        turned = math.degrees((turns[0].inv() * turns).magnitude().max())
+        said.append(
+            f"{kind.replace('_', ' ')}, {one.duration:.3f} s long, joint path {path:.4f} rad, "
+            f"rotation of the chaser {turned:.3f} deg"
+        )
+    return said if len(said) > 1 else []
+
+
+def mission_report(answer: PlanAnswer, flown: Sequence[FlownPlan]) -> dict[str, Any]:
+    """Return what became of a plan that was committed, for JSON.
+
+    Args:
+        flown: At the end of each phase, or at the end alone.
+    """
     return {
         "status": int(answer.status.code),
         "plan_id": answer.plan_id,
         "solve_time": answer.solver.solve_time,
         "duration": answer.plans[0].duration,
+        **_reached(flown[-1]),
+        "phases": [_reached(one) for one in flown],
+    }
+
+
+def _reached(flown: FlownPlan) -> dict[str, Any]:
+    return {
         "predicted": _numbers(flown.predicted),
         "reached": _numbers(flown.reached),
         "error": flown.error._asdict(),

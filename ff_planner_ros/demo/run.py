@@ -39,7 +39,8 @@ from ff_planner_ros.demo.following import (
     miss_by_torques_alone,
     rows,
 )
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.demo.mission import exit_code
+from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import load_task
 from ff_planner_ros.robot.rotation import euler_from_rotation
@@ -84,7 +85,7 @@ def demonstrated(output: Path, demonstrate: Callable[[Path], None]) -> int:
         return 2
     except FfPlannerError as error:
         print(f"ff-planner demo: {error}\nlogs are in {_shown(directory)}", file=sys.stderr)
-        return 3 if Status.GOAL_OUT_OF_REACH <= error.status < Status.INTERNAL_ERROR else 2
+        return exit_code(error)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""A simulated chaser on ROS: publishes its state and follows trajectories, in real time."""
+"""A simulated chaser on ROS: publishes its state, follows trajectories, grasps, in real time."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -39,12 +40,15 @@ from ff_planner_ros.ros.messages.to_messages import (
     target_body_message,
 )
 from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
+from ff_planner_ros.simulation.capture import captured
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
 
 # Where an arm's trajectory controller listens.
 CONTROLLER_TOPIC = "arm_controller/joint_trajectory"
 # A camera on the chaser sees the target body so often [Hz].
 _BODY_RATE = 10.0
+# As far from the grasp as the end effector closes on it [m], [rad].
+REACH = 0.02, float(np.deg2rad(2.0))
 
 
 @dataclass(frozen=True)
@@ -67,13 +71,16 @@ class Imperfections:
 class SimulatedTestbed:
     """A scenario in real time: obstacles, a chaser that drifts and follows trajectories, a target.
 
-    The target body, if there is one, moves freely: the arm does not close on it.
+    The target body, if there is one, moves freely until a phase ends that captures it and that
+    another follows. If the end effector is within `REACH` of the grasp then, there is an impact,
+    and the body moves with the end effector from then on.
     """
 
     def __init__(
         self,
         node: Node,
         scenario: PlanningProblem,
+        body: FreeBody | None,
         epoch_ns: int | None,
         state_rate: float,
         imperfections: Imperfections,
@@ -83,6 +90,7 @@ class SimulatedTestbed:
 
         Args:
             node: Its clock is the testbed's, simulated time included.
+            body: That some phase captures, as it is at the start state; None: none does.
             epoch_ns: When the chaser passes through the start state [ns]. Before and after, until a
                 trajectory begins, it drifts and its joints keep their rates. None: it waits for its
                 first plan, at the state that leads to the start state within `lead`.
@@ -97,7 +105,12 @@ class SimulatedTestbed:
         self._waiting: deque[ChaserState] = deque()
         self._last_stamp_ns = 0  # of a state
 
-        self._wait = Wait(node, self._begin_as_planned_from) if epoch_ns is None else None
+        self._body = body
+        self._plan_ns = 0  # start of the plan that is followed
+        self._grasps_ns = dict[int, int]()  # moment of the grasp by the start of the plan
+        self._wait = Wait(node, self._hear_plan)
+        if epoch_ns is not None:
+            self._wait.end()
         now_ns = self._clock.now().nanoseconds
         # While it waits, the body is shown at other moments than the chaser: its epoch is another.
         self._epoch_ns = self._body_epoch_ns = (
@@ -120,28 +133,25 @@ class SimulatedTestbed:
         self._states = node.create_publisher(ChaserState, CHASER_STATE.name, STATE_QOS)
         node.create_timer(1.0 / state_rate, self._publish_state)
         self._bodies = node.create_publisher(TargetBody, "target_body", STATE_QOS)
-        if scenario.target_body is not None:
-            node.create_timer(1.0 / _BODY_RATE, partial(self._publish_body, scenario.target_body))
+        if body is not None:
+            node.create_timer(1.0 / _BODY_RATE, partial(self._publish_body, body))
         node.create_subscription(JointTrajectory, CONTROLLER_TOPIC, self._follow, 10)
 
     def _seconds(self, time_ns: int) -> float:
         """Return a time on the testbed's clock, which keeps more digits than ROS's in seconds."""
         return (time_ns - self._epoch_ns) / NANOSECONDS
 
-    def _stands_still(self) -> bool:
-        return self._wait is not None and self._wait.stands_still()
-
     def _publish_obstacles(self) -> None:
         stamp_ns = self._clock.now().nanoseconds
         free = tuple(one for one in self._scenario.obstacles if one.body is None)
-        since_epoch = self._begin if self._stands_still() else self._seconds(stamp_ns)
+        since_epoch = self._begin if self._wait.stands_still() else self._seconds(stamp_ns)
         there = carried(free, since_epoch)
         self._obstacles.publish(obstacles_message(there, stamp_ns, SCENARIO_FRAME))
         if self._obstacle_bodies is not None:
             self._obstacle_bodies.publish(bodies_message(there, stamp_ns, SCENARIO_FRAME))
 
     def _hold_obstacles(self) -> None:
-        if self._stands_still():
+        if self._wait.stands_still():
             self._publish_obstacles()
 
     def _publish_state(self) -> None:
@@ -150,8 +160,9 @@ class SimulatedTestbed:
         stamp_ns = now_ns - now_ns % self._period_ns
         if stamp_ns > self._last_stamp_ns and self._seconds(stamp_ns) > self._begin:
             self._last_stamp_ns = stamp_ns
-            if self._stands_still():
+            if self._wait.stands_still():
                 self._set_back(stamp_ns)
+            self._grasp_if_due(stamp_ns)
             state = with_sensor_noise(
                 self._system.advance(self._seconds(stamp_ns)), self._imperfections, self._random
             )
@@ -167,6 +178,35 @@ class SimulatedTestbed:
         if self._system.time > self._begin:
             self._system = FreeFloatingSystem(self._true, self._first, self._begin)
 
+    def _grasp_if_due(self, now_ns: int) -> None:
+        """Make contact where the plan that is followed has come to its grasp."""
+        grasp_ns = self._grasps_ns.get(self._plan_ns, now_ns + 1)
+        if self._body is None or grasp_ns > now_ns:
+            return
+        del self._grasps_ns[self._plan_ns]
+        state = self._system.advance(self._seconds(grasp_ns))
+        ahead = (self._epoch_ns - self._body_epoch_ns) / NANOSECONDS
+        body = self._body.after(self._system.time + ahead)
+        found = captured(self._true, state, body)
+        apart, turned = found.position_error, found.orientation_error
+        where = f"{1e3 * apart:.2f} mm and {np.rad2deg(turned):.3f} deg from the grasp"
+        if apart > REACH[0] or turned > REACH[1]:
+            reach = f"{1e3 * REACH[0]:g} mm, {np.rad2deg(REACH[1]):g} deg"
+            self._logger.error(f"no contact: {where}, the end effector closes within {reach}")
+            return
+        impulse = self._system.grasp(body).impulse_in_ee
+        linear, angular = np.linalg.norm(impulse.reshape(2, 3), axis=1)
+        self._logger.info(f"contact: {where}, impulse {linear:.4g} N s, {angular:.4g} N m s")
+
+    def _hear_plan(self, answer: PlanAnswer) -> None:
+        """Note when a plan grasps, and begin from its start if this is the first one."""
+        starts_ns = [nanoseconds(one.joint_trajectory.header.stamp) for one in answer.plans]
+        for plan, (_, next_ns) in zip(answer.plans, pairwise(starts_ns), strict=False):
+            if plan.target_path.poses:
+                self._grasps_ns[starts_ns[0]] = next_ns
+        if not self._wait.is_over:
+            self._begin_as_planned_from(answer)
+
     def _begin_as_planned_from(self, answer: PlanAnswer) -> None:
         """Go on from the very state that a plan was made from: many were the first one."""
         inputs = answer.inputs
@@ -177,9 +217,13 @@ class SimulatedTestbed:
             self._body_epoch_ns = min(self._body_epoch_ns, body_stamp_ns + self._lead_ns)
 
     def _publish_body(self, body: FreeBody) -> None:
-        """Publish where a body is that nothing acts on; `body` is as it is at the epoch."""
+        """Publish where a body is that nothing acts on until it is held; it is as at the epoch."""
+        if (held := self._system.body) is not None:
+            # As it was when the state was last measured.
+            self._bodies.publish(target_body_message(held, self._last_stamp_ns, SCENARIO_FRAME))
+            return
         now_ns = self._clock.now().nanoseconds
-        if self._stands_still():
+        if self._wait.stands_still():
             self._body_epoch_ns = now_ns + self._lead_ns
         there = body.after((now_ns - self._body_epoch_ns) / NANOSECONDS)
         self._bodies.publish(target_body_message(there, now_ns, SCENARIO_FRAME))
@@ -190,11 +234,10 @@ class SimulatedTestbed:
         except InvalidInput as error:
             self._logger.error(f"trajectory refused: {error}")
             return
-        begin_ns = nanoseconds(message.header.stamp)
-        if self._wait is not None:
-            if begin_ns and self._stands_still():  # it was asked for elsewhere: its start is known
-                self._epoch_ns = min(self._epoch_ns, begin_ns)
-            self._wait.end()
+        begin_ns = self._plan_ns = nanoseconds(message.header.stamp)
+        if begin_ns and self._wait.stands_still():  # it was asked for elsewhere: its start is known
+            self._epoch_ns = min(self._epoch_ns, begin_ns)
+        self._wait.end()
         begin = self._seconds(begin_ns)
         now = max(self._seconds(self._clock.now().nanoseconds), self._system.time)
         if begin_ns == 0:

@@ -23,22 +23,22 @@ class Wait:
     """
 
     def __init__(self, node: Node, found: Callable[[PlanAnswer], None]) -> None:
-        """Listen; `found` is called with every plan that is found before the wait is over."""
+        """Listen; `found` is called with every plan that is found."""
         self._clock, self._found = node.get_clock(), found
         self._unanswered = 0  # requests
         self._plan_begins_ns = 0  # the last plan that was found
-        self._is_over = False
+        self.is_over = False
         node.create_subscription(SEND_GOAL.Event, ACTION + GOAL_EVENTS, self._goal, EVENT_QOS)
         node.create_subscription(GET_RESULT.Event, ACTION + RESULT_EVENTS, self._result, EVENT_QOS)
 
     def stands_still(self) -> bool:
         """Tell whether nothing moves now."""
         idle = self._unanswered == 0 and self._clock.now().nanoseconds > self._plan_begins_ns
-        return idle and not self._is_over
+        return idle and not self.is_over
 
     def end(self) -> None:
         """Let time go on for ever: a plan is flown."""
-        self._is_over = True
+        self.is_over = True
 
     def _goal(self, _: SEND_GOAL.Event) -> None:
         self._unanswered += 1
@@ -47,6 +47,6 @@ class Wait:
         # It may have been asked before this testbed was there.
         self._unanswered = max(self._unanswered - 1, 0)
         answer = event.response[0].result.answer
-        if answer.status.code == Status.SOLVED and not self._is_over:
+        if answer.status.code == Status.SOLVED:
             self._plan_begins_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)
             self._found(answer)

@@ -1,7 +1,7 @@
 """The target body in the engine: how the end effector is to its grasp when it captures the body.
 
 The body is a second free body that nothing acts on. Until it is captured it touches nothing, so it
-is moved in a model of its own; the robot's stays as it is.
+is moved in a model of its own; the robot's stays as it is. `captured` compares two measurements.
 """
 
 from __future__ import annotations
@@ -10,10 +10,14 @@ from dataclasses import astuple, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
 
 if TYPE_CHECKING:
     from ff_planner_ros.simulation.execution import Execution
@@ -66,6 +70,32 @@ def capture(body: TargetBody, time: float, execution: Execution) -> Capture:
         linear_speed=float(np.linalg.norm(linear - there)),
         angular_speed=float(np.linalg.norm(angular - twist[3:])),
     )
+
+
+def captured(robot: Robot, state: SystemState, body: TargetBody) -> Capture:
+    """Return how the end effector is to the grasp of a body, and moves to it, at one moment."""
+    pose, twist = end_effector_motion(robot, state)
+    grasp = body.grasp(np.zeros(1))
+    way, seen = pose.translation - grasp.positions[0], grasp.twists[0]
+    turn = Rotation.from_matrix(pose.rotation @ grasp.rotations[0].T)
+    # Of the body's point where the end effector is.
+    there = seen[:3] + np.cross(seen[3:], way)
+    return Capture(
+        position_error=float(np.linalg.norm(way)),
+        orientation_error=float(turn.magnitude()),
+        linear_speed=float(np.linalg.norm(twist[:3] - there)),
+        angular_speed=float(np.linalg.norm(twist[3:] - seen[3:])),
+    )
+
+
+def end_effector_motion(robot: Robot, state: SystemState) -> tuple[pin.SE3, Array]:
+    """Return pose and twist of the end effector in a state, in inertial axes, linear first."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, *configuration(robot, state))
+    pose = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).copy()
+    axes = pin.LOCAL_WORLD_ALIGNED
+    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, axes).vector
+    return pose, np.array(twist)
 
 
 def moved_in_engine(body: TargetBody, times: Array) -> tuple[Array, Rotation, Array]:

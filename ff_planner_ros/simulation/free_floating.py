@@ -1,7 +1,8 @@
 """A free-floating system whose joints move exactly as commanded.
 
 It is the planner's own model of motion, and so no proof of that model. `simulation.execution` runs
-plans in an independent engine.
+plans in an independent engine. A body that the end effector grasps is a part of the last link from
+then on.
 """
 
 from __future__ import annotations
@@ -9,17 +10,24 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
+import pinocchio as pin
 
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.forward import carried_forward, driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, steady_motion
 from ff_planner_ros.planning.motion.system_frame import system_frame
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.configuration import configuration, system_state
+from ff_planner_ros.robot.impact import Impact, impact
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum, with_wheel_momenta
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.simulation.capture import end_effector_motion
 
 # One step of RK4 at most [s]; within it a chaser turns by a degree or less.
 _LONGEST_STEP = 0.02
+# In this time the joints are back on their motion, whose rates a contact has changed [s].
+_SETTLING = 0.5
 
 
 class FreeFloatingSystem:
@@ -27,18 +35,63 @@ class FreeFloatingSystem:
 
     def __init__(self, robot: Robot, state: SystemState, time: float) -> None:
         """Start from a state at a time [s]; without a command the joints keep their rates."""
+        self._motions = [steady_motion(time, time, state.joint_positions, state.joint_velocities)]
+        self._held: tuple[TargetBody, pin.SE3] | None = None  # and its frame in the end effector's
+        self._begin_from(robot, state, time)
+
+    def _begin_from(self, robot: Robot, state: SystemState, time: float) -> None:
         self._robot = robot
         self._begin = self._time = time
         self._frame, self._first = system_frame(robot, state), state
         self._q, v = configuration(robot, self._frame.start)
         self._v = v
         self._momentum = total_momentum(robot, robot.model.createData(), self._q, v)
-        self._motions = [steady_motion(time, time, state.joint_positions, state.joint_velocities)]
 
     @property
     def time(self) -> float:
         """The time of its present state [s]."""
         return self._time
+
+    @property
+    def body(self) -> TargetBody | None:
+        """The body that it holds, as it moves now; None: it holds none."""
+        if self._held is None:
+            return None
+        body, place = self._held
+        pose, twist = end_effector_motion(self._robot, self.advance(self._time))
+        there = pose * place
+        lever = there.translation - pose.translation
+        return replace(
+            body,
+            position=there.translation,
+            quaternion_xyzw=pin.Quaternion(there.rotation).coeffs(),
+            linear_velocity=twist[:3] + np.cross(twist[3:], lever),
+            angular_velocity=twist[3:],
+        )
+
+    def grasp(self, body: TargetBody) -> Impact:
+        """Make contact with a body as both are now, hold it from now on, and return the impact.
+
+        The joints, whose rates the impact changes, are back on their motion after half a second.
+
+        Args:
+            body: As it moves now; its mass [kg] and inertia [kg m2] are known.
+        """
+        before = self.advance(self._time)
+        pose, _ = end_effector_motion(self._robot, before)
+        attitude = pin.Quaternion(body.quaternion_xyzw).toRotationMatrix()
+        place = pose.actInv(pin.SE3(attitude, body.position))
+        inertia = place.act(pin.Inertia(body.mass, np.zeros(3), body.inertia))
+        rate = body.angular_velocity
+        at_tip = body.linear_velocity + np.cross(rate, pose.translation - body.position)
+        found = impact(self._robot, inertia, before, np.concatenate([at_tip, rate]))
+        self._held = body, place
+        self._begin_from(_with_held(self._robot, inertia), found.after, self._time)
+        self._forget_former_motions()
+        (_,), (rates,), _ = self._motions[0].at(np.array([self._time]))
+        off = found.after.joint_velocities - rates
+        self._motions[0] = _settling(self._motions[0], self._time, off)
+        return found
 
     def follow(self, motion: JointMotion) -> None:
         """Command the joints.
@@ -69,13 +122,16 @@ class FreeFloatingSystem:
 
     def _integrate(self, end: float) -> None:
         """Go on to a time before which no motion begins or ends."""
-        while len(self._motions) > 1 and self._motions[1].time[0] <= self._time:
-            del self._motions[0]
+        self._forget_former_motions()
         steps = int(np.ceil((end - self._time) / _LONGEST_STEP))
         times = np.linspace(self._time, end, steps + 1)
         told = _between(self._motions[0], self._time, end)
         q, v, _ = driven(self._robot, self._q, self._momentum, told, times)
         self._q, self._v, self._time = q[-1], v[-1], end
+
+    def _forget_former_motions(self) -> None:
+        while len(self._motions) > 1 and self._motions[1].time[0] <= self._time:
+            del self._motions[0]
 
 
 def carried_back(robot: Robot, state: SystemState, seconds: float) -> SystemState:
@@ -94,6 +150,36 @@ def _reversed(state: SystemState) -> SystemState:
     if state.wheel_momenta is not None:
         turned["wheel_momenta"] = -state.wheel_momenta
     return replace(state, **turned)
+
+
+def _with_held(robot: Robot, inertia: pin.Inertia) -> Robot:
+    """Return a robot whose end effector has a body's inertia, of its frame, beside its own."""
+    model = robot.model.copy()
+    tip = model.frames[robot.tip_frame_id]
+    model.appendBodyToJoint(tip.parentJoint, inertia, tip.placement)
+    return replace(robot, model=model)
+
+
+def _settling(motion: JointMotion, now: float, rates: Array) -> JointMotion:
+    """Return a motion from now on to which a controller brings joints back that move otherwise.
+
+    With s from 0 now to 1 at the end of the settling, after T: e = T rates s (1 - s)^3.
+
+    Args:
+        rates: By which the joints' are off now. Shape (joints,) [rad/s].
+    """
+    lasts = min(_SETTLING, float(motion.time[-1]) - now)
+    if lasts <= 0.0:  # it is over: nothing brings them back, they are at its end at once
+        return motion
+    time = np.union1d([now, now + lasts], motion.time[motion.time > now])
+    s = np.clip((time - now) / lasts, 0.0, 1.0)[:, None]
+    positions, velocities, accelerations = motion.at(time)
+    return JointMotion(
+        time,
+        positions + lasts * rates * s * (1.0 - s) ** 3,
+        velocities + rates * (1.0 - s) ** 2 * (1.0 - 4.0 * s),
+        accelerations + (6.0 / lasts) * rates * (1.0 - s) * (2.0 * s - 1.0),
+    )
 
 
 def _between(motion: JointMotion, begin: float, end: float) -> JointMotion:
