@@ -54,7 +54,7 @@ def serve(requests: Connection) -> None:
     gc.freeze()  # or else the first collection in a fork would copy all of the memory
     plans: dict[Connection, multiprocessing.context.ForkProcess] = {}  # by control connection
     requests.send("loaded")
-    with suppress(EOFError):  # the planner is gone
+    with suppress(EOFError, ConnectionError):  # the planner is gone
         while True:
             ready = wait([requests, *plans, *(process.sentinel for process in plans.values())])
             for control, process in list(plans.items()):
