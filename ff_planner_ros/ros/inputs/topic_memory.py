@@ -141,7 +141,7 @@ class TopicMemory(Generic[Part]):
         self._kept: deque[HeardMessage[Part]] = deque(maxlen=MEMORY)
         self._other: HeardMessage[Part] | None = None  # that is not for the node
         self._offset = ClockOffset()
-        self._since = "yet"
+        self.since = "yet"  # when nothing was heard any more, in words
 
     def keep(self, message: Any, number: int | None = None, *, is_for_others: bool = False) -> None:
         """Take the next message, as it is or serialised.
@@ -177,7 +177,7 @@ class TopicMemory(Generic[Part]):
             self._offset.forget()
             self._speakers.forget()
             self._other = None
-            self._since = "since the clock has jumped back or changed"
+            self.since = "since the clock has jumped back or changed"
 
     def offset(self, now_ns: int) -> float | None:
         """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
@@ -199,7 +199,7 @@ class TopicMemory(Generic[Part]):
         if not kept:
             part = None if other is None else self.read(other)
             # Another one, or else its traceback would grow each time.
-            raise copy.copy(part) if isinstance(part, InvalidInput) else self._missing(self._since)
+            raise copy.copy(part) if isinstance(part, InvalidInput) else self._missing(self.since)
         early = Status.STATE_IN_FUTURE
         require_same_clock(early, self._field, offset, max_lead)
         with self._lock:
