@@ -153,6 +153,10 @@ class Session:
         self._service.deactivate(status, message, _LAST_ANSWER)
         self._output.execution.withdraw(message)
 
+    def linger(self) -> None:
+        """Wait while requests that were on their way still come, and are answered."""
+        self._service.linger()
+
     def close(self) -> None:
         """Disconnect, then close the bag."""
         self._stack.close()
