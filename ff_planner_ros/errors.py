@@ -276,11 +276,12 @@ class NoPlanFound(FfPlannerError):
         self.requirement = ""
         # Of a sequence: the plans of the phases before the one that has none, a `Plan`
         self.found: object | None = None
+        self.cause: InvalidInput | None = None  # of a sequence: why that one cannot be planned for
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by constructor arguments, so that the error crosses processes."""
         arguments = self.status, self.constraint, self.attempt, self.failures, self.effort
-        return type(self), arguments, {"found": self.found}
+        return type(self), arguments, {"found": self.found, "cause": self.cause}
 
 
 class EndedBy(StrEnum):

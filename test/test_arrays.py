@@ -1,5 +1,8 @@
 """What crosses between rooms is checked, copied and read-only."""
 
+import math
+from array import array
+
 import numpy as np
 import pytest
 
@@ -33,6 +36,13 @@ def test_what_is_not_three_finite_numbers_is_refused_by_field(values, status):
     with pytest.raises(InvalidInput, match=r"^chaser\.position is ") as refusal:
         finite_vector("chaser.position", values, 3)
     assert refusal.value.status is status
+
+
+def test_the_numbers_of_a_message_are_told_as_a_list():
+    refusal = InvalidInput(Status.NOT_FINITE, "positions", array("d", [1.0, math.nan]), "finite")
+    assert str(refusal) == "positions is [1.0, nan]: finite"
+    long = InvalidInput(Status.WRONG_SIZE, "positions", array("d", range(1_000_000)), "shorter")
+    assert str(long).endswith(" 11.0, ...]: shorter")
 
 
 def test_a_bound_is_exclusive_and_named():

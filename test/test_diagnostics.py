@@ -9,6 +9,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.outputs.clock_health import ClockHealth
 from ff_planner_ros.ros.outputs.controller_health import ControllerHealth
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest, NodeHealth, diagnostics
 from ff_planner_ros.ros.outputs.execution import Event
@@ -75,6 +76,10 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
     ("name", "changes", "level", "words"),
     [
         ("chaser state", {"state_age": None}, ERROR, "no chaser state received yet"),
+        (
+            *("chaser state", {"state_age": None, "state_since": "since the clock jumped"}, ERROR),
+            "no chaser state received since the clock jumped",
+        ),
         ("chaser state", {"state_age": 0.5}, OK, "0.500 s old"),
         ("chaser state", {"state_age": 0.501}, ERROR, "allowed are 0.5 s"),
         ("chaser state", {"state_age": -0.02}, OK, "-0.020 s old"),
@@ -205,8 +210,16 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             "it takes no plan: its joints are a",
         ),
         ("clock", {}, OK, "the system's"),
-        ("clock", {"clock_still_for": 1.9}, OK, "simulated: /clock ticks"),
-        ("clock", {"clock_still_for": 2.1}, WARN, "/clock has not ticked for 2.1 s"),
+        ("clock", {"clock": ClockHealth(1.9)}, OK, "simulated: /clock ticks"),
+        ("clock", {"clock": ClockHealth(2.1)}, WARN, "/clock has not ticked for 2.1 s"),
+        (
+            *("clock", {"clock": ClockHealth(0.0, 1, 2.5, ["/sim"])}, WARN),
+            "/clock has jumped back once in the last 10 s, by 2.500 s at most: states and plans of",
+        ),
+        (
+            *("clock", {"clock": ClockHealth(0.0, 7, 5.0, ["/bag", "/sim"])}, WARN),
+            "void each time; it is published by /bag and /sim: stop all but one",
+        ),
     ],
 )
 def test_each_part_turns_to_its_level_with_words_that_say_why(

@@ -389,3 +389,20 @@ def test_a_time_that_is_none_is_refused(lemur: Robot, seconds: float) -> None:
     with pytest.raises(InvalidInput, match="seconds") as refused:
         carried_forward(lemur, moving(lemur), seconds, None)
     assert refused.value.status in (Status.OUT_OF_RANGE, Status.NOT_FINITE)
+
+
+@pytest.mark.parametrize("rate", [1e3, 1e10, 1e30, 1e90])
+@pytest.mark.parametrize("what", ["chaser", "joints"])
+def test_what_turns_too_far_until_a_plan_begins_is_refused_and_not_carried_forward(
+    lemur: Robot, what: str, rate: float
+) -> None:
+    """At 1e10 rad/s the times of its steps alone would take a terabyte."""
+    state = moving(lemur)
+    if what == "chaser":
+        fast = replace(state, angular_velocity_chaser_in_inertial=np.array([0.0, rate, 0.0]))
+    else:
+        fast = replace(state, joint_velocities=rate * np.eye(lemur.joints)[4])
+    with pytest.raises(InvalidInput, match="too far to be foretold") as refused:
+        carried_forward(lemur, fast, 10.0, None)
+    assert refused.value.status is Status.OUT_OF_RANGE
+    assert refused.value.field == f"{what}.{'angular_' if what == 'chaser' else ''}velocity"

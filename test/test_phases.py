@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -30,6 +31,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import SEARCHING, Watch
 from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.objective import Objective
 from ff_planner_ros.planning.problem.problem import Parametrisation, Posture, Sphere, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.target_body import AttachedBody
@@ -47,7 +49,7 @@ from ff_planner_ros.report.run_page import save_page
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_in
-from ff_planner_ros.ros.messages.to_messages import request_message
+from ff_planner_ros.ros.messages.to_messages import request_message, status_message
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 from ff_planner_ros.ros.outputs.prediction import predicted_relative_pose, predicted_target
 from ff_planner_ros.runs.offline_bag import record_answer
@@ -554,3 +556,15 @@ def test_a_capture_alone_depends_on_no_mass(task: PlanningTask) -> None:
 
     assert heavier(alone).digest == alone.digest
     assert heavier(task).digest != task.digest
+
+
+def test_what_a_later_phase_cannot_be_planned_for_is_told_to_programs(task: PlanningTask) -> None:
+    """By its place in the request, also from the process of the solver."""
+    bad = replace(task.then[0], objective=Objective(1.0, 0.0, wheel_momentum=1.0))
+    start = replace(task.problem, target_body=None, posture=Posture(at_rest=True))
+    with pytest.raises(NoPlanFound, match=r"phase 2 of 2: objective\.wheel_momentum is 1") as none:
+        perform(replace(task, problem=start, then=(bad,)))
+    told = status_message(pickle.loads(pickle.dumps(none.value)))
+    assert (told.code, told.field) == (Status.UNSUPPORTED, "then[0].objective.wheel_momentum")
+    assert told.value == "1.0"
+    assert told.allowed.startswith("with robot.base free_flyer it must be 0")

@@ -52,7 +52,10 @@ def answered(number: int, at: float, code: Status, message: str) -> PublishPlan.
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of four requests two are granted; states come every half second, 0.2 s after their stamp."""
+    """Of five requests three are granted, one of them to reject.
+
+    States come every half second, 0.2 s after their stamp.
+    """
     directory = tmp_path_factory.mktemp("bags") / "run"
     own = ChaserState(header=stamped(3.9))
     now = ChaserState()
@@ -61,6 +64,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (2.0, PublishPlan.Request(plan_id="run.2"), Status.STATE_MOVED, MOVED),
         (3.0, PublishPlan.Request(plan_id="run.3", start_state=[now]), Status.SOLVED, "published"),
         (4.0, PublishPlan.Request(plan_id="run.9", start_state=[own]), Status.UNKNOWN_PLAN, "no"),
+        (4.4, PublishPlan.Request(plan_id="run.4", reject=True), Status.SOLVED, "rejected"),
     ]
     with BagWriter(directory, flush_interval=1.0) as writer:
         for topic, kind in (
@@ -84,7 +88,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
             write("/chaser_2/chaser_state", ChaserState(header=stamped(at)), at)
         for number, (at, request, code, message) in enumerate(calls):
             write(SERVICE, asked(number, at + 0.1, request), at + 0.1)
-            if code == Status.SOLVED:
+            if code == Status.SOLVED and not request.reject:
                 write(PUBLISHED, PublishedPlan(plan_id=request.plan_id), at + 0.2)
             write(SERVICE, answered(number, at + 0.3, code, message), at + 0.3)
     return directory
@@ -100,21 +104,22 @@ def test_each_has_its_answer_the_age_of_its_state_and_the_plan_before(bag: Path)
         ("run.2", "STATE_MOVED", False, "run.1"),
         ("run.3", "SOLVED", True, "run.1"),
         ("run.9", "UNKNOWN_PLAN", False, "run.3"),
+        ("run.4", "SOLVED", False, "run.3"),
     ]
     # The latest that was received, another one's states left out; as if measured now; its own.
-    assert [one.state_age_s for one in found] == pytest.approx([0.3, 0.3, 0.0, 0.2])
-    assert [one.requester for one in found] == ["fleet", "", "", ""]
-    assert [one.answered_ns - one.asked_ns for one in found] == [SECOND // 5] * 4
+    assert [one.state_age_s for one in found] == pytest.approx([0.3, 0.3, 0.0, 0.2, 0.2])
+    assert [one.requester for one in found] == ["fleet", "", "", "", ""]
+    assert [one.answered_ns - one.asked_ns for one in found] == [SECOND // 5] * 5
 
 
 def test_they_stand_in_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(bag)]) == 0
     text = capsys.readouterr().out
-    assert "publish_plan  4: 2 SOLVED, 1 STATE_MOVED, 1 UNKNOWN_PLAN" in text
+    assert "publish_plan  5: 3 SOLVED, 1 STATE_MOVED, 1 UNKNOWN_PLAN" in text
     assert f"STATE_MOVED  run.2  {MOVED}  state 0.300 s old  after run.1" in text
     assert main(["info", str(bag), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["publications"]
-    assert [one["published"] for one in told] == [True, False, True, False]
+    assert [one["published"] for one in told] == [True, False, True, False, False]
 
 
 def test_they_stand_in_the_tables(bag: Path, tmp_path: Path) -> None:
@@ -127,8 +132,8 @@ def test_they_stand_in_the_tables(bag: Path, tmp_path: Path) -> None:
 
     assert main(["export", str(bag), "--parquet", str(tmp_path / "fleet.parquet")]) == 0
     table = pyarrow.parquet.read_table(tmp_path / "fleet_publications.parquet").to_pylist()
-    assert [one["published"] for one in table] == [True, False, True, False]
-    assert [one["previous_plan_id"] for one in table] == [None, "run.1", "run.1", "run.3"]
+    assert [one["published"] for one in table] == [True, False, True, False, False]
+    assert [one["previous_plan_id"] for one in table] == [None, "run.1", "run.1", "run.3", "run.3"]
     assert {one["bag"] for one in table} == {"run"}
 
 
@@ -144,4 +149,4 @@ def test_they_stand_in_the_report_of_a_run_and_of_many(
     assert ["STATE_MOVED", "1"] in Page((tmp_path / "all.html").read_text()).rows
     capsys.readouterr()
     assert main(["info", str(bag.parent)]) == 0
-    assert "publish_plan  4: 2 SOLVED" in capsys.readouterr().out
+    assert "publish_plan  5: 3 SOLVED" in capsys.readouterr().out

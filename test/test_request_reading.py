@@ -8,7 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import PlanInputs, PlanRequest
+from ff_planner_msgs.msg import Phase, PlanInputs, PlanRequest, TargetBody
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.common.times import NANOSECONDS
@@ -16,6 +16,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.robot import LimitParameters
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -390,3 +391,31 @@ def test_a_plan_that_would_end_after_the_clock_of_messages_is_refused(
     request.duration = 2.0**31
     with pytest.raises(InvalidInput, match=r"duration is .* must end before 2038"):
         asked(lemur_capture, request)
+
+
+def test_so_is_one_that_ends_later_with_all_that_follows(lemur_capture: PlanningProblem) -> None:
+    request = Scene(lemur_capture).request()
+    phase = Phase(duration=1e9)
+    phase.goal.kind, phase.objective.joint_path_length = GoalKind.AT_REST, 1.0
+    request.then = [phase]
+    assert asked(lemur_capture, request).task.then
+    request.then = 3 * [phase]
+    with pytest.raises(InvalidInput, match=r"duration is .* must end before 2038"):
+        asked(lemur_capture, request)
+
+
+@pytest.mark.parametrize("field", ["duration", "duration_max"])
+def test_the_motion_of_a_target_body_is_foretold_for_no_longer_than_clocks_count(
+    lemur_capture: PlanningProblem, field: str
+) -> None:
+    """Or else a request holds up the node for ever, and all who ask after it."""
+    request = Scene(lemur_capture).request()
+    setattr(request, field, 1e30)
+    body = TargetBody()
+    body.header.frame_id, body.inertia.ixx = FRAME, 1.0
+    body.inertia.iyy = body.inertia.izz = 1.0
+    body.twist.angular.z = 1e-28
+    request.goal.kind, request.target_body = GoalKind.CAPTURE, [body]
+    with pytest.raises(InvalidInput, match="must end before 2038") as refused:
+        asked(lemur_capture, request)
+    assert refused.value.field == field

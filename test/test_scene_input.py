@@ -16,6 +16,7 @@ from shape_msgs.msg import SolidPrimitive
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.inputs import scene_input as scene_input_module
+from ff_planner_ros.ros.inputs import speakers as speakers_module
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 
@@ -371,6 +372,10 @@ class Published:
         self.silent = ""  # topic that nobody publishes
         publishers: Any = SimpleNamespace(
             heard=lambda topic: [] if topic == self.silent else self.names,
+            heard_by_id=lambda _: {
+                (name, self.names[:place].count(name)): name
+                for place, name in enumerate(self.names)
+            },
             unheard=lambda _: self.unheard,
             are_several=lambda _: len(self.names) > 1,
         )
@@ -429,7 +434,61 @@ def test_two_publishers_of_obstacles_that_contradict_each_other_are_refused_by_n
         assert "/mapper and /operator" in str(refusal)
         assert words in refusal.allowed
     published.names = ["/mapper"]
+    published.input.keep(_array(0.1, 0.2, sec=15), 4)
     assert len(published.ask().spheres) == 2
+
+
+def test_what_one_has_said_that_is_gone_is_no_scene_until_the_other_one_says_what_is() -> None:
+    """Who follows the advice to stop all but one must not get the scene of the one he stopped."""
+    published = Published("/mapper")
+    published.input.keep(_array(0.1, 0.2), 1)
+    published.names = ["/mapper", "/operator"]
+    published.input.keep(_array(sec=13), 1)
+    published.now_ns += 3600 * SECOND
+    published.names = ["/mapper"]
+    refusal = published.refusal()
+    assert (refusal.status, refusal.field) == (Status.CONTRADICTING_PUBLISHERS, "obstacles")
+    assert refusal.value == "published by /mapper and /operator (gone since)"
+    assert "let who is right publish again" in refusal.allowed
+    published.input.keep(_array(0.1, 0.2, sec=14), 2)
+    assert len(published.ask().spheres) == 2
+    # And who was there alone, or was started again, has no other to be asked.
+    published.names = []
+    assert len(published.ask().spheres) == 2
+    published.names = ["/new_mapper"]
+    published.input.keep(_array(sec=15), 1)
+    assert published.ask().spheres == ()
+
+
+def test_what_is_lost_on_the_way_hides_no_contradiction() -> None:
+    """Two who speak at the same time, and a queue of one: nobody hears each of their messages."""
+    published = Published("/mapper", "/operator")
+    published.input.keep(_array(0.1, 0.2, sec=11), 1)
+    for number in (7, 9, 12, 15):
+        published.input.keep(_array(sec=number + 5), number)
+        assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
+
+
+def test_of_three_publishers_one_that_contradicts_is_found_whoever_spoke_last() -> None:
+    published = Published("/camera", "/mapper", "/operator")
+    published.input.keep(_array(0.1, 0.2, sec=11), 1)
+    for number in (40, 70):
+        published.input.keep(_array(sec=12), number)
+        assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
+
+
+def test_a_scene_that_changes_beside_a_publisher_that_is_silent_contradicts_nobody(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Once the silent one has been there for so long that its first words would be number one."""
+    published, passed = Published("/mapper", "/operator"), 0.0
+    monkeypatch.setattr(speakers_module.time, "monotonic", lambda: 1000.0 + passed)
+    for number in range(4, 8):
+        published.input.keep(_array(0.1 * number, sec=7 + number), number)
+        assert len(published.ask().spheres) == 1
+        passed += 20.0
+    published.input.keep(_array(sec=20), 1)
+    assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
 
 
 def test_two_publishers_of_bodies_that_contradict_each_other_are_refused_by_name() -> None:
@@ -507,7 +566,7 @@ def test_a_publisher_that_speaks_once_is_heard_whatever_numbers_the_other_one_ha
         published.input.keep(_array(sec=sec), number)
         assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
     # One that changes its mind, and the other one after it, agree again.
-    published.input.keep(_array(sec=20), 5)
+    published.input.keep(_array(sec=20), first[-1] + 1)
     assert published.ask().spheres == ()
 
 
@@ -533,6 +592,7 @@ def test_two_publishers_of_target_bodies_that_contradict_each_other_are_refused_
         ask()
     assert refused.value.status is Status.CONTRADICTING_PUBLISHERS
     published.names = ["/camera"]
+    keep(message, 6)
     assert ask().stamp_ns == 999 * SECOND + round(0.7 * SECOND)
 
 

@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import pytest
 from ff_planner_msgs.msg import TargetBody
-from rclpy.clock import ClockChange
+from rclpy.clock import ClockChange, ROSClock
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.common.times import NANOSECONDS
@@ -21,6 +21,7 @@ from ff_planner_ros.ros import session
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.to_messages import target_body_message, time_message
+from ff_planner_ros.ros.outputs.clock_health import ClockWatch
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth
 from ff_planner_ros.ros.session import Session
 
@@ -63,6 +64,7 @@ class Configured:
             _diagnostics=Mock(),
             _controller=Mock(read=None, controller="", complaint=""),
             _namesakes=[],
+            _clock=ClockWatch(self.node),
             _publishers=Mock(heard=lambda _: ["/mapper"], unheard=lambda _: []),
         )
 
@@ -160,9 +162,18 @@ def test_when_the_clock_jumps_states_plans_and_requests_are_forgotten_but_not_th
     jump: Any = SimpleNamespace(
         clock_change=change, delta=SimpleNamespace(nanoseconds=-2_500_000_000)
     )
+    is_jump = change == ClockChange.ROS_TIME_NO_CHANGE
+    configured.node.get_publishers_info_by_topic.return_value = [
+        SimpleNamespace(node_namespace="/", node_name=name) for name in ("sim", "bag")
+    ]
+    clock = configured.node.get_clock.return_value
+    clock.__class__, clock.ros_time_is_active = ROSClock, True
     configured.session._forget(jump)
     health = configured.diagnosed()
+    told = health.clock.jumps, health.clock.furthest, health.clock.publishers
+    assert told == ((1, 2.5, ["/bag", "/sim"]) if is_jump else (0, 0.0, []))
     assert health.state_age is None
+    assert health.state_since == "since the clock has jumped back or changed"
     assert health.obstacles is not None
     configured.output.forget.assert_called_once_with(f"the node's clock {words}")
     status, message = configured.service.give_up.call_args.args

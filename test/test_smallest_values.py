@@ -8,7 +8,8 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
-from ff_planner_msgs.msg import PlanRequest
+from ff_planner_msgs.msg import Approach, PlanRequest
+from geometry_msgs.msg import Vector3
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -52,7 +53,33 @@ def _acceleration(request: PlanRequest, value: float) -> str:
     return "limits.accelerations"
 
 
-@pytest.mark.parametrize("spoil", [_duration, _shortest, _attitude, _rotation, _acceleration])
+def _grasp_force(request: PlanRequest, value: float) -> str:
+    request.limits.grasp_force = [value]
+    return "limits.grasp_force"
+
+
+def _grasp_torque(request: PlanRequest, value: float) -> str:
+    request.limits.grasp_torque = [value]
+    return "limits.grasp_torque"
+
+
+def _impulse(request: PlanRequest, value: float) -> str:
+    request.limits.capture_impulse = [value]
+    return "limits.capture_impulse"
+
+
+def _corridor(request: PlanRequest, value: float) -> str:
+    request.goal.approach = [Approach(direction=Vector3(z=1.0), distance=value, half_angle=0.2)]
+    return "goal.approach.distance"
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        *(_duration, _shortest, _attitude, _rotation, _acceleration),
+        *(_grasp_force, _grasp_torque, _impulse, _corridor),
+    ],
+)
 @pytest.mark.parametrize(
     ("values", "status"),
     [

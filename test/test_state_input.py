@@ -604,7 +604,11 @@ class TwoPublishers:
     def __init__(self, problem: PlanningProblem, source: str) -> None:
         self.now_ns, self._problem, self._numbers = NOW_NS, problem, {"a": 0, "b": 500}
         self.names = ["/nav_a", "/nav_b"]
-        publishers: Any = SimpleNamespace(heard=lambda _: self.names, unheard=lambda _: [])
+        publishers: Any = SimpleNamespace(
+            heard_by_id=lambda _: dict(enumerate(self.names)),
+            unheard=lambda _: [],
+            are_several=lambda _: len(self.names) > 1,
+        )
         self.input = StateInput(
             problem.robot, FRAME, source, PARAMETERS, lambda: self.now_ns, publishers
         )
@@ -651,6 +655,12 @@ def test_two_publishers_of_states_that_contradict_each_other_are_refused_by_name
         assert "/nav_a and /nav_b" in str(refused.value)
         assert words in refused.value.allowed
         two.say(last, **(off if last == "b" else {}))
+    # What is lost on the way hides nothing.
+    for _ in range(2):
+        two._numbers["b"] += 3
+        two.say("b", **off)
+        with pytest.raises(InvalidInput, match="/nav_a and /nav_b"):
+            two.ask()
     # One of them is stopped.
     two.names = ["/nav_b"]
     assert two.ask().stamp_ns == two.now_ns

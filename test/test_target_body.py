@@ -287,3 +287,16 @@ def test_a_body_that_turns_too_far_is_refused_by_name() -> None:
         with pytest.raises(InvalidInput, match="too far") as refused:
             ask(10.0)
         assert refused.value.field == "target_body.angular_velocity"
+
+
+@pytest.mark.parametrize("rate", [0.0, 5e-324, 1e-300, 1e-101, 1e-100])
+def test_a_body_that_hardly_turns_is_foretold_at_once_however_far(rate: float) -> None:
+    """A request for a capture after 1e30 s once held up the node for ever."""
+    resting = body(ASYMMETRIC, np.array([0.0, rate, 0.0]))
+    later = resting.after(1e100)
+    assert later.position == pytest.approx(resting.position + 1e100 * resting.linear_velocity)
+    turned = Rotation.from_quat(resting.quaternion_xyzw).inv() * Rotation.from_quat(
+        later.quaternion_xyzw
+    )
+    expected = Rotation.from_rotvec([0.0, 1e100 * rate, 0.0])
+    assert (turned * expected.inv()).magnitude() == pytest.approx(0.0, abs=1e-9)

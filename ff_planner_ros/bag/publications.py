@@ -84,7 +84,8 @@ def publications(bag: Bag) -> list[Publication]:
                         stamp_ns,
                         status_name(int(status.code)),
                         str(status.message),
-                        status.code == Status.SOLVED,
+                        # A plan that was rejected is answered with SOLVED, too.
+                        status.code == Status.SOLVED and not value_at(request, "reject", False),
                         None if state_ns is None else (asked_ns - state_ns) / NANOSECONDS,
                         heard[namespace].plan_before(logged_ns),
                     )

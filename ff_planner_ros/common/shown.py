@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import reprlib
+from array import array
 
 # Of a value in a message: what was received may be a million numbers, and a log line is read.
 LONGEST_VALUE = 300
@@ -33,6 +34,8 @@ def shown(value: object) -> str:
     """Return a value as `str` does, at most `LONGEST_VALUE` characters and a remark."""
     if isinstance(value, str):
         return shortened(value, LONGEST_VALUE)
+    if isinstance(value, array):  # as the numbers of a message are
+        value = value[: _FIRST + 1].tolist()
     if isinstance(value, int | list | tuple | dict | set | bytes) and not isinstance(value, bool):
         return quoted(value)
     try:

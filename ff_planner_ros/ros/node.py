@@ -58,6 +58,7 @@ def _run(stop: StopRequest) -> int:
             stop.wait()
             # The request in progress is answered, and the answer recorded.
             node.stop_planning(Status.SHUT_DOWN, "the planner was shut down")
+            node.linger()
             stop_spinning()
         finally:
             node.close()

@@ -85,6 +85,11 @@ class PlannerNode(LifecycleNode):
         if self._session is not None:
             self._session.stop_planning(status, message)
 
+    def linger(self) -> None:
+        """Wait while requests that were on their way still come, and are answered."""
+        if self._session is not None:
+            self._session.linger()
+
     def close(
         self, status: Status = Status.SHUT_DOWN, message: str = "the planner was shut down"
     ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock, ClockChange, JumpThreshold, ROSClock, TimeJump
+from rclpy.clock import Clock, ClockChange, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -27,6 +26,7 @@ from ff_planner_ros.ros.inputs.listener import Listener
 from ff_planner_ros.ros.inputs.publishers import Publishers
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
+from ff_planner_ros.ros.outputs.clock_health import LOG_PERIOD, ClockWatch
 from ff_planner_ros.ros.outputs.controller_health import controller_health
 from ff_planner_ros.ros.outputs.controller_settings import ControllerSettings
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
@@ -59,7 +59,7 @@ class Session:
         """
         self._node, self._parameters, self._worker = node, parameters, worker
         self._namesakes: list[str] = []
-        self._ticked = -1, 0.0  # simulated time, and when it was seen first: (ns, s)
+        self._clock = ClockWatch(node)
         now = parameters.current
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
@@ -153,6 +153,10 @@ class Session:
         self._service.deactivate(status, message, _LAST_ANSWER)
         self._output.execution.withdraw(message)
 
+    def linger(self) -> None:
+        """Wait while requests that were on their way still come, and are answered."""
+        self._service.linger()
+
     def close(self) -> None:
         """Disconnect, then close the bag."""
         self._stack.close()
@@ -180,8 +184,13 @@ class Session:
         self._states.clear()
         happened = f"the node's clock {_what_happened(jump)}"
         self._output.forget(happened)
-        message = f"{happened}: states and plans of before"
-        self._node.get_logger().warning(f"{message} are forgotten")
+        message, logger = f"{happened}: states and plans of before", self._node.get_logger()
+        if jump.clock_change == ClockChange.ROS_TIME_NO_CHANGE:
+            self._clock.jumped_back(-jump.delta.nanoseconds / NANOSECONDS)
+            # Between two publishers of /clock it jumps a hundred times a second.
+            logger.warning(f"{message} are forgotten", throttle_duration_sec=LOG_PERIOD)
+        else:
+            logger.warning(f"{message} are forgotten")
         self._service.give_up(Status.CLOCK_JUMPED, f"{message} are void; ask again")
 
     def _now_ns(self) -> int:
@@ -252,6 +261,7 @@ class Session:
             state_age=state_age,
             state_max_age=now.state_max_age,
             state_refusal=state_refusal,
+            state_since=self._states.since,
             state_clock_offset=self._states.clock_offset(clock.nanoseconds),
             obstacles=obstacles,
             obstacle_bodies=bodies,
@@ -276,19 +286,10 @@ class Session:
             tracking=self._output.tracking,
             tracking_max_position=now.tracking.max_position,
             tracking_max_angle=now.tracking.max_angle,
-            clock_still_for=self._clock_still_for(clock.nanoseconds),
+            clock=self._clock.health(clock.nanoseconds),
         )
         name = self._node.get_fully_qualified_name()
         self._diagnostics.publish(diagnostics(health, name, clock.to_msg()))
-
-    def _clock_still_for(self, now_ns: int) -> float | None:
-        """Return how long simulated time has stood still, as far as was looked at [s]."""
-        clock = self._node.get_clock()
-        if not (isinstance(clock, ROSClock) and clock.ros_time_is_active):
-            return None
-        if now_ns != self._ticked[0]:
-            self._ticked = now_ns, time.monotonic()
-        return time.monotonic() - self._ticked[1]
 
     def _unheard(self) -> dict[str, list[str]]:
         """Return words on publishers that the node cannot hear, by topic."""

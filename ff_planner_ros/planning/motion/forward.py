@@ -14,6 +14,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, steady_motion
 from ff_planner_ros.planning.motion.runge_kutta import turned_by_momentum
 from ff_planner_ros.planning.motion.system_frame import system_frame
+from ff_planner_ros.planning.problem.target_body import MOST_TURNS
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Base, Robot
@@ -48,7 +49,7 @@ def carried_forward(
         joints: The motion that a controller runs, its time counted from the state's; None: none.
 
     Raises:
-        InvalidInput: `seconds` is negative or not finite.
+        InvalidInput: `seconds` is negative or not finite, or it turns too far until then.
     """
     if finite_number("seconds", seconds) < 0.0:
         raise InvalidInput(
@@ -204,9 +205,25 @@ def _steps(
     _, rates, _ = joints.at(np.concatenate([ends, (ends[:-1] + ends[1:]) / 2]))
     twist = base_twist(robot, robot.model.createData(), q, momentum, rates[0])
     # What the arm's motion adds to the chaser's turn is less than what its joints turn.
-    fastest = float(np.linalg.norm(twist[3:]) + np.abs(rates).max(axis=0).sum())
+    chaser, arm = float(np.linalg.norm(twist[3:])), float(np.abs(rates).max(axis=0).sum())
+    fastest = chaser + arm
+    _require_foretold(chaser, arm, end - begin)
     times = [ends[:1]]
     for a, b in pairwise(ends.tolist()):
         steps = max(1, int(np.ceil((b - a) * fastest / _STEP_TURN)))
         times.append(np.linspace(a, b, steps + 1)[1:])
     return np.concatenate(times)
+
+
+def _require_foretold(chaser: float, arm: float, seconds: float) -> None:
+    """Refuse to carry forward what turns too far, by the sum of its turn rates [rad/s]."""
+    turns = (chaser + arm) * seconds
+    if not turns <= MOST_TURNS:
+        field = "chaser.angular_velocity" if chaser > arm else "joints.velocity"
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            field,
+            f"{max(chaser, arm):.6g} rad/s",
+            f"within {seconds:.6g} s until the plan begins it turns too far to be foretold, by "
+            f"{turns:.3g} rad; {MOST_TURNS:g} rad are allowed",
+        )

@@ -22,6 +22,8 @@ from ff_planner_ros.errors import InvalidInput, Status
 # Half angle of a corridor that none is given for [rad]: half as much again as what vehicles that
 # dock keep over hundreds of metres, for over decimetres an arm has less room to steer.
 HALF_ANGLE = math.radians(15.0)
+# No corridor is shorter [m]: a plan's check does not see it.
+_SHORTEST = 1e-6
 # Radius of the corridor at the grasp [m], for no end effector meets a point: five times what a plan
 # may miss its goal by.
 RADIUS_AT_GRASP = 0.005
@@ -56,7 +58,7 @@ class Approach:
         message="direction",
     )
     distance: float = declare(
-        a_number(above=0.0),
+        a_number(above=0.0, at_least=_SHORTEST),
         "distance from the goal within which the end effector stays in the corridor",
         unit="m",
         message="distance",

@@ -17,7 +17,7 @@ from ff_planner_ros.common.forms import (
     or_none,
 )
 
-# A limit is not less [rad]: a plan's check does not see that it is kept.
+# A limit is not less [rad, N, N m, N s]: a plan's check does not see that it is kept.
 _LEAST = 1e-6
 # Limits of one number each, infinite where there is none.
 OF_ONE_NUMBER = (
@@ -86,7 +86,7 @@ class Limits:
         late=True,
     )
     grasp_force: float = declare(  # infinite: any
-        or_none(a_number(above=0.0), math.inf),
+        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
         "largest force through the grasp of a payload",
         unit="N",
         since="0.3",
@@ -96,7 +96,7 @@ class Limits:
         late=True,
     )
     grasp_torque: float = declare(  # infinite: any
-        or_none(a_number(above=0.0), math.inf),
+        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
         "largest torque through the grasp of a payload, about the end effector or the link's frame",
         unit="N m",
         since="0.3",
@@ -106,7 +106,7 @@ class Limits:
         late=True,
     )
     capture_impulse: float = declare(  # infinite: any
-        or_none(a_number(above=0.0), math.inf),
+        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
         "largest impulse on a captured body, from its motion relative to the end effector at "
         "contact",
         unit="N s",

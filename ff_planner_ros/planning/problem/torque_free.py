@@ -24,8 +24,10 @@ from ff_planner_ros.robot.rotation import cross, skew
 # Terms of a series, and what its last ones may be, relative: then it ends. With more terms the
 # series reach further, but each costs more.
 _ORDER, _ROUNDING = 20, 1e-16
-# A body at rest stays where it is for so long [s].
-_LONGEST = 1e9
+# A series is used for so long at most [s]; of a body that turns so slowly that its last terms are
+# too small for a number, until it has turned so far [rad]; and of one at rest for longer than any
+# number that is let in [s].
+_LONG, _LITTLE, _LONGEST = 1e9, 1e-3, 1e101
 # Of principal moments, relative to the largest: a smaller one is that of no body but a line, and
 # what rounding makes of a plate, whose largest moment is the sum of the others.
 _LEAST_MOMENT, _PLATE = 1e-6, 1e-6
@@ -133,16 +135,18 @@ class TorqueFreeMotion:
 
 def _radius(terms: Array) -> float:
     """Return how long a series is used [s]."""
+    rate = float(np.abs(terms[0, 4:]).max())
     powers = np.arange(_ORDER - 1, _ORDER + 1)
     sizes = np.stack(
         [
             np.abs(terms[powers, :4]).max(axis=1),
-            np.abs(terms[powers, 4:]).max(axis=1) / max(np.abs(terms[0, 4:]).max(), 1e-300),
+            np.abs(terms[powers, 4:]).max(axis=1) / max(rate, 1e-300),
         ]
     )
     with np.errstate(divide="ignore"):
         lengths = (_ROUNDING / sizes) ** (1.0 / powers)
-    return float(min(lengths.min(), _LONGEST))
+    slow = _LONGEST if rate < _LITTLE / _LONGEST else _LITTLE / rate
+    return float(min(lengths.min(), max(_LONG, slow)))
 
 
 def _quaternion_products() -> Array:

@@ -189,6 +189,9 @@ def _without_rest(error: FfPlannerError, plans: Sequence[Plan], count: int) -> F
         told = NoPlanFound(
             error.status, f"{which}: {error}", error.attempt, error.failures, error.effort
         )
+    if isinstance(error, InvalidInput):
+        field = f"then[{len(plans) - 1}].{error.field}"
+        told.cause = InvalidInput(error.status, field, error.value, error.allowed)
     if plans:
         told.found = replace(plans[0], then=tuple(plans[1:]))
     return told

@@ -15,7 +15,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.clock_offset import ClockOffset
 from ff_planner_ros.ros.inputs.input_topics import InputTopic
 from ff_planner_ros.ros.inputs.publishers import Publishers
-from ff_planner_ros.ros.inputs.speakers import Speakers, require_agreement
+from ff_planner_ros.ros.inputs.speakers import Speakers
 from ff_planner_ros.ros.inputs.topic_memory import (
     ROUNDING,
     Contradiction,
@@ -54,13 +54,15 @@ class NewestMessage(Generic[Seen]):
             publishers: None: not known, likewise.
         """
         self._topic, self._read, self._now_ns = topic, read, now_ns
-        self._apart, self._publishers = apart, publishers
+        self._apart = apart
         self._field = f"{topic.name}.header.stamp"
         self._lock = threading.Lock()
         self._kept: HeardMessage[Seen] | None = None
         self._offset = ClockOffset()
         self._last_read: tuple[HeardMessage[Seen], Seen] | None = None
-        self._speakers = Speakers[HeardMessage[Seen]]()
+        self._speakers = Speakers[HeardMessage[Seen]](
+            topic.name, publishers, self._contradiction, came_lately, once=True
+        )
         self.late: InvalidInput | None = None  # why the last message was left out; None: it is kept
 
     @property
@@ -88,9 +90,7 @@ class NewestMessage(Generic[Seen]):
             if came_ns is not None and stamp_ns:
                 self._offset.note(stamp_ns - came_ns, came_ns)
             kept_ns = 0 if self._kept is None else self._kept.stamp_ns or 0
-            publishers = self._publishers
-            several = publishers is not None and publishers.are_several(self._topic.name)
-            self._speakers.note(heard, number, self._agree, looks=several)
+            self._speakers.note(heard, number)
             if not 0 < stamp_ns < kept_ns <= now_ns:
                 self._kept, self.late = heard, None
             else:
@@ -106,12 +106,7 @@ class NewestMessage(Generic[Seen]):
             InvalidInput: They do.
         """
         with self._lock:
-            two = self._speakers.last_two()
-        lately = two is not None and all(came_lately(one, now_ns) for one in two)
-        if lately or not until_old:
-            require_agreement(
-                self._topic.name, self._publishers, two, self._contradiction, lately=lately
-            )
+            self._speakers.require_agreement(now_ns, only_lately=until_old)
 
     def require_in_order(self) -> None:
         """Refuse what is kept where a message with an older stamp came after it.
@@ -121,9 +116,6 @@ class NewestMessage(Generic[Seen]):
         """
         if self.late is not None:
             raise copy.copy(self.late)
-
-    def _agree(self, before: HeardMessage[Seen], after: HeardMessage[Seen]) -> bool:
-        return not self._contradiction(before, after)
 
     def _contradiction(self, before: HeardMessage[Seen], after: HeardMessage[Seen]) -> str:
         """Say how far two messages are apart; empty: they agree, or cannot be used."""

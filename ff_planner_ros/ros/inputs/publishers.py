@@ -25,7 +25,15 @@ class Publishers:
 
     def heard(self, topic: str) -> list[str]:
         """Return the names of those whom the node hears, one for each publisher, sorted."""
-        return sorted(_name(one) for one in self._infos(topic) if not self._why_unheard(topic, one))
+        return sorted(self.heard_by_id(topic).values())
+
+    def heard_by_id(self, topic: str) -> dict[object, str]:
+        """Return the same names by what the middleware knows each publisher by."""
+        return {
+            bytes(one.endpoint_gid): _name(one)
+            for one in self._infos(topic)
+            if not self._why_unheard(topic, one)
+        }
 
     def are_several(self, topic: str) -> bool:
         """Whether there are two or more, heard or in vain; costs microseconds."""

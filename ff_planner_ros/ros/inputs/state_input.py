@@ -114,6 +114,11 @@ class StateInput:
         for topic in (self._states, self._chasers, self._joints):
             topic.clear()
 
+    @property
+    def since(self) -> str:
+        """Since when nothing was received, in words, where nothing was."""
+        return self._states.since
+
     def clock_offset(self, now_ns: int) -> float | None:
         """Return by how much the clock of the states' stamps is ahead of the node's [s].
 

@@ -15,7 +15,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW, ClockOffset
 from ff_planner_ros.ros.inputs.input_topics import MEMORY, InputTopic, header_time
 from ff_planner_ros.ros.inputs.publishers import Publishers
-from ff_planner_ros.ros.inputs.speakers import Speakers, require_agreement
+from ff_planner_ros.ros.inputs.speakers import Speakers
 from ff_planner_ros.ros.messages.from_messages import time_in_ns
 
 # A time this little beyond a limit is within it [s].
@@ -132,13 +132,16 @@ class TopicMemory(Generic[Part]):
         """
         self._topic, self._read, self._now_ns = topic, read, now_ns
         self._contradiction, self._publishers = contradiction, publishers
-        self._speakers = Speakers[HeardMessage[Part]]()
+        # Who publishes states does so again and again.
+        self._speakers = Speakers[HeardMessage[Part]](
+            topic.name, publishers, self._apart, came_lately, once=False
+        )
         self._field = f"{topic.name}.header.stamp"
         self._lock = threading.RLock()
         self._kept: deque[HeardMessage[Part]] = deque(maxlen=MEMORY)
         self._other: HeardMessage[Part] | None = None  # that is not for the node
         self._offset = ClockOffset()
-        self._since = "yet"
+        self.since = "yet"  # when nothing was heard any more, in words
 
     def keep(self, message: Any, number: int | None = None, *, is_for_others: bool = False) -> None:
         """Take the next message, as it is or serialised.
@@ -158,8 +161,7 @@ class TopicMemory(Generic[Part]):
             if isinstance(message, bytes) and len(message) > _LONGEST_STORED:
                 self.read(heard)
             self._kept.append(heard)
-            # Who publishes states does so again and again: see there what else could be meant.
-            self._speakers.note(heard, number, self._agree, looks=False)
+            self._speakers.note(heard, number)
 
     def read(self, heard: HeardMessage[Part]) -> Part | InvalidInput:
         """Return what is in a message, or why it cannot be used; it is read once."""
@@ -175,7 +177,7 @@ class TopicMemory(Generic[Part]):
             self._offset.forget()
             self._speakers.forget()
             self._other = None
-            self._since = "since the clock has jumped back or changed"
+            self.since = "since the clock has jumped back or changed"
 
     def offset(self, now_ns: int) -> float | None:
         """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
@@ -197,10 +199,11 @@ class TopicMemory(Generic[Part]):
         if not kept:
             part = None if other is None else self.read(other)
             # Another one, or else its traceback would grow each time.
-            raise copy.copy(part) if isinstance(part, InvalidInput) else self._missing(self._since)
+            raise copy.copy(part) if isinstance(part, InvalidInput) else self._missing(self.since)
         early = Status.STATE_IN_FUTURE
         require_same_clock(early, self._field, offset, max_lead)
-        self._require_agreement(now_ns)
+        with self._lock:
+            self._speakers.require_agreement(now_ns, only_lately=True)
         oldest_ns = now_ns - round((max_age + ROUNDING) * NANOSECONDS)
         latest_ns = now_ns + round((max_lead + ROUNDING) * NANOSECONDS)
         # Of those with one stamp, the one heard last comes last.
@@ -238,16 +241,6 @@ class TopicMemory(Generic[Part]):
             and oldest_ns <= heard.stamp_ns
             and not isinstance(heard.part, InvalidInput)
         ]
-
-    def _require_agreement(self, now_ns: int) -> None:
-        """Refuse what two publishers have said lately if they contradict each other."""
-        with self._lock:
-            two = self._speakers.last_two()
-        if two is not None and all(came_lately(one, now_ns) for one in two):
-            require_agreement(self._topic.name, self._publishers, two, self._apart, lately=True)
-
-    def _agree(self, before: HeardMessage[Part], after: HeardMessage[Part]) -> bool:
-        return not self._apart(before, after)
 
     def _apart(self, before: HeardMessage[Part], after: HeardMessage[Part]) -> str:
         """Say how far two messages are apart; empty: they agree, or cannot be used."""

@@ -190,10 +190,23 @@ def duration_in(
     if remaining is not None and request.duration == request.duration_max == 0.0:
         return remaining, None
     shortest = finite_number("duration", request.duration, above=0.0)
-    if request.duration_max == 0.0:
-        return shortest, None
-    window = DurationRange(shortest, request.duration_max)
-    return window.maximum, window
+    window = None
+    if request.duration_max != 0.0:
+        window = DurationRange(shortest, request.duration_max)
+    longest = shortest if window is None else window.maximum
+    # Before anything is foretold for so long.
+    require_end("duration" if window is None else "duration_max", longest, longest)
+    return longest, window
+
+
+def require_end(field: str, duration: float, end: float) -> None:
+    """Refuse a duration with which a plan ends at a time [s] that no message has.
+
+    Raises:
+        InvalidInput: It does.
+    """
+    if end > MAX_MESSAGE_SECONDS:
+        raise InvalidInput(Status.OUT_OF_RANGE, field, duration, "the plan must end before 2038")
 
 
 def time_in_ns(field: str, time: Time) -> int:

@@ -75,6 +75,12 @@ def phases_in(
     return tuple(phases)
 
 
+def longest_duration(phase: Phase) -> float:
+    """Return how long a phase lasts at most [s]."""
+    lasts = phase.duration
+    return lasts.maximum if isinstance(lasts, DurationRange) else lasts
+
+
 def _phase(
     message: PhaseMessage, robot: Robot, parameters: NodeParameters, body: TargetBody | None
 ) -> Phase:
@@ -103,10 +109,7 @@ def _phase(
 
 def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str) -> PhaseMessage:
     """Write what follows a goal as a part of a request."""
-    lasts = phase.duration
-    if isinstance(lasts, DurationRange):
-        lasts = lasts.maximum
-    told = replace(phase, payload=None, duration=lasts)
+    told = replace(phase, payload=None, duration=longest_duration(phase))
     message: PhaseMessage = write_object(told, PhaseMessage(), entry_of)
     message.goal.pose.header.frame_id = inertial_frame
     if isinstance(phase.duration, DurationRange):

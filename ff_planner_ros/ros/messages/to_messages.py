@@ -232,8 +232,9 @@ def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> P
 def status_message(error: FfPlannerError) -> PlanStatus:
     """Return why there is no plan, in words and for programs."""
     retry, field, value, allowed = REMEDIES[error.status]
-    if isinstance(error, InvalidInput):
-        field, value, allowed = error.field, shown(error.value), error.allowed
+    refused = error.cause if isinstance(error, NoPlanFound) else error
+    if isinstance(refused, InvalidInput):
+        field, value, allowed = refused.field, shown(refused.value), refused.allowed
         if error.status is Status.STATE_TOO_OLD and field.startswith(_OWN_STATE):
             retry = Retry.CHANGED  # it only becomes older
     elif isinstance(error, NoPlanFound):

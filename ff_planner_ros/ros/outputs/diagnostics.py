@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.outputs.clock_health import ClockHealth, clock_part
 from ff_planner_ros.ros.outputs.controller_health import ControllerHealth, controller_part
 from ff_planner_ros.ros.outputs.prediction import TrackingError
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
@@ -20,8 +21,6 @@ from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 # Topics of the parts.
 _STATES = "chaser_state", "odometry", "joint_states"
 _SCENES, _TARGETS = ("obstacles", "obstacle_bodies"), ("target_body",)
-# Simulated clocks tick ten times a second or more [s].
-_STANDS = 2.0
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -73,9 +72,9 @@ class NodeHealth:
     # Whether whoever published the obstacles may be there still
     obstacles_are_published: bool = True
     controller: ControllerHealth = field(default_factory=ControllerHealth)
-    clock_still_for: float | None = (
-        None  # simulated time stands still [s]; None: it is the system's
-    )
+    clock: ClockHealth = field(default_factory=ClockHealth)
+    # Since when no chaser state was received, in words
+    state_since: str = "yet"
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
@@ -92,7 +91,7 @@ def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
         "recorder": _recorder(health),
         "tracking": _tracking(health),
         "controller": controller_part(health.controller),
-        "clock": _clock(health),
+        "clock": clock_part(health.clock),
     }
     return DiagnosticArray(
         header=Header(stamp=stamp),
@@ -124,7 +123,7 @@ def _with_unheard(part: _Part, health: NodeHealth, topics: Sequence[str]) -> _Pa
 def _state(health: NodeHealth) -> _Part:
     age, limit = health.state_age, health.state_max_age
     if age is None:
-        return ERROR, "no chaser state received yet: is its publisher running?", {}
+        return ERROR, f"no chaser state received {health.state_since}: is it published?", {}
     refusal = health.state_refusal and f"cannot be planned from: {health.state_refusal}"
     return _of_age(age, limit, 3, refusal, ERROR, health.state_clock_offset)
 
@@ -294,17 +293,3 @@ def _tracking(health: NodeHealth) -> _Part:
         return OK, f"the chaser is {found}", values
     allowed = f"{furthest * 1e3:g} mm and {math.degrees(widest):.2g} deg"
     return WARN, f"the chaser leaves the plan: {found}, allowed are {allowed}", values
-
-
-def _clock(health: NodeHealth) -> _Part:
-    still = health.clock_still_for
-    if still is None:
-        return OK, "the system's", {}
-    values = {"still for [s]": f"{still:.1f}"}
-    if still <= _STANDS:
-        return OK, "simulated: /clock ticks", values
-    message = (
-        f"simulated, and /clock has not ticked for {still:.1f} s: plans, previews and the age of "
-        "what was received stand still; does the simulation run?"
-    )
-    return WARN, message, values

@@ -64,6 +64,8 @@ from ff_planner_ros.ros.requests.worker import Worker
 # A response that a client reads after it has heard that the service is gone is lost, and rclpy
 # cannot tell when a response has arrived. So the service stays so long after the last one [s].
 _DELIVERY = 1.0
+# Who asked before the service ends is answered, and keeps the node alive for so long at most [s].
+_ON_THE_WAY, _MOST_LINGERING = 0.2, 3.0
 # While a response is written, or obstacles are waited for, whether it is still wanted is asked so
 # often [s]; a response that is not is written to its end beside the next one.
 _POLL, _WRITERS = 0.02, 2
@@ -150,14 +152,23 @@ class PlanningService:
         self._jobs.give_up_all(status, message)
         self._publication.forget()
 
+    def linger(self) -> None:
+        """Wait while requests that were on their way still come, and are answered."""
+        first, most = (time.monotonic() + seconds for seconds in (_ON_THE_WAY, _MOST_LINGERING))
+        while time.monotonic() < min(most, max(first, self._delivered)):
+            time.sleep(_POLL)
+
     def close(self) -> None:
         """Close both doors once the last response has had its time to arrive."""
-        answered = max(self._answered, self._publication.answered)
-        time.sleep(max(0.0, answered + _DELIVERY - time.monotonic()))
+        time.sleep(max(0.0, self._delivered - time.monotonic()))
         self._action.destroy()
         self._node.destroy_service(self._service)
         self._publication.destroy()
         self._writers.shutdown()
+
+    @property
+    def _delivered(self) -> float:
+        return max(self._answered, self._publication.answered) + _DELIVERY
 
     def _serve(
         self, request: PlanTrajectory.Request, response: PlanTrajectory.Response

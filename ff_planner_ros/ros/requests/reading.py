@@ -26,13 +26,13 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput, SeenBody
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.inputs.topic_memory import require_current
 from ff_planner_ros.ros.messages.from_messages import (
-    MAX_MESSAGE_SECONDS,
     problem_from_request,
+    require_end,
     require_supported,
     state_from_message,
     time_in_ns,
 )
-from ff_planner_ros.ros.messages.phases import captures, phases_in
+from ff_planner_ros.ros.messages.phases import captures, longest_duration, phases_in
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.continuing import continued_plan
@@ -178,11 +178,11 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             body if request.goal.kind == GoalKind.CAPTURE else None,
             None if continued is None else continued.remaining,
         )
+        then = phases_in(request, problem.robot, parameters, body)
         tail = 0.0 if end_behaviour is EndBehaviour.NONE else parameters.post_goal_duration
-        if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
-            field = "duration" if problem.duration_range is None else "duration_max"
-            allowed = "the plan must end before 2038"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, problem.duration, allowed)
+        lasts = problem.duration + sum(map(longest_duration, then)) + tail
+        field = "duration" if problem.duration_range is None else "duration_max"
+        require_end(field, problem.duration, start_ns / NANOSECONDS + lasts)
         ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
         until_start = knowledge, measured, start_ns
         running = motion_until_start(*until_start) if continued is None else continued.motion
@@ -198,7 +198,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             tail=tail,
             controller=parameters.controller.of(knowledge.robot.joint_names),
             effort=request.search.effort,
-            then=phases_in(request, problem.robot, parameters, body),
+            then=then,
         )
     except InvalidInput as error:
         raise RequestRefused(error, provenance) from None
