@@ -46,6 +46,7 @@ from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.planning.task.whole import whole, whole_scene
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.report.run_page import save_page
+from ff_planner_ros.report.run_report import report_of_answer
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_in
@@ -269,6 +270,19 @@ def test_the_json_has_the_whole_motion_and_each_phase(
     assert capsys.readouterr().out.count("verdict: passed") == 3
     assert main(["report", str(file), "--output", str(tmp_path / "page.html")]) == 0
     assert "answer, phase 3" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_a_report_of_its_json_is_of_one_request(
+    task: PlanningTask, plan: Plan, tmp_path: Path
+) -> None:
+    file = tmp_path / "answer.json"
+    file.write_text(json.dumps(plan_dictionary(plan, task, 1.0)), encoding="utf-8")
+    report = report_of_answer(file)
+    assert report.counts == "1 request: 1 solved, 0 refused, 0 unanswered"
+    (request,) = report.requests
+    assert len(request.then) == 2
+    assert request.solve_time == pytest.approx(1.0)
+    assert request.metrics == whole(plan).metrics
 
 
 def test_the_whole_is_one_motion_with_the_worst_of_all_phases(plan: Plan) -> None:

@@ -14,9 +14,16 @@ CAPTURE = str(share_directory() / "config" / "scenarios" / "lemur_capture.yaml")
 GOLDEN_BAG = str(Path(__file__).parent / "golden_bags" / "node")
 ANSWER = "answer.json"  # of a plan of the capture
 # Runs a command line and prints the names of all modules that were loaded for it, in one last line.
+# What would wait for hours, as a console does, is interrupted.
 COMMAND = """
-import sys
+import sys, time
 from ff_planner_ros.cli import main
+wait = time.sleep
+def sleep(seconds):
+    if seconds > 3600.0:
+        raise KeyboardInterrupt
+    wait(seconds)
+time.sleep = sleep
 try:
     main(sys.argv[1:])
 except SystemExit:
@@ -46,8 +53,17 @@ def loaded_by(*arguments: str, cwd: Path) -> set[str]:
         (("info", GOLDEN_BAG), {*PAGES, *ROS, "pinocchio", "coal", "piqp", "scipy"}),
         (("report", GOLDEN_BAG, "--plans", "0"), {"matplotlib", *MIDDLEWARE}),
         (("report", ANSWER), {"matplotlib", *ROS}),
+        (("console", CAPTURE), {"matplotlib", *ROS, "mcap", "scipy", "pyarrow"}),
     ],
-    ids=["--help", "plan --help", "plan", "info", "report of a bag", "report of an answer"],
+    ids=[
+        "--help",
+        "plan --help",
+        "plan",
+        "info",
+        "report of a bag",
+        "report of an answer",
+        "console",
+    ],
 )
 def test_a_command_loads_nothing_that_it_does_not_use(
     arguments: tuple[str, ...], unused: set[str], tmp_path: Path

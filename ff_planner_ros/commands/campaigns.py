@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 REPORT = "report"
 _PLANS_OF_A_MAP = 100
+_PLANS = "plans"  # the directory of a campaign's table
 MOST_WORKERS = 10_000  # more than a scheduler of Dask's has been seen to bear
 
 
@@ -197,6 +198,11 @@ def _report(options: Namespace) -> int:
     print_notes(notes)
     print(page)
     return SOLVED
+
+
+def is_campaign(directory: Path) -> bool:
+    """Tell whether a path is the directory of a campaign, or of a map."""
+    return (directory / _PLANS).is_dir()
 
 
 def require_packages(what: str) -> None:

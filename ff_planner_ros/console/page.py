@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from threading import RLock
 from typing import Any
 
@@ -56,7 +56,9 @@ class Page:
         self.chosen = next((one for one in self.entries if one.stages), self.entries[0])
         self.task: PlanningTask | None = None  # what will be planned
         self.search: Running | None = None  # that runs
-        self._next: list[PlanningTask] = []  # that are planned after it
+        self._next: list[tuple[Begin, PlanningTask]] = []  # that are planned after it
+        self.unlisted: Callable[[str], None] = lambda _: None  # takes a name that no entry has
+        self.shown: Callable[[Entry], None] = lambda _: None  # takes each entry that is shown
         self._scene = SceneView(server)
         self._curves = CurvesView(server)
         self._handle: viser.TransformControlsHandle | None = None
@@ -102,8 +104,8 @@ class Page:
         self._plan.on_click(lambda _: self._locked(self.plan))
         self._front.on_click(lambda _: self._locked(self.plan_front))
         self._cancel.on_click(lambda _: self._locked(self.cancel))
-        self._undo.on_click(lambda _: self.choose(self.chosen.name))
-        self._choice.on_update(lambda event: self._by_user(event, self._chosen_by_name))
+        self._undo.on_click(lambda _: self._choose_named())
+        self._choice.on_update(lambda event: self._by_user(event, self._choose_named))
 
     def _locked(self, what: Any) -> None:
         with self._lock:
@@ -115,10 +117,13 @@ class Page:
             self._locked(what)
 
     def choose(self, name: str) -> None:
-        """Show an entry, and go on from its task; a name that no entry has is left alone."""
+        """Show an entry, and go on from its task; what no entry is named, `unlisted` takes."""
         with self._lock:
-            for one in [one for one in self.entries if one.name == name]:
-                self._choose(one)
+            found = next((one for one in self.entries if one.name == name), None)
+            if found is None:
+                self.unlisted(name)
+            else:
+                self._choose(found)
 
     @property
     def is_idle(self) -> bool:
@@ -170,14 +175,21 @@ class Page:
         """Begin to plan the task as it is changed; not while another search runs."""
         with self._lock:
             if self.task is not None and self.search is None:
-                self._plan_next([self.task])
+                self._plan_next([(self._begin, self.task)])
 
     def plan_front(self) -> None:
         """Plan the task with weights from least joint path to least attitude, one by one."""
         with self._lock:
             if self.task is not None and self.search is None:
                 pairs = ((one.joint_path_length, one.chaser_attitude) for one in WEIGHTS)
-                self._plan_next([weighted(self.task, *pair) for pair in pairs])
+                self._plan_next([(self._begin, weighted(self.task, *pair)) for pair in pairs])
+
+    def plan_by(self, begin: Begin, task: PlanningTask) -> None:
+        """Plan a task in another way than the page's own; after the searches before it."""
+        with self._lock:
+            self._next.append((begin, task))
+            if self.search is None:
+                self._plan_next(self._next)
 
     def cancel(self) -> None:
         """End the search that runs, and begin none of those after it."""
@@ -185,12 +197,12 @@ class Page:
         if self.search is not None:
             self.search.cancel()
 
-    def _plan_next(self, tasks: list[PlanningTask]) -> None:
-        task, *self._next = tasks
+    def _plan_next(self, tasks: list[tuple[Begin, PlanningTask]]) -> None:
+        (begin, task), *self._next = tasks
         self._plan.disabled = self._front.disabled = True
         self._cancel.disabled = False
         self._progress.content = "searching"
-        self.search = self._begin(task, self._told, self._done)
+        self.search = begin(task, self._told, self._done)
 
     def _told(self, words: str) -> None:
         more = f"; {len(self._next)} more after it" if self._next else ""
@@ -211,10 +223,10 @@ class Page:
         self._progress.content = ""
         _set(self._choice, entry.name)
         self._tabulate()
-        self._plan.disabled = self.task is None or self.search is not None
-        self._front.disabled = self._plan.disabled
+        self._plan.disabled = self._front.disabled = self.task is None or self.search is not None
         self._set_sliders()
         self._draw(entry)
+        self.shown(entry)
 
     def _tabulate(self) -> None:
         self._words.content = in_words(self.chosen)
@@ -264,7 +276,7 @@ class Page:
         _set(self._duration, problem.duration)
         _set(self._range, (window.minimum, window.maximum))
 
-    def _chosen_by_name(self) -> None:
+    def _choose_named(self) -> None:
         self.choose(self._choice.value)
 
     def _changed_by_sliders(self) -> None:

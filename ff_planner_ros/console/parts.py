@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface
 from ff_planner_ros.analysis.drawing.solids import Triangles, box, robot_surface
@@ -17,6 +16,7 @@ from ff_planner_ros.console.stages import Stage
 from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 
 CHASER, ARM, OBSTACLE, TARGET = "chaser", "arm", "obstacle", "target"
 # More obstacles than the first number are drawn with the coarser circles.
@@ -70,7 +70,7 @@ def obstacle_parts(stage: Stage) -> Iterator[Part]:
 
 def wxyz(rotations: NDArray[np.float64]) -> Array:
     """Return rotation matrices, shape (points, 3, 3), as quaternions, shape (points, 4)."""
-    return np.asarray(Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]], np.float64)
+    return np.roll(quaternion_from_rotation(rotations), 1, axis=-1)
 
 
 def joint_places(robot: Robot, q: Array) -> tuple[Array, Array]:

@@ -10,7 +10,8 @@ from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime, Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import SEARCHING, Progress, Watch
-from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.task import Method, PlanningTask, perform
 
 _SHOWN = ("joint_path_length", "max_chaser_euler", "min_clearance")
 
@@ -33,14 +34,16 @@ class Search:
         task: PlanningTask,
         told: Callable[[str], None],
         done: Callable[[Answer], None],
+        method: Method = plan,
     ) -> None:
         """Begin.
 
         Args:
             told: Is given each progress in words.
             done: Is given the answer; a defect of ours is a refusal, INTERNAL_ERROR.
+            method: That plans.
         """
-        self._task, self._done = task, done
+        self._task, self._done, self._method = task, done, method
         self._watch = _Watch(told)
         self._thread = Thread(target=self._run, name="console search", daemon=True)
         self._thread.start()
@@ -54,17 +57,17 @@ class Search:
         self._thread.join()
 
     def _run(self) -> None:
-        plan: Plan | None = None
+        found: Plan | None = None
         error: FfPlannerError | None = None
         try:
-            plan = perform(self._task, self._watch)
+            found = perform(self._task, self._watch, self._method)
         except FfPlannerError as refused:
             error = refused
         except Exception as defect:  # whatever nobody thought of, so that the page goes on
             error = FfPlannerError(Status.INTERNAL_ERROR, f"{type(defect).__name__}: {defect}")
         # What was found before the search was cancelled is a plan like any other.
-        cancelled = self._watch.cancelled.is_set() and plan is None
-        self._done(Answer(self._task, plan, error, cancelled))
+        cancelled = self._watch.cancelled.is_set() and found is None
+        self._done(Answer(self._task, found, error, cancelled))
 
 
 class _Watch(Watch):

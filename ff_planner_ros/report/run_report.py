@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING, Any
 from ff_planner_ros.analysis.drawing.tracking import Deviations
 from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED, Method
-from ff_planner_ros.analysis.plan_document import PlanDocument, phases_of, plan_document
+from ff_planner_ros.analysis.plan_document import phases_of, plan_document
 from ff_planner_ros.bag.publications import Publication
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.plan import SolverReport, Trajectory, WheelMotion
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory, WheelMotion
 from ff_planner_ros.planning.problem.problem import Obstacle, Target
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.task.whole import whole
 from ff_planner_ros.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -121,33 +122,41 @@ def report_of_answer(file: Path) -> Report:
         if isinstance(answer, dict) and _refused(answer):
             request = _refusal(answer)
             return Report(file.name, (("file", str(file)),), (), (request,))
-        found = [(name, plan_document(one), one) for name, one in phases_of(answer, file.stem)]
+        found = [plan_document(one) for _, one in phases_of(answer, file.stem)]
     except InvalidInput as error:
         field = f"{file}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
-    facts = (("file", str(file)), *robot_facts(found[0][1].robot))
-    requests = tuple(
-        _reported(name, one, str(told.get("message", ""))) for name, one, told in found
-    )
-    return Report(file.name, facts, (), requests)
+    facts = (("file", str(file)), *robot_facts(found[0].robot))
+    first, *others = found
+    plan = replace(first.plan, then=tuple(one.plan for one in others))
+    drawn = [
+        reported_plan(
+            one.robot, {PLANNED: one.plan.trajectory}, one.obstacles, one.scene, one.plan.wheels
+        )
+        for one in found
+    ]
+    took = sum(one.solve_time for one in found)
+    asked = ReportedRequest(file.stem, "command line", weights=first.weights, solve_time=took)
+    message = str(answer.get("message", ""))
+    return Report(file.name, facts, (), (solved(asked, plan, drawn, message),))
 
 
-def _reported(name: str, found: PlanDocument, message: str) -> ReportedRequest:
-    motion = found.plan.trajectory
-    return ReportedRequest(
-        plan_id=name,
-        door="command line",
+def solved(
+    asked: ReportedRequest, plan: Plan, drawn: Sequence[ReportedPlan], message: str
+) -> ReportedRequest:
+    """Return a request with its plan: of a sequence, as one, with what is drawn of each phase."""
+    total = whole(plan)
+    motion = total.trajectory
+    return replace(
+        asked,
         code=Status.SOLVED,
         message=message,
-        weights=found.weights,
-        duration=found.plan.duration or float(motion.time[-1]),
+        duration=total.duration or float(motion.time[-1]),
         points=len(motion.time),
-        metrics=found.plan.metrics,
-        solver=found.plan.solver,
-        solve_time=found.solve_time,
-        plan=reported_plan(
-            found.robot, {PLANNED: motion}, found.obstacles, found.scene, found.plan.wheels
-        ),
+        metrics=total.metrics,
+        solver=total.solver,
+        plan=drawn[0],
+        then=tuple(drawn[1:]),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from ff_planner_ros.analysis.drawing.solids import Triangles, surface_of
 from ff_planner_ros.common.arrays import Array
@@ -33,6 +32,8 @@ def placed(one: Obstacle, corners: Array, times: Array) -> Array:
 
 def outline(points: Array) -> Array:
     """Return the corners of the convex outline of points in a plane, in order; (corners, 2)."""
+    from scipy.spatial import ConvexHull  # half a second, which no scene of triangles needs
+
     return np.array(points[ConvexHull(points).vertices])
 
 

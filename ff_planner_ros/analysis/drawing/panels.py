@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.extremes import distances, nearest
 from ff_planner_ros.analysis.methods import Method
@@ -18,6 +17,12 @@ from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import (
+    quaternion_inverse,
+    quaternion_product,
+    rotation_from_quaternion,
+    unit_quaternion,
+)
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 
@@ -230,9 +235,9 @@ def _seen_from_start(
     first: Trajectory, motions: Mapping[Method, Trajectory]
 ) -> dict[Method, Trajectory]:
     """Return motions with the chaser's attitude relative to that at the start of the first."""
-    to_start = Rotation.from_quat(first.chaser_quaternions_xyzw[0]).inv()
+    to_start = quaternion_inverse(unit_quaternion(first.chaser_quaternions_xyzw[0]))
     relative = {
-        method: (to_start * Rotation.from_quat(motion.chaser_quaternions_xyzw)).as_quat()
+        method: quaternion_product(to_start, unit_quaternion(motion.chaser_quaternions_xyzw))
         for method, motion in motions.items()
     }
     return {
@@ -247,7 +252,7 @@ def _euler_deg(quaternions_xyzw: Array) -> Array:
     Two triples describe each rotation, and full turns more; each point takes the one that is
     nearest to the point before. Shape (points, 3).
     """
-    angles = euler_from_rotation(Rotation.from_quat(quaternions_xyzw).as_matrix())
+    angles = euler_from_rotation(rotation_from_quaternion(quaternions_xyzw))
     for before, now in pairwise(angles):
         beyond = np.array([now[0] + np.pi, np.pi - now[1], now[2] + np.pi])
         nearest = [before + np.angle(np.exp(1j * (angle - before))) for angle in (now, beyond)]

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 import plotly.graph_objects as go
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import (
     obstacle_surface,
@@ -27,6 +26,7 @@ from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Sphere, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 # More obstacles than the first number are drawn with the coarser circles, more than the last not
 # at all but for the nearest: a browser stands still under thousands.
@@ -175,8 +175,8 @@ def corridor_lines(approach: Approach, position: Array, quaternion_xyzw: Array) 
     wide = radius * ring - length * approach.direction
     ends = [np.stack([one[:-1], one[1:]], axis=1) for one in (narrow, wide)]
     lines = np.concatenate([*ends, np.stack([narrow, wide], axis=1)[:-1]])
-    turned = Rotation.from_quat(quaternion_xyzw).apply(lines.reshape(-1, 3))
-    return np.asarray(position + turned, np.float64).reshape(lines.shape)
+    turned: Array = position + lines @ rotation_from_quaternion(quaternion_xyzw).T
+    return turned
 
 
 def axis_lines(origin: Array, axes: Array, what: str) -> go.Scatter3d:
@@ -207,7 +207,7 @@ def xyz(points: NDArray[np.floating]) -> dict[str, NDArray[np.floating]]:
 
 def axes_of(quaternions_xyzw: Array) -> Array:
     """Return the three axes of frames, a row each."""
-    axes: Array = Rotation.from_quat(quaternions_xyzw).as_matrix().swapaxes(-1, -2)
+    axes: Array = rotation_from_quaternion(quaternions_xyzw).swapaxes(-1, -2)
     return axes
 
 

@@ -6,6 +6,7 @@ import html
 import threading
 from typing import Any
 
+import numpy as np
 import viser
 
 from ff_planner_ros.common.times import NANOSECONDS
@@ -144,11 +145,13 @@ class NodePanel:
         if self._follow.value and shown.plan_id == running.plan_id:
             self._page.go_to(time)
         words = f"{name} runs: {time:.1f} s of {running.trajectory.time[-1]:.1f} s"
+        if not np.isfinite(running.trajectory.chaser_positions).all():
+            return [_line(words)]  # what the plan has the chaser do was not heard
         error = tracking_error(
             running.trajectory, running.start_ns, measured.state, measured.stamp_ns
         )
         most = self._link.parameters.tracking
-        if error is None or not error.position >= 0.0:
+        if error is None:
             return [_line(words)]
         is_off = error.position > most.max_position or error.angle > most.max_angle
         off = f"chaser {error.position * 1e3:.2f} mm, {error.angle:.5f} rad from it"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import astuple, replace
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from ff_planner_ros.campaign.again import (
 from ff_planner_ros.campaign.methods import method_of
 from ff_planner_ros.campaign.table import below
 from ff_planner_ros.campaign.work import motion_digest
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, OutOfTime
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.problem.problem import lasting
@@ -32,7 +31,14 @@ from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.planning.task.whole import whole
 from ff_planner_ros.report.html import LIBRARY
 from ff_planner_ros.report.run_page import save_page
-from ff_planner_ros.report.run_report import Report, ReportedRequest, reported_plan, robot_facts
+from ff_planner_ros.report.run_report import (
+    Report,
+    ReportedPlan,
+    ReportedRequest,
+    reported_plan,
+    robot_facts,
+    solved,
+)
 from ff_planner_ros.report.statistics import Row
 
 PAGE = "plan.html"
@@ -93,14 +99,17 @@ def _report(row: Row, directory: Path, scenario: Path) -> Report:
         answer = error
     except FfPlannerError as error:  # it cannot even be read
         refused = ReportedRequest("", "campaign", code=error.status, message=str(error))
-        return Report(title, tuple(facts), _differences(row, error), (refused,))
+        return Report(title, tuple(facts), differences(row, error), (refused,))
     took = time.perf_counter() - begun
-    requests = tuple(_requests(row["id"], task, answer, took))
-    return Report(title, tuple(facts), _differences(row, answer), requests)
+    asked = ReportedRequest(
+        row["id"], "campaign", weights=astuple(task.problem.objective), solve_time=took
+    )
+    told = _answered(asked, task, answer)
+    return Report(title, tuple(facts), differences(row, answer), (told,))
 
 
-def _differences(row: Row, answer: Plan | FfPlannerError) -> tuple[str, ...]:
-    """Return what is other than in the table."""
+def differences(row: Row, answer: Plan | FfPlannerError) -> tuple[str, ...]:
+    """Return what is other than in the table, of a case that was planned again."""
     if isinstance(answer, Plan):
         same = row["solved"] and motion_digest(whole(answer)) == row["motion_digest"]
     else:
@@ -109,45 +118,30 @@ def _differences(row: Row, answer: Plan | FfPlannerError) -> tuple[str, ...]:
     return () if same else (f"{told}{row['status']}: another version or another processor.",)
 
 
-def _requests(
-    name: str, task: PlanningTask, answer: Plan | NoPlanFound, took: float
-) -> Iterator[ReportedRequest]:
-    """Yield the plan of each phase, or the best attempt with its refusal."""
-    if isinstance(answer, Plan):
-        phases = list(phase_tasks(task, answer))
-        for number, (one, found) in enumerate(phases, start=1):
-            called = f"{name}, phase {number}" if len(phases) > 1 else name
-            yield _drawn(called, one, found, found.message, took)
-        return
-    refused = ReportedRequest(name, "campaign", code=answer.status, message=str(answer))
-    if not isinstance(answer.attempt, Plan):
-        problem = task.problem
-        asked = figure_before_plan(problem, gaps_at_start(problem), gaps_at_goal(problem) or ())
-        yield replace(refused, solve_time=took, asked=asked)
-        return
-    drawn = _drawn(name, task, answer.attempt, str(answer), took)
-    remarks = ("It is the best attempt, and no plan: nobody must execute it.",)
-    plan = None if drawn.plan is None else replace(drawn.plan, remarks=remarks)
-    yield replace(drawn, code=answer.status, plan=plan)
-
-
-def _drawn(
-    name: str, task: PlanningTask, found: Plan, message: str, took: float
+def _answered(
+    asked: ReportedRequest, task: PlanningTask, answer: Plan | NoPlanFound
 ) -> ReportedRequest:
+    """Return a request with its plan, or with the best attempt and the refusal."""
+    if isinstance(answer, Plan):
+        drawn = [_drawn(one, found) for one, found in phase_tasks(task, answer)]
+        return solved(asked, answer, drawn, answer.message)
+    if isinstance(answer.attempt, Plan):
+        remarks = ("It is the best attempt, and no plan: nobody must execute it.",)
+        drawn = [replace(_drawn(task, answer.attempt), remarks=remarks)]
+        asked = solved(asked, answer.attempt, drawn, str(answer))
+    else:
+        problem = task.problem
+        gaps = gaps_at_start(problem), gaps_at_goal(problem) or ()
+        asked = replace(asked, weights=None, asked=figure_before_plan(problem, *gaps))
+    return replace(asked, code=answer.status, message=str(answer))
+
+
+def _drawn(task: PlanningTask, found: Plan) -> ReportedPlan:
     problem = lasting(task.problem, found.duration)
-    motion = found.trajectory
-    return ReportedRequest(
-        name,
-        "campaign",
-        code=Status.SOLVED,
-        message=message,
-        weights=astuple(problem.objective),
-        duration=found.duration or float(motion.time[-1]),
-        points=len(motion.time),
-        metrics=found.metrics,
-        solver=found.solver,
-        solve_time=took,
-        plan=reported_plan(
-            problem.robot, {PLANNED: motion}, problem.obstacles, scene_of(problem), found.wheels
-        ),
+    return reported_plan(
+        problem.robot,
+        {PLANNED: found.trajectory},
+        problem.obstacles,
+        scene_of(problem),
+        found.wheels,
     )

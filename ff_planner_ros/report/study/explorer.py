@@ -6,6 +6,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element
 
 from ff_planner_ros.errors import Status
@@ -48,7 +49,7 @@ def explorer(directory: Path, rows: Sequence[Row], pages: Mapping[str, str]) -> 
         "command": shlex.join(["ff-planner", "campaign", "report", str(directory), "--case", ""])[
             :-2
         ],
-        "chosen": _chosen(varied, measured, random),
+        "chosen": first_shown(varied, measured, random),
     }
     # As plotly writes it: no name in it can end the script.
     text = json.dumps(told, separators=(",", ":")).replace("<", "\\u003c")
@@ -94,10 +95,10 @@ def _methods(rows: Sequence[Row]) -> Column:
     return Column("method", "method", [labels.index(row["method"]) for row in rows], labels)
 
 
-def _chosen(
+def first_shown(
     varied: Sequence[Column], measured: Sequence[Column], random: bool
-) -> dict[str, object]:
-    """Return what is shown first.
+) -> dict[str, Any]:
+    """Return what is shown first, each quantity and metric by its number.
 
     Of a grid that is a plane through it: of every other quantity the middle one of its values.
     """
