@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import select
 import sys
 import warnings
 from argparse import ArgumentParser
@@ -43,11 +45,13 @@ def main(
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
     try:
-        return int(options.function(options))
+        code = int(options.function(options))
+        sys.stdout.flush()
+        return code
     except NoPlanFound as error:
         return _fail(parser.prog, error, NO_PLAN)
     except (FfPlannerError, OSError) as error:
-        return _fail(parser.prog, error, BAD_INPUT)
+        return 0 if _is_of_reader(error) else _fail(parser.prog, error, BAD_INPUT)
     except ModuleNotFoundError as error:
         missing = str(error.name)
         if missing.startswith(__package__):
@@ -63,6 +67,19 @@ def main(
             raise
         defect = f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}"
         return _fail(parser.prog, defect, BAD_INPUT)
+
+
+def _is_of_reader(error: Exception) -> bool:
+    """Tell whether nobody reads what is printed any more, as behind `| head`; it goes nowhere."""
+    if not isinstance(error, BrokenPipeError):
+        return False
+    printed = sys.stdout.fileno()
+    poll = select.poll()
+    poll.register(printed, 0)  # a pipe that nobody reads is told as an error
+    if not poll.poll(0):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), printed)
+    return True
 
 
 def _place(error: Exception) -> str:

@@ -203,6 +203,17 @@ def test_an_unknown_command_or_option_ends_with_2(capsys):
     assert "--fast" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", [["schema"], ["robot", str(LEMUR)]], ids=["long", "short"])
+def test_who_reads_no_more_is_no_fault(command):
+    """As `| head` does: no message, and no exit code of bad input."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    program = [sys.executable, "-m", "ff_planner_ros.cli", *command]
+    done = subprocess.run(program, stdout=writer, stderr=subprocess.PIPE, check=False, text=True)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_an_answer_that_cannot_be_written_ends_with_2(tmp_path, capsys):
     assert main(["plan", str(CAPTURE), "--json", str(tmp_path / "none" / "answer.json")]) == 2
     assert "answer.json" in capsys.readouterr().err
