@@ -189,6 +189,27 @@ def test_a_time_budget_that_is_used_up_ends_with_3(tmp_path, capsys):
     assert main([*command, "600"]) == 0
 
 
+def test_what_the_first_check_loads_is_loaded_before_the_time_of_the_search_begins(tmp_path):
+    bodies = str(CAPTURE.with_name("lemur_capture_bodies.yaml"))
+    program = f"""if True:
+        import sys
+        from ff_planner_ros.cli import main
+        from ff_planner_ros.time_budget import TimeBudget
+        begin = TimeBudget.__init__
+        def noted(self, *given, **named):
+            begin(self, *given, **named)
+            noted.before = set(sys.modules)
+        TimeBudget.__init__ = noted
+        assert main(["plan", {bodies!r}, "--time-budget", "60"]) == 0
+        print({{name.partition(".")[0] for name in set(sys.modules) - noted.before}})
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, check=False, text=True, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert "scipy" not in done.stdout.splitlines()[-1]
+
+
 @pytest.mark.parametrize("budget", ["0", "-1", "nan"])
 def test_a_time_budget_that_is_none_ends_with_2(budget, capsys):
     assert main(["plan", str(CAPTURE), f"--time-budget={budget}"]) == 2
