@@ -39,9 +39,8 @@ class KeepOutPlane(of.Requirement):
 
     def _least(self, robot: Any, joints: JointMotion) -> tuple[float, float]:
         """Return a height [m] that the arm is never below, between the points too, and when."""
-        links = np.diff(
-            arm_points(robot, np.append(AT_REST, np.zeros(robot.joints))[None])[0], axis=0
-        )
+        stretched = np.append(AT_REST, np.zeros(robot.joints))[None]
+        links = np.diff(arm_points(robot, stretched)[0], axis=0)
         reach = np.linalg.norm(links[::-1], axis=1).cumsum()[::-1]  # of what each joint moves
         fastest = float(np.abs(joints.extremes(1)[0]).max(axis=0) @ reach)
         times = np.linspace(joints.time[0], joints.time[-1], 200)
@@ -56,7 +55,8 @@ class KeepOutPlane(of.Requirement):
     def refuse_start(self, problem: Any, q_start: of.Array, _settings: Any) -> None:
         """Refuse a start beyond the plane."""
         if (height := float(self._heights(problem.robot, q_start[None, 7:]).min())) < EXACT:
-            raise InvalidInput(of.Status.START_OUTSIDE_LIMITS, self.name, height, "it is beyond")
+            found, allowed = f"{height:.4f} m", f"the arm must be {EXACT} m or more inside"
+            raise InvalidInput(of.Status.START_OUTSIDE_LIMITS, self.name, found, allowed)
 
     def rows(self, problem: Any, motion: Any, sensitivity: Any, margin: float) -> of.Rows:
         """Return the heights at the points and half-way between [m], with exact derivatives."""

@@ -51,7 +51,7 @@ def plan_rows(
     return [
         ("status", Status.SOLVED.name.lower()),
         *([("duration", f"{plan.duration:.3f} s, chosen")] if chosen and plan.duration else []),
-        *([] if limits is None else [("limits kept", _limits(limits))]),
+        *([] if limits is None else [("limits kept", _limits(limits, plan))]),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
         *_wheel_rows(metrics),
         *_grasp_rows(metrics),
@@ -127,8 +127,10 @@ def _grasp_rows(metrics: Metrics) -> list[tuple[str, str]]:
     ]
 
 
-def _limits(limits: Limits) -> str:
+def _limits(limits: Limits, plan: Plan) -> str:
     kept = ["joint positions"]
+    if plan.wheels is not None:
+        kept.append("momenta and torques of the wheels")
     if limits.joint_velocities:
         kept.append("joint velocities")
     if limits.joint_accelerations is not None:
