@@ -23,6 +23,8 @@ class Manager:
         self._set = create(SetParameters, "ff_planner/set_parameters")
         for service in (self._change, self._get, self._set):
             assert service.wait_for_service(DEADLINE)
+        # The node may find who asks before it finds the way back: a first answer can be lost.
+        assert any(_asked(self._get, GetState.Request())[1].wait(1.0) for _ in range(int(DEADLINE)))
 
     def change(self, *transitions: int) -> list[bool]:
         """Ask for transitions; which of them succeed."""
@@ -49,11 +51,16 @@ class Manager:
 
 
 def _answer(client: Any, request: Any) -> Any:
+    future, done = _asked(client, request)
+    assert done.wait(DEADLINE), "the planner did not answer"
+    return future.result()
+
+
+def _asked(client: Any, request: Any) -> tuple[Any, threading.Event]:
     done = threading.Event()
     future = client.call_async(request)
     future.add_done_callback(lambda _: done.set())
-    assert done.wait(DEADLINE), "the planner did not answer"
-    return future.result()
+    return future, done
 
 
 class Holdings(NamedTuple):

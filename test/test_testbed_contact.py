@@ -71,7 +71,8 @@ def test_at_the_grasp_two_bodies_become_one(lemur_capture: PlanningProblem) -> N
     before = [momentum_of_links(robot, one) for at, one in states.items() if at < grasp_ns]
     free = [momentum_of_body(one) for at, one in bodies.items() if at < grasp_ns]
     total = before[-1] + free[-1]
-    held = {at: one for at, one in bodies.items() if at > grasp_ns}
+    # Of some moments only the body was heard: states are sent best effort.
+    held = {at: one for at, one in bodies.items() if at > grasp_ns and at in states}
     assert held
     for at, body in held.items():
         # Told as of the same moment as a state.

@@ -20,6 +20,7 @@ SEED = 20261123
 # tier on a test runs, `@pytest.mark.sampled` that every day a tenth of its cases will do.
 TIERS = ("everyday", "ci", "nightly")
 SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
+MEASURED = 4  # cases of a test whose coverage is measured: others run the same lines
 
 _left_out = pytest.StashKey[Counter[str]]()
 _measured = pytest.StashKey[set[str]]()
@@ -45,8 +46,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.stash[_left_out].update(later.values())
     config.hook.pytest_deselected(items=list(later))
     items[:] = [item for item in items if item not in later]
-    first = {item.nodeid.partition("[")[0]: item.nodeid for item in reversed(items)}
-    config.stash[_measured] = set(first.values())
+    cases: defaultdict[str, list[str]] = defaultdict(list)
+    for item in items:
+        cases[item.nodeid.partition("[")[0]].append(item.nodeid)
+    config.stash[_measured] = {one for of_one in cases.values() for one in of_one[:MEASURED]}
     # Files that start nodes come first: what waits so much must not be what is waited for.
     items.sort(key=lambda item: not hasattr(item.module, "running_planner"))
 
@@ -101,7 +104,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Measure the coverage of one case of each test that is not long: tracing doubles its time."""
+    """Measure the coverage of some cases of a test that is not long: tracing doubles the time."""
     coverage: Any = sys.modules.get("coverage")
     measuring = coverage and coverage.Coverage.current()
     long = item.get_closest_marker("ci") or "times" in getattr(item, "fixturenames", ())
