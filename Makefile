@@ -98,16 +98,17 @@ demo: env
 # others need; `nightly`. One worker more than the two cores it is measured on: flights in real time
 # mostly wait.
 TIER ?= everyday
+WORKERS ?= 3
 COVERAGE_ci := --cov --cov-report=term
 
 test: env $(VENV)/extras_$(TIER)
-	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER)) --junitxml build/tests_$(TIER).xml
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --tier $(TIER) $(COVERAGE_$(TIER)) --junitxml build/tests_$(TIER).xml
 
 # Runs the tests that provoke a law (test/laws.yaml), and writes their results into
 # docs/reference/evidence.md. Of a run of all tests it is `test/evidence.py ci build/tests_ci.xml`.
 evidence: TIER := ci
 evidence: env $(VENV)/extras_ci
-	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) -m law --junitxml build/evidence.xml || true
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --tier $(TIER) -m law --junitxml build/evidence.xml || true
 	$(BIN)/python test/evidence.py $(TIER) build/evidence.xml
 
 # Jazzy's own Python, where the machine has it: the other steps run on the machine's default.
