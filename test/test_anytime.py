@@ -148,7 +148,7 @@ def test_whatever_the_clock_decided_the_effort_gives_it_again(
     """Requests of all kinds with random budgets, of the clock of this machine."""
     rng = np.random.default_rng(31)
     ended = 0
-    for number in range(times(100, 200)):
+    for number in range(times(40, 200)):
         problem = _drawn_problem(rng, number)
         task = PlanningTask(problem, replace(SETTINGS, search=SearchDepth.NORMAL))
         budget = Budget(float(10.0 ** rng.uniform(-2.0, -0.3)))

@@ -25,7 +25,7 @@ def settings():
     return load_parameters().planner
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, capfd):
     assert main(["bench", "--quick", "--scenarios", "1", "--json", str(tmp_path / "b.json")]) == 0
     printed = capfd.readouterr().out

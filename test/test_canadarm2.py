@@ -102,7 +102,7 @@ def test_the_system_has_momentum_and_the_straight_path_hits_two_obstacles(
     assert hit == {"antenna", "boom"}
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 @pytest.mark.parametrize("limit_joint_velocities", [True, False])
 def test_both_objectives_are_planned_and_each_is_best_at_its_own(
     capture: PlanningProblem, settings: PlannerSettings, limit_joint_velocities: bool

@@ -49,7 +49,7 @@ def rows(printed: str, header: str) -> dict[str, list[str]]:
     return {row[0]: [cell.strip() for cell in row[1:]] for row in cells}
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_the_papers_capture_gives_table_ratios_figures_and_scene(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

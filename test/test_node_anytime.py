@@ -109,7 +109,7 @@ def test_what_the_clock_or_a_client_ends_replays_identically(
     tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
     """Some are refused for lack of time, some get the best until then, some come to the end."""
-    rng, asked = np.random.default_rng(SEED), times(30, 200)
+    rng, asked = np.random.default_rng(SEED), times(12, 200)
     ends = list[tuple[int, str]]()
     with private_domain():
         ahead = ("-p", "state_future_tolerance:=3600.0")

@@ -141,7 +141,7 @@ def test_a_robot_that_cannot_be_loaded_leaves_it_unconfigured_and_can_be_set_rig
 def test_it_goes_through_its_states_again_and_again_without_growing(
     planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:
-    loops = times(60, 200)
+    loops = times(24, 200)
     with connected_client() as client:
         manager = Manager(client)
         held = []

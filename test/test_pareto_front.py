@@ -8,7 +8,7 @@ from robots import LEMUR_SCENARIO
 from ff_planner_ros.cli import main
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_the_pareto_front_is_drawn_and_its_weights_give_its_plans_again(tmp_path, capsys):
     told, again = tmp_path / "front.json", tmp_path / "again.json"
     command = ["plan", str(LEMUR_SCENARIO)]

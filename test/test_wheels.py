@@ -464,7 +464,7 @@ def test_between_the_points_nothing_rises_above_the_peaks_that_are_told(
 
     What it misses is less than the share of a limit that the search stays away from it.
     """
-    for seed in range(times(20, 100)):
+    for seed in range(times(10, 100)):
         problem = in_own_frame(held_problem("six joints", FOUR))
         family, x = drawn(problem)
         rng = np.random.default_rng(seed)
