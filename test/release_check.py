@@ -29,6 +29,8 @@ KNOWN_KEYS = Path(__file__).with_name("rosdep_keys.txt")
 # What may be in the package's wheel beside Python, and no test or file of the tree's tooling.
 SUFFIXES = {"", ".py", ".pyi", ".typed", ".so", ".hpp", ".cpp", ".css", ".js", ".xml", ".yaml"}
 SUFFIXES |= {".urdf", ".srdf", ".json", ".rviz", ".txt", ".md", ".sh"}
+# The last Python for which ROS's wheels have compiled modules.
+LAST_WITH_ROS = (3, 12)
 NOT_SHIPPED = ("test/", "docs/", ".ci/", "benchmark/", "msg_defs/", "build/")
 # Licences of what the base package brings, as its distributions name them.
 ALLOWED = ("0BSD", "Apache", "BSD", "BSL", "CC0", "ISC", "MIT", "MPL", "PSF", "Python-2.0", "Zlib")
@@ -67,6 +69,8 @@ def build(pythons: Sequence[str], extras: Sequence[str]) -> None:
         if "ff_planner_msgs" in sdist.name and "ros" not in extras:
             continue
         for python in pythons[:1] if "benchmark" in sdist.name else pythons:
+            if "ff_planner_msgs" in sdist.name and version(python) > LAST_WITH_ROS:
+                continue
             run(UV, "build", "--quiet", "--wheel", "--python", python, *constraints,
                 "--out-dir", DIST, sdist, cwd=WORK)  # fmt: skip
     (DIST / ".gitignore").unlink(missing_ok=True)
@@ -118,9 +122,15 @@ def environment(name: str, python: str, *requirements: str) -> Path:
     return where / "bin"
 
 
+def version(python: str) -> tuple[int, int]:
+    """Return major and minor version of an interpreter."""
+    major, minor = run(python, "-c", "import sys; print(*sys.version_info[:2])").split()
+    return int(major), int(minor)
+
+
 def wheel(name: str, python: str) -> str:
     """Return the wheel of a distribution that an interpreter takes."""
-    tag = run(python, "-c", "import sys; print('cp%d%d' % sys.version_info[:2])").strip()
+    tag = "cp{}{}".format(*version(python))
     found = [one for one in DIST.glob(f"{name}-*.whl") if tag in one.name or "-py3-" in one.name]
     assert found, f"no wheel of {name} for {tag}"
     return str(found[0])
@@ -145,6 +155,9 @@ def check_installed(python: str, extras: Sequence[str]) -> None:
     run(bin_ / "python", share / "examples" / "plan_in_python.py", cwd=empty)
     sbom(name, bin_)
     for extra in extras:
+        if extra == "ros" and version(python) > LAST_WITH_ROS:
+            print("    [ros] is not tried: ROS has no wheels for this Python", flush=True)
+            continue
         messages = [wheel("ff_planner_msgs", python)] if extra == "ros" else []
         environment(name, python, *messages, f"{ours}[{extra}]")
         EXTRAS[extra](bin_, share, empty)
