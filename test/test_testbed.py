@@ -23,12 +23,14 @@ from ff_planner_msgs.msg import (
     PlanStatus,
     TargetBody,
 )
+from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
+from service_msgs.msg import ServiceEventInfo
 from test_tumbling import body_of, moved
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from unique_identifier_msgs.msg import UUID
@@ -43,7 +45,7 @@ from ff_planner_ros.demo.testbed import (
     with_sensor_noise,
 )
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
+from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
 from ff_planner_ros.problems import tumbling
@@ -56,7 +58,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     state_from_message,
     target_body_from_message,
 )
-from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL
+from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.qos import EVENT_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
@@ -189,6 +191,9 @@ class Watcher:
         self.controller = self.node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 10)
         # What the planner tells of its action.
         self._events = ActionEvents(self.node, ACTION, EVENT_QOS)
+        self._served = self.node.create_publisher(
+            PlanTrajectory.Event, SERVICE + SERVICE_EVENTS, EVENT_QOS
+        )
 
     def _keeper(self, kept: list[Any]) -> Callable[[Any], None]:
         def keep(message: Any) -> None:
@@ -200,7 +205,8 @@ class Watcher:
 
     def wait_until_heard(self) -> None:
         """Wait until the testbed would hear whatever is told."""
-        topics = (ACTION + GOAL_EVENTS, ACTION + RESULT_EVENTS, CONTROLLER_TOPIC)
+        events = (ACTION + GOAL_EVENTS, ACTION + RESULT_EVENTS, SERVICE + SERVICE_EVENTS)
+        topics = (*events, CONTROLLER_TOPIC)
         self.wait_until(
             lambda: self.states and all(self.node.count_subscribers(topic) for topic in topics)
         )
@@ -220,6 +226,16 @@ class Watcher:
             inputs=PlanInputs(**inputs),
         )
         self._events.result_sent(GET_RESULT.Request(goal_id=UUID()), 4, answer)
+
+    def tell_served(self, kind: int, *told: Status) -> None:
+        """Tell that the service was asked, or what it answered."""
+        answers = [PlanAnswer(status=PlanStatus(code=int(one))) for one in told]
+        self._served.publish(
+            PlanTrajectory.Event(
+                info=ServiceEventInfo(event_type=kind),
+                response=[PlanTrajectory.Response(answer=one) for one in answers],
+            )
+        )
 
     def state_number(self, number: int) -> ChaserState:
         """Return a state by its number, as soon as it has come."""
@@ -435,6 +451,16 @@ def test_after_a_refusal_it_waits_again_where_it_waited(lemur_capture: PlanningP
         watcher.tell_goal()
         watcher.wait_until(lambda: watcher.states[-1].pose != first.pose)
         watcher.tell_result(Status.START_IN_COLLISION)
+        watcher.wait_until(lambda: watcher.states[-1].pose == first.pose)
+
+
+def test_it_hears_the_service_like_the_action(lemur_capture: PlanningProblem) -> None:
+    with running_testbed(lemur_capture, epoch=None) as (watcher, _):
+        watcher.wait_until_heard()
+        first = watcher.states[0]
+        watcher.tell_served(ServiceEventInfo.REQUEST_RECEIVED)
+        watcher.wait_until(lambda: watcher.states[-1].pose != first.pose)
+        watcher.tell_served(ServiceEventInfo.RESPONSE_SENT, Status.START_IN_COLLISION)
         watcher.wait_until(lambda: watcher.states[-1].pose == first.pose)
 
 

@@ -5,17 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ff_planner_msgs.msg import PlanAnswer
+from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.node import Node
 
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import Status
-from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
-from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL
+from ff_planner_ros.messages.service_events import (
+    GOAL_EVENTS,
+    REQUEST_RECEIVED,
+    RESPONSE_SENT,
+    RESULT_EVENTS,
+    SERVICE_EVENTS,
+)
+from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
 from ff_planner_ros.ros.qos import EVENT_QOS
 
 
 class Wait:
-    """Hears what the planner's action is asked and answers.
+    """Hears what the planner's action and service are asked and answer.
 
     Time goes on while a request is planned: the planner compares its plan with a newer state before
     it publishes it. Time stands still again after a refusal, and when the start of a plan is over
@@ -30,6 +37,8 @@ class Wait:
         self.is_over = False
         node.create_subscription(SEND_GOAL.Event, ACTION + GOAL_EVENTS, self._goal, EVENT_QOS)
         node.create_subscription(GET_RESULT.Event, ACTION + RESULT_EVENTS, self._result, EVENT_QOS)
+        served = SERVICE + SERVICE_EVENTS
+        node.create_subscription(PlanTrajectory.Event, served, self._serve, EVENT_QOS)
 
     def stands_still(self) -> bool:
         """Tell whether nothing moves now."""
@@ -44,9 +53,18 @@ class Wait:
         self._unanswered += 1
 
     def _result(self, event: GET_RESULT.Event) -> None:
+        self._answered(event.response[0].result.answer)
+
+    def _serve(self, event: PlanTrajectory.Event) -> None:
+        kind = event.info.event_type
+        if kind == REQUEST_RECEIVED:
+            self._unanswered += 1
+        if kind == RESPONSE_SENT and event.response:
+            self._answered(event.response[0].answer)
+
+    def _answered(self, answer: PlanAnswer) -> None:
         # It may have been asked before this testbed was there.
         self._unanswered = max(self._unanswered - 1, 0)
-        answer = event.response[0].result.answer
         if answer.status.code == Status.SOLVED:
             self._plan_begins_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)
             self._found(answer)
