@@ -38,34 +38,12 @@ def _shortest(request: PlanRequest, value: float) -> str:
     return "duration"
 
 
-def _attitude(request: PlanRequest, value: float) -> str:
-    request.limits.chaser_attitude = [value]
-    return "limits.chaser_attitude"
+def _limit(name: str) -> Callable[[PlanRequest, float], str]:
+    def spoil(request: PlanRequest, value: float) -> str:
+        setattr(request.limits, name, [value])
+        return f"limits.{name}"
 
-
-def _rotation(request: PlanRequest, value: float) -> str:
-    request.limits.chaser_rotation = [value]
-    return "limits.chaser_rotation"
-
-
-def _acceleration(request: PlanRequest, value: float) -> str:
-    request.limits.accelerations = [value]
-    return "limits.accelerations"
-
-
-def _grasp_force(request: PlanRequest, value: float) -> str:
-    request.limits.grasp_force = [value]
-    return "limits.grasp_force"
-
-
-def _grasp_torque(request: PlanRequest, value: float) -> str:
-    request.limits.grasp_torque = [value]
-    return "limits.grasp_torque"
-
-
-def _impulse(request: PlanRequest, value: float) -> str:
-    request.limits.capture_impulse = [value]
-    return "limits.capture_impulse"
+    return spoil
 
 
 def _corridor(request: PlanRequest, value: float) -> str:
@@ -76,8 +54,9 @@ def _corridor(request: PlanRequest, value: float) -> str:
 @pytest.mark.parametrize(
     "spoil",
     [
-        *(_duration, _shortest, _attitude, _rotation, _acceleration),
-        *(_grasp_force, _grasp_torque, _impulse, _corridor),
+        *(_duration, _shortest, _corridor),
+        *map(_limit, ("chaser_attitude", "chaser_rotation", "accelerations")),
+        *map(_limit, ("grasp_force", "grasp_torque", "capture_impulse")),
     ],
 )
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ class Transforms:
         self._due = time.monotonic() + self._period
         attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
         chaser = FramePose(state.position_chaser_in_inertial, attitude)
-        self._publish(stamp_ns, [(self._root, root_pose(self._robot, chaser))])
+        self._publish(stamp_ns, [(self._frame, self._root, root_pose(self._robot, chaser))])
 
     def predicted(
         self, motion: Trajectory, start_ns: int, time_ns: int, captured: CapturedBody | None
@@ -78,12 +78,12 @@ class Transforms:
         if not prefix or chaser is None or ee is None:
             return
         frames = [
-            (f"{prefix}{self._root}", root_pose(self._robot, chaser)),
-            (f"{prefix}{self._robot.tip_link}", ee),
+            (self._frame, f"{prefix}{self._root}", root_pose(self._robot, chaser)),
+            (self._frame, f"{prefix}{self._robot.tip_link}", ee),
         ]
         if captured is not None:
             there = predicted_target(motion, time, captured)
-            frames.append((f"{prefix}{_TARGET}", there))
+            frames.append((self._frame, f"{prefix}{_TARGET}", there))
         self._publish(time_ns, frames)
 
     def preview(
@@ -105,20 +105,20 @@ class Transforms:
         root = root_pose(self._robot, chaser)
         q = np.concatenate([root.position, root.rotation.as_quat(), positions])
         pin.framesForwardKinematics(self._robot.model, self._data, q)
-        frames = [(f"{prefix}{self._root}", root)]
+        frames = [(self._frame, f"{prefix}{self._root}", root), *self._on_links(prefix)]
         if captured is not None:
             there = predicted_target(motion, time, captured)
-            frames.append((f"{prefix}{_TARGET}", there))
-        self._publish(time_ns, frames, self._on_links(prefix, time_ns))
+            frames.append((self._frame, f"{prefix}{_TARGET}", there))
+        self._publish(time_ns, frames)
 
-    def _on_links(self, prefix: str, stamp_ns: int) -> Iterator[TransformStamped]:
+    def _on_links(self, prefix: str) -> Iterator[tuple[str, str, FramePose]]:
         """Yield each link on the one that carries it in the URDF, as whoever reads that expects."""
         frames, data = self._robot.model.frames, self._data
         for link, carrier in self._links:
             found = data.oMf[carrier].actInv(data.oMf[link])
             pose = FramePose(found.translation, Rotation.from_matrix(found.rotation))
             parent, child = (f"{prefix}{frames[each].name}" for each in (carrier, link))
-            yield _transform(parent, child, pose, stamp_ns)
+            yield parent, child, pose
 
     def published(self, captured: CapturedBody | None) -> None:
         """Tell where the grasp is in a target body that a published plan captures."""
@@ -144,18 +144,13 @@ class Transforms:
             fixed[sensor.child_frame_id] = FramePose(position, center.rotation * turn)
         return {name: _transform(self._root, name, pose, 0) for name, pose in fixed.items()}
 
-    def _publish(
-        self,
-        stamp_ns: int,
-        frames: Iterable[tuple[str, FramePose]],
-        others: Iterable[TransformStamped] = (),
-    ) -> None:
-        """Publish frames in the inertial frame; whoever buffers transforms minds repeated ones."""
-        new = [(name, pose) for name, pose in frames if self._told_ns.get(name, -1) != stamp_ns]
-        self._told_ns |= dict.fromkeys((name for name, _ in new), stamp_ns)
+    def _publish(self, stamp_ns: int, frames: Iterable[tuple[str, str, FramePose]]) -> None:
+        """Publish frames, each in its parent; whoever buffers transforms minds repeated ones."""
+        new = [one for one in frames if self._told_ns.get(one[1], -1) != stamp_ns]
+        self._told_ns |= dict.fromkeys((child for _, child, _ in new), stamp_ns)
         if new:
-            told = [_transform(self._frame, name, pose, stamp_ns) for name, pose in new]
-            self._moving.publish(TFMessage(transforms=[*told, *others]))
+            told = [_transform(*one, stamp_ns) for one in new]
+            self._moving.publish(TFMessage(transforms=told))
 
 
 def root_link(robot: Robot) -> str:
