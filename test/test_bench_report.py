@@ -26,7 +26,8 @@ def settings():
 
 
 @pytest.mark.nightly
-def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, capfd):
+def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, capfd, monkeypatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
     assert main(["bench", "--quick", "--scenarios", "1", "--json", str(tmp_path / "b.json")]) == 0
     printed = capfd.readouterr().out
     for part in (

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from ros_processes import DEADLINE
 
+from ff_planner_ros.common.one_thread import ONE_THREAD
 from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
@@ -36,7 +37,11 @@ def settings() -> PlannerSettings:
 
 @pytest.fixture(scope="module")
 def worker() -> Iterator[Worker]:
-    with closing(Worker()) as worker:
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ONE_THREAD:
+            patch.setenv(name, "2")
+        worker = Worker()
+    with closing(worker):
         yield worker
 
 

@@ -43,6 +43,7 @@ from ff_planner_ros.ros.requests.reading import Knowledge
 _SIMULATED = "use_sim_time"
 # The node is lost if it has missed so many of its diagnostics, and some time more [s].
 _MISSED, _MORE = 2.0, 1.0
+_RESTART = 1.5  # a node that was started again was silent for longer [s]
 _ANSWER = 5.0  # longest wait for a service of a node that is there [s]
 _POLL = 0.05  # [s]
 REQUESTER = "ff-planner console"
@@ -138,14 +139,23 @@ class Link:
         return dict(self._warnings)
 
     def look(self) -> None:
-        """Read the parameters again if they may have changed."""
-        if self._changed.is_set() and not self.lost:
-            self._changed.clear()
-            robot = self.parameters.robot
+        """Read the parameters again if they may have changed.
+
+        Raises:
+            FfPlannerError: The node does not answer; the next look asks again.
+        """
+        if not self._changed.is_set() or self.lost:
+            return
+        self._changed.clear()
+        robot = self.parameters.robot
+        try:
             self.parameters = self._parameters(_ANSWER)
-            if self.parameters.robot != robot:
-                words = "the node plans for another robot by now: end this console and begin anew"
-                self.other_robot = words
+        except FfPlannerError:
+            self._changed.set()
+            raise
+        if self.parameters.robot != robot:
+            words = "the node plans for another robot by now: end this console and begin anew"
+            self.other_robot = words
 
     def release(self, plan_id: str, token: str, reject: bool = False) -> tuple[Status, str]:
         """Ask the node to publish a plan that waits, or to drop it; return what it says.
@@ -226,7 +236,7 @@ class Link:
         parts = [one for one in message.status if one.name.startswith(f"{self.name}: ")]
         if not parts:
             return
-        if self._heard and time.monotonic() - self._heard > _MORE:
+        if self._heard and time.monotonic() - self._heard > _RESTART:
             self._changed.set()  # it may have been started again, with others
         self._heard = time.monotonic()
         self._warnings = {

@@ -101,6 +101,8 @@ class LivePage:
         while not self._stopped.wait(_PERIOD):
             try:
                 self._look()
+            except FfPlannerError as error:
+                self._link.node.get_logger().warning(str(error))
             except Exception:  # of one look; the end of the thread would not be noticed
                 self._link.node.get_logger().error(traceback.format_exc())
 
