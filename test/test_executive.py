@@ -26,6 +26,7 @@ from ff_planner_msgs.msg import (
     PublishedPlan,
 )
 from ff_planner_msgs.srv import PublishPlan
+from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
@@ -40,11 +41,12 @@ from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.to_messages import state_message
+from ff_planner_ros.ros.messages.to_messages import state_message, target_body_message
 from ff_planner_ros.ros.qos import LATCHED_QOS
 
 
@@ -336,6 +338,45 @@ def test_it_tells_how_far_reality_was_from_the_plan(
     assert outcome.error.angle == pytest.approx(0.02, abs=1e-8)
     assert outcome.worst.position == pytest.approx(0.005, abs=1e-8)
     assert outcome.worst.angle == pytest.approx(0.02, abs=1e-8)
+
+
+def test_a_body_that_is_held_is_compared_with_the_state_of_its_time(
+    solved: Callable[[int], PlanAnswer], lemur_plan: Plan, lemur_capture: PlanningProblem
+) -> None:
+    """The arm brakes: the last state has gone on, but not as far as a free body would have."""
+    motion, robot, ends = lemur_plan.trajectory, lemur_capture.robot, [0]
+
+    def measured(point: int, before_ns: int) -> ChaserState:
+        state = SystemState(
+            motion.chaser_positions[point],
+            motion.chaser_quaternions_xyzw[point],
+            motion.chaser_linear_velocities[point],
+            motion.chaser_angular_velocities[point],
+            motion.joint_positions[point],
+            motion.joint_velocities[point],
+        )
+        return state_message(state, robot.joint_names, max(ends[0] - before_ns, 0), FRAME)
+
+    body = TargetBody(
+        position=motion.ee_positions[-9],
+        quaternion_xyzw=motion.ee_quaternions_xyzw[-9],
+        linear_velocity=np.array([0.3, 0.0, 0.0]),
+        angular_velocity=np.zeros(3),
+        inertia=np.eye(3),
+        grasp_position=np.zeros(3),
+        grasp_quaternion_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+    )
+    with _world(states=lambda: measured(-1, before_ns=-10)) as world:
+        answer = solved(now_ns(world) - 10 * NANOSECONDS)
+        answer.plans[0].target_path.poses.append(PoseStamped())
+        ends[0] = nanoseconds(answer.plans[0].joint_trajectory.header.stamp) + 10 * NANOSECONDS
+        world.executive._states += [measured(-9, NANOSECONDS), measured(-5, 10)]
+        held = target_body_message(body, ends[0] - NANOSECONDS, FRAME)
+        world.executive._bodies.append(held)
+        outcome = world.executive.watch(answer, 10.0, robot)
+    assert outcome.capture is not None
+    assert outcome.capture.position_error < 1e-8
+    assert outcome.capture.orientation_error < 1e-6
 
 
 def test_states_that_cease_before_the_end_are_an_error(

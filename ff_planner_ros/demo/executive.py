@@ -212,13 +212,16 @@ class MissionExecutive:
                 Status.NO_STATE, f"no chaser state was measured while {answer.plan_id} ran"
             )
         flown = _flown_plan(plan_from_answer(answer), start_ns, measured, robot)
-        last_ns, last = measured[-1]
+        last_ns, _ = measured[-1]
         seen = [one for one in self._bodies if nanoseconds(one.header.stamp) <= last_ns]
         if not (seen and any(one.target_path.poses for one in answer.plans)):
             return flown
-        body = target_body_from_message(seen[-1], frame)
-        since = (last_ns - nanoseconds(seen[-1].header.stamp)) / NANOSECONDS
-        return replace(flown, capture=captured(robot, last, body.after(since)))
+        body_ns = nanoseconds(seen[-1].header.stamp)
+        # A body that is held does not move freely; it is measured at the time of a state.
+        at_ns, state = next((one for one in measured if one[0] == body_ns), measured[-1])
+        since = (at_ns - body_ns) / NANOSECONDS
+        body = target_body_from_message(seen[-1], frame).after(since)
+        return replace(flown, capture=captured(robot, state, body))
 
     def _keep(self, message: ChaserState) -> None:
         self._states.append(message)
