@@ -153,8 +153,13 @@ def test_a_limit_that_nothing_keeps_is_a_refusal_by_name(lemur_capture: Planning
     assert any("limits.chaser_rotation" in found.finding for found in refusal.value.failures)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(0, marks=pytest.mark.ci),
+        *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2)),
+    ],
+)
 def test_the_same_task_in_another_frame_keeps_the_same_angle(
     lemur_capture: PlanningProblem, seed: int
 ) -> None:

@@ -210,7 +210,7 @@ def test_every_flight_begins_after_twice_the_time_that_its_plan_was_measured_to_
         assert expected - 0.13 <= lead <= expected + 1.13  # as printed, and in whole seconds
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_a_flight_that_comes_too_late_is_flown_again_with_twice_the_lead(tmp_path: Path) -> None:
     # The first lead is too short for any machine; what it draws in the end is no matter here.
     hurry = """

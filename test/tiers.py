@@ -11,6 +11,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Iterable
 from itertools import chain
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -56,8 +57,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         cases[item.nodeid.partition("[")[0]].append(item.nodeid)
     config.stash[_measured] = {one for of_one in cases.values() for one in of_one[:MEASURED]}
-    # Files that start nodes come first: what waits so much must not be what is waited for.
-    items.sort(key=lambda item: not hasattr(item.module, "running_planner"))
+    # Files that start processes come first: what waits so much must not be what is waited for.
+    items.sort(key=lambda item: not _starts_processes(item.module))
+
+
+def _starts_processes(module: ModuleType) -> bool:
+    return hasattr(module, "running_planner") or hasattr(module, "subprocess")
 
 
 def _beyond_the_sample(items: list[pytest.Item]) -> list[pytest.Item]:
