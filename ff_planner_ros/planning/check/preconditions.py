@@ -1,4 +1,4 @@
-"""Refusal of impossible problems before the search: bad starts, goals that cannot be reached."""
+"""Refusal of problems that are impossible by their start, goal or duration, before the search."""
 
 from __future__ import annotations
 

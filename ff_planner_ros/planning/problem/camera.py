@@ -77,7 +77,7 @@ class Camera:
         return np.asarray(np.arctan2(np.linalg.norm(aside, axis=1), along), np.float64)
 
     def angle_gradients(self, places: Array) -> Array:
-        """Return the derivatives of `angles` by the places; on the axis, those to some side.
+        """Return the derivatives of `angles` by the places; on the axis, zero or to any side.
 
         Returns:
             Shape (places, 3) [rad/m].

@@ -1,4 +1,4 @@
-"""The arm stays outside every obstacle, between the points too.
+"""The arm's centre lines stay outside every sphere, between the points too.
 
 The summed penalty R_obst = 0 of the paper, Eq. (43), has no gradient on its feasible side. The
 distances themselves are constrained instead, which says the same: every segment of the arm stays
@@ -69,7 +69,7 @@ class Clearance(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start inside an obstacle."""
+        """Refuse a start inside a sphere, too near to one, or moving into one whatever follows."""
         if problem.robot.geometry is Geometry.SHAPES:
             return
         positions = arm_points(problem.robot, q_start[None])

@@ -155,8 +155,8 @@ class Requirement:
             margin: That of `margin`, or more where the search has tightened the requirement.
 
         Returns:
-            Values, shape (rows,), and their Jacobian, (rows, variables). None: the search does
-            not keep this requirement.
+            Values, shape (rows,), and their Jacobian, (rows, variables). None: nothing is near a
+            limit, or the search does not keep this requirement.
         """
         return None
 

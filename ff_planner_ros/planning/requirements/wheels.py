@@ -58,7 +58,7 @@ class WheelLimits(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start beyond the wheels' limits, and a weight on wheels that there are not."""
+        """Refuse a start beyond the wheels' limits, or a weight on momentum without wheels."""
         wheels = problem.robot.wheels
         if wheels is None:
             if problem.objective.wheel_momentum:
@@ -131,7 +131,7 @@ class WheelLimits(Requirement):
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the wheel that exceeds its momentum limit by most, and likewise for torque."""
+        """Yield the wheels that exceed momentum and torque limits by the largest fraction."""
         problem, wheels = samples.problem, samples.problem.robot.wheels
         if wheels is None or not _is_limited(wheels):
             return

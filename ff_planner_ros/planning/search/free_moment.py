@@ -1,8 +1,9 @@
 """The choice of the duration from a range: promising moments, best first.
 
 Paths are optimised from several durations of the range on coarse grids, with the duration as one
-more variable (`free_program`). A plan is then made for the duration that was found, as if it had
-been given: neither the plan's promises nor the check depend on how it was found.
+more variable (`free_program`); a moment is the duration that was found, with its path. A plan is
+then made for it as if the duration had been given: neither the plan's promises nor the check depend
+on how it was found.
 
 If nothing but the duration has a weight, one moment is enough to begin with. From then on each
 initial guess only has to show that there may be a path which arrives a step sooner; hardly any

@@ -33,7 +33,7 @@ from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 _STRIDE = 0.1
 # The solver stays a little inside the range: a duration this near to an end means the end [s].
 _AT_END = 1e-4
-# A moment that violates less is an optimum of path and duration.
+# A moment that violates less is feasible on its grid.
 _KEPT = 1e-4
 # Fraction of a shortest duration that is added to it: at the shortest itself there is one path
 # only, and none that keeps accelerations between the points, too.

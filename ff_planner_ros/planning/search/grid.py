@@ -30,12 +30,12 @@ class Stage:
     iterations: int
     damping: float = 0.0  # of the velocity map, so that no singularity stops the search
     extra_margin: float = 0.0  # of clearance [m]: the gaps between fewer points are wider
-    radius: float = FIRST_RADIUS  # of the first trust region, in units of the grid's stride
+    radius: float = FIRST_RADIUS  # of the first trust region, in units of the stride
     tolerated: float = 0.0  # violation that does not stop the solver's steps
 
 
-# The coarsest grid finds the way around the obstacles at a tenth of the cost; the next one brings the
-# path so near its optimum that on all points a few iterations remain.
+# The coarsest grid finds the way around the obstacles at a tenth of the cost; the next one brings
+# the path so near its optimum that on all points a few iterations remain.
 COARSE = (
     Stage(13, 1e-2, 2e-3, 40, damping=0.005, extra_margin=0.001),
     Stage(25, 3e-3, 2e-4, 40),

@@ -96,7 +96,7 @@ class JointAccelerations(Requirement):
         return {"min_acceleration_margin": least}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the joint whose acceleration exceeds its limit by most."""
+        """Yield the joint whose acceleration exceeds its limit by the largest fraction."""
         limits = _limits(samples.problem)
         if limits is None:
             return
