@@ -76,9 +76,9 @@ class Grid:
         return replace(self, stage=replace(self.stage, **changes))
 
     def with_correction(self, x: Array) -> Grid:
-        """Return the grid with x corrected to its tracked motion, if the plan skips grid points.
+        """Return the grid corrected for the tracked motion near x, if the plan skips grid points.
 
-        If the plan holds every point of the grid, the two hardly differ.
+        If the plan holds every point of the grid, tracked motion and path hardly differ.
         """
         program = self.program
         if program.points > program.problem.points:
