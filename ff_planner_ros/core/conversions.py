@@ -1,4 +1,4 @@
-"""Robots, starts, targets and spheres as the compiled core holds them."""
+"""Conversion of robots, starts, targets and obstacles to types of the compiled core."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NOTHING = np.empty((0, 3))
 
 @lru_cache(maxsize=8)
 def chain_of(robot: Robot) -> compiled.Chain:
-    """Return a robot's placements, axes and inertias, all of them from its Pinocchio model.
+    """Return a robot's chain: placements, axes and inertias, from its Pinocchio model.
 
     Raises:
         InvalidInput: Its arm has more joints than the core has room for.
@@ -53,7 +53,7 @@ def chain_of(robot: Robot) -> compiled.Chain:
 
 @lru_cache(maxsize=8)
 def bodies_of(robot: Robot) -> compiled.Bodies:
-    """Return a robot's solids, and the pairs of them that must not touch."""
+    """Return a robot's bodies, and the pairs of them that must not touch."""
     return compiled.Bodies(
         [_body_of(body) for body in robot.bodies], np.array(robot.pairs, np.intp).reshape(-1, 2)
     )
@@ -74,7 +74,7 @@ def _body_of(body: Body) -> compiled.Body:
 
 
 def obstacles_of(obstacles: Sequence[ObstacleBody], until: float) -> list[compiled.Obstacle]:
-    """Return obstacles whose motion is known until a time [s] after the plan's first point."""
+    """Return obstacles, with their motion until a time [s] after the plan's first point."""
     return _obstacles_of(tuple(obstacles), until)
 
 
@@ -113,7 +113,7 @@ def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> list[com
 
 
 def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:
-    """Return where a system begins, and its momentum.
+    """Return base pose, centre of mass, and momentum about it, of a system at its start.
 
     Args:
         q: Configuration. Shape (7 + joints,).
@@ -128,7 +128,7 @@ def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:
 
 
 def target_of(target: Target) -> compiled.Target:
-    """Return a target with two axes of the end effector across its free axis."""
+    """Return a target, with two axes of the end effector normal to its free axis."""
     axis = np.zeros(3) if target.free_axis_in_ee is None else target.free_axis_in_ee
     _, _, axes = np.linalg.svd(axis[None])
     return compiled.Target(
@@ -143,9 +143,9 @@ def target_of(target: Target) -> compiled.Target:
 
 
 def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
-    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m].
+    """Return centres at the plan's first point and velocities, (spheres, 3), radii, (spheres,).
 
-    They are read-only: a search asks for them again and again.
+    In the inertial frame [m, m/s]; read-only, as they are cached.
     """
     return _sphere_arrays(tuple(spheres))
 
@@ -158,7 +158,7 @@ def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
 
 
 def spheres_of(spheres: Sequence[Sphere], until: float) -> compiled.Spheres:
-    """Return spheres whose motion is known until a time [s] after the plan's first point."""
+    """Return spheres, with their motion until a time [s] after the plan's first point."""
     return _spheres_of(tuple(spheres), until)
 
 

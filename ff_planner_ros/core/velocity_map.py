@@ -13,12 +13,12 @@ from ff_planner_ros.robot.model import Robot
 
 
 class Velocity(NamedTuple):
-    """A velocity and its exact derivatives."""
+    """A tangent velocity and its exact derivatives."""
 
     v: Array  # base twist in the base frame, joint rates; shape (6 + joints,)
     by_q: Array  # in the tangent space of q; shape (6 + joints, 6 + joints)
     by_twist: Array  # of the end effector, inertial axes; shape (6 + joints, 6)
-    by_bias: Array  # shape (6 + joints, joints)
+    by_bias: Array  # by the joint velocities z; shape (6 + joints, joints)
 
 
 def velocity(
@@ -29,15 +29,15 @@ def velocity(
     bias: Array | None = None,
     damping: float = 0.0,
 ) -> Velocity | None:
-    """Return the velocity with least joint rates, Eqs. (27) and (31), or nearest to a bias.
+    """Return the velocity of least joint velocities, Eqs. (27) and (31), or nearest to a bias.
 
     Args:
         q: Configuration. Shape (7 + joints,).
-        momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
-        twist_ee_in_inertial: Wanted linear and angular velocity. Shape (6,).
-        bias: Joint rates z; None: zero. Shape (joints,) [rad/s].
-        damping: Singular values of the generalised Jacobian that are not much greater are damped:
-            the joint rates stay bounded and the end effector lags behind. Zero for Eq. (31) itself.
+        momentum: Total P and L about the inertial origin, inertial axes. Shape (6,) [N s, N m s].
+        twist_ee_in_inertial: Wanted linear and angular velocity. Shape (6,) [m/s, rad/s].
+        bias: Joint velocities z; None: zero. Shape (joints,) [rad/s].
+        damping: Singular values of the generalised Jacobian up to about this are damped: joint
+            velocities stay bounded, and the end effector lags behind. Zero for Eq. (31) itself.
 
     Returns:
         None in a dynamic singularity, where the arm cannot follow.

@@ -1,4 +1,4 @@
-"""The check after the solve: what the plan's samples themselves say, whatever the solver said.
+"""The check after the solve: metrics and failures of a plan, from its samples alone.
 
 Nothing here uses the velocity map, the path family or the optimisation problem. Poses, momentum
 and clearance are recomputed by forward kinematics and dynamics from the samples.
@@ -46,7 +46,7 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
 def wheels_told(
     problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings
 ) -> WheelMotion | None:
-    """Return what the wheels hold and give along a trajectory; None: there are none."""
+    """Return momenta and torques of the wheels along a trajectory; None without wheels."""
     robot, wheels, start = problem.robot, problem.robot.wheels, problem.start
     if wheels is None:
         return None
@@ -58,7 +58,7 @@ def wheels_told(
 
 
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
-    """Yield every requirement that a measured plan does not meet, the most harmful first."""
+    """Yield the failures of a measured plan, in the order of `REQUIREMENTS`: most harmful first."""
     for _, failure in named_failures(problem, plan, settings):
         yield failure
 
@@ -78,14 +78,14 @@ def named_failures(
 def _samples(
     problem: PlanningProblem, settings: PlannerSettings, trajectory: Trajectory
 ) -> Samples:
-    """Return the samples of a trajectory; what is measured first is judged soon after."""
+    """Return the samples of a trajectory, cached between `measure` and `failures`."""
     return Samples(problem, settings, trajectory)
 
 
 def refusal(
     plan: Plan, found: Sequence[Failure], advice: Sequence[str] | None = None
 ) -> NoPlanFound:
-    """Return the error that tells of all failures, with their advice where `advice` is None."""
+    """Return the error with all failures of a plan; advice None: that of the failures."""
     starts = plan.solver.starts
     attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
     if advice is None:
@@ -97,7 +97,7 @@ def refusal(
 def out_of_time(
     end: OutOfTime, plan: Plan | None = None, found: Sequence[Failure] = ()
 ) -> NoPlanFound:
-    """Return the error that tells how far a search came that was ended; plan: the best attempt."""
+    """Return the error of a search that was ended: its best attempt, and the failures of that."""
     used = f" ({end.used_for})" if end.used_for else ""
     message = (
         f"{end}{used}; whether there is a plan is not known: give it more time or fewer points"

@@ -1,4 +1,4 @@
-"""What makes a problem impossible before anything is solved."""
+"""Refusal of problems that are impossible by their start, goal or duration, before the search."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 
-# A joint whose limits are exceeded by this part of them for certain is refused at once.
+# A joint that must exceed its limits by more than this fraction is refused at once.
 _SPARE = 1e-3
 
 
 def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> None:
-    """Refuse a start that violates a requirement by itself, and a goal out of reach.
+    """Refuse a start that violates a requirement by itself, and a goal that no posture reaches.
 
     Raises:
-        InvalidInput: Names what the start violates.
-        NoPlanFound: The goal is out of reach.
+        InvalidInput: The start violates a requirement, or a plug-in has the name of one of ours.
+        NoPlanFound: The goal is out of reach or inside an obstacle.
     """
     robot = problem.robot
     q_start, v_start = configuration(robot, problem.start)
@@ -43,7 +43,7 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
 
 
 def require_time(problem: PlanningProblem) -> None:
-    """Refuse a duration in which a joint cannot be as asked, within its own limits alone.
+    """Refuse a duration that is too short for a joint to reach its posture within its limits.
 
     From rate v0 to v1 it takes |v1 - v0| / a. In a time T a joint gets no further than by full
     acceleration and then full deceleration, (v0 + v1) T / 2 + a T^2 / 4 - (v1 - v0)^2 / (4 a),
@@ -122,7 +122,7 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
 
 @lru_cache(maxsize=8)
 def _reach(robot: Robot) -> float:
-    """Return a distance from the system's centre of mass that the end effector never exceeds."""
+    """Return an upper bound of the end effector's distance from the centre of mass [m]."""
     model = robot.model
     chaser, links = model.inertias[1], model.inertias[2:]
     placements = [model.jointPlacements[2 + k] for k in range(1, robot.joints)]

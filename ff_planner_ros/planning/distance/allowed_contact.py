@@ -1,10 +1,9 @@
-"""Which bodies may touch what, and when: a tool closes on what it grasps, and lets go of it.
+"""Allowed contacts: which pairs may touch, and when; a tool closes on what it grasps or releases.
 
-A pair that a task allows to touch may do so in the last part of the way: from when on the end
-effector stays within the problem's contact distance from its goal, and in the tail. The goal is
-where the grasp is at each moment. Where such a pair touches at the start, it may also do so in the
-first part: until the end effector is further than that distance from where it began, seen from the
-obstacle that is touched, or from the base where the pair is the robot's own.
+An allowed pair may touch from the time at which the end effector enters the contact distance around
+its goal for the last time, and in the post-goal segment. The goal is the grasp as it moves. A pair
+that touches at the start may also do so until the end effector has first moved further than the
+contact distance from its start, seen from the obstacle, or from the base for two links.
 """
 
 from __future__ import annotations
@@ -35,22 +34,22 @@ from ff_planner_ros.robot.configuration import configuration
 
 
 class Split(NamedTuple):
-    """What is measured, by its numbers: what never touches, and what may."""
+    """Numbers of pairs, of bodies or of body and obstacle, split by when they may touch."""
 
-    apart: Indices
-    at_goal: Indices  # there alone
-    # At the goal, and at the start, where it touches: with the obstacle, None: another link
+    apart: Indices  # never
+    at_goal: Indices  # near the goal only
+    # Near the goal and, as they touch there, near the start; by obstacle, None: another link
     at_start: tuple[tuple[Obstacle | None, Indices], ...]
 
     @property
     def may_touch(self) -> Indices:
-        """All that may at the goal."""
+        """Numbers of all pairs that may touch near the goal."""
         return np.concatenate([self.at_goal, *(numbers for _, numbers in self.at_start)])
 
 
 @lru_cache(maxsize=4)
 def split_pairs(problem: PlanningProblem) -> Split:
-    """Return the pairs of bodies by whether they may touch."""
+    """Split pairs of bodies; number: index in `robot.pairs`."""
     bodies, allowed = problem.robot.bodies, problem.allowed_collisions
     names = [(bodies[a].link, bodies[b].link) for a, b in problem.robot.pairs]
     may = [f"{a}/{b}" in allowed or f"{b}/{a}" in allowed for a, b in names]
@@ -59,7 +58,7 @@ def split_pairs(problem: PlanningProblem) -> Split:
 
 @lru_cache(maxsize=4)
 def split_spheres(problem: PlanningProblem) -> Split:
-    """Return likewise bodies and spheres: body times the number of spheres, plus sphere."""
+    """Split bodies with spheres; number: body times spheres, plus sphere."""
     may = [
         f"{body.link}/{sphere.id}" in problem.allowed_collisions
         for body in problem.robot.bodies
@@ -70,7 +69,7 @@ def split_spheres(problem: PlanningProblem) -> Split:
 
 @lru_cache(maxsize=4)
 def split_obstacles(problem: PlanningProblem) -> Split:
-    """Return likewise bodies and obstacles of any shape: body times their number, plus obstacle."""
+    """Split bodies with obstacle bodies; number: body times obstacles, plus obstacle."""
     may = [
         f"{body.link}/{one.id}" in problem.allowed_collisions
         for body in with_bodies(problem.robot).bodies
@@ -81,17 +80,17 @@ def split_obstacles(problem: PlanningProblem) -> Split:
 
 
 def before_contact(problem: PlanningProblem, times: Array, q: Array, within: float = 1.0) -> int:
-    """Return the last configuration of a motion at which the allowed pairs, too, must be apart.
+    """Return the index of the last configuration at which allowed pairs, too, must be apart.
 
-    A goal of the joints has no place, and nothing may touch there.
+    That is the last one of a motion to a posture: its goal has no place to touch at.
 
     Args:
         times: From the plan's first point on, ascending. Shape (times,) [s].
         q: Shape (times, 7 + joints).
-        within: Part of the contact distance that counts.
+        within: Fraction of the contact distance to use instead of all of it.
 
     Returns:
-        Its number; -1: none is.
+        Index into `times`; -1 if there is none.
     """
     if problem.posture is not None:
         return len(times) - 1
@@ -108,16 +107,16 @@ def after_contact(
     q: Array,
     within: float = 1.0,
 ) -> int:
-    """Return the first configuration at which what touches an obstacle at the start must be apart.
+    """Return the index of the first configuration at which contacts of the start must be apart.
 
     Args:
-        obstacle: None: another link of the robot.
+        obstacle: The one that they touch; None: another link of the robot.
         times: From the plan's first point on, ascending. Shape (times,) [s].
         q: Shape (times, 7 + joints).
-        within: Part of the contact distance that counts.
+        within: Fraction of the contact distance to use instead of all of it.
 
     Returns:
-        Its number; as many as there are: none is.
+        Index into `times`; len(times) if there is none.
     """
     first = configuration(problem.robot, problem.start)[0]
     times, q = np.append(0.0, times), np.vstack([first, q])
@@ -135,7 +134,7 @@ def after_contact(
 def stretches(
     problem: PlanningProblem, motion: FollowedMotion, split: Split
 ) -> Iterator[tuple[FollowedMotion, Indices, int]]:
-    """Yield what must not touch, each with a motion and its last point at which that holds."""
+    """Yield parts of a motion, pairs that must be apart in them, and the last index of that."""
     yield motion, split.apart, len(motion.time) - 1
     if not len(split.may_touch):
         return
@@ -149,7 +148,7 @@ def stretches(
 
 
 def may_touch(problem: PlanningProblem, split: Split, q: Array, time: float) -> Indices:
-    """Return what may touch in a configuration that a plan may have at a time [s]."""
+    """Return the numbers of pairs that may touch in a configuration at a time [s] of a plan."""
     if not len(split.may_touch):
         return split.may_touch
     at = np.array([time]), q[None]
@@ -160,11 +159,11 @@ def may_touch(problem: PlanningProblem, split: Split, q: Array, time: float) -> 
 
 
 def _split(may: list[bool], room: Array, obstacles: tuple[Obstacle | None, ...]) -> Split:
-    """Return what may touch, apart from what does not.
+    """Split pairs by whether they may touch, and those that may by whether they do at the start.
 
     Args:
-        room: Of all, at the start; empty where none may touch [m].
-        obstacles: Of all, in turn.
+        room: Of `start_room`, for every pair; empty if none may touch [m].
+        obstacles: Of the pairs, in turn.
     """
     flags = np.array(may, bool)
     touches = flags & (room.ravel() < KEPT * LEAST_CLEARANCE) if room.size else np.zeros_like(flags)

@@ -1,4 +1,4 @@
-"""How a plan's base motion changes with what is not known exactly, where its joints are controlled.
+"""First-order deviation of a plan's base motion by model and start errors, joints controlled.
 
 A controller makes the joints do what the plan says. The base does what momentum demands, and
 momentum is linear in the inertial parameters phi (`momentum_regressor`). With M the locked inertia,
@@ -35,10 +35,10 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 @dataclass(frozen=True, eq=False)
 class TrackedMotion:
-    """A plan that a controller follows, in the frame of the system's centre of mass.
+    """A plan that a controller tracks, in a frame that moves with the system's centre of mass.
 
-    The frame's axes are those of the plan's. Times are the steps of an integration, and half-way
-    between two of them there is one more: `half_` marks what is known at all of these.
+    Its axes are those of the plan's frame. Times are the steps of an integration; fields named
+    `half_` also hold the times half-way between two steps.
     """
 
     robot: Robot
@@ -49,7 +49,7 @@ class TrackedMotion:
     half_q: Array  # configurations of the system as modelled; shape (2 * steps + 1, 7 + joints)
     half_v: Array  # tangent velocities; shape (2 * steps + 1, 6 + joints)
     half_regressors: Array  # of `momentum_regressors`, at these
-    momentum: Array  # as modelled; shape (6,)
+    momentum: Array  # as modelled, about the origin of the frame; shape (6,) [N s, N m s]
 
     @property
     def time(self) -> Array:
@@ -69,7 +69,7 @@ class TrackedMotion:
 
 
 def tracked_motion(robot: Robot, trajectory: Trajectory) -> TrackedMotion:
-    """Return what a plan's samples say, when a controller follows them."""
+    """Return the motion of the system as modelled when a controller tracks a plan."""
     q, v = from_trajectory(robot, trajectory)
     q_start, v_start = q[0].copy(), v[0].copy()
     # Relative to the base first: far away, or where everything moves fast, digits would be lost.
@@ -100,7 +100,7 @@ def tracked_motion(robot: Robot, trajectory: Trajectory) -> TrackedMotion:
 
 
 class BaseSpread(NamedTuple):
-    """The small motion of the base that each error makes, exact to first order; linear first."""
+    """Deviation of the base by one sigma of each error, to first order; linear part first."""
 
     # zeta: a point p of the base moves by zeta_v + zeta_w x p, in axes and from the origin of the
     # motion's frame; shape (times, 6, errors)
@@ -109,7 +109,7 @@ class BaseSpread(NamedTuple):
 
 
 def base_spread(motion: TrackedMotion, of: Directions) -> BaseSpread:
-    """Return how the base moves otherwise by each error."""
+    """Return the first-order deviation of the base along a motion, by each error."""
     regressors, rows = motion.half_regressors, motion.robot.base.rows
     parameters = inertial_parameters(motion.robot)
     whole = np.concatenate([motion.half_v[:, :6], np.ones((len(regressors), 1))], axis=1)
@@ -145,8 +145,8 @@ def torques_by_errors(
 ) -> tuple[Array, Array]:
     """Return the torques that keep the joints on the plan, and their derivatives by the errors.
 
-    F = Y phi of Eq. (20) is zero in the base's rows, whatever the errors: that makes the change of
-    the base's acceleration, and the joints' rows are the torques.
+    F = Y phi of Eq. (20) is zero in the base's rows, whatever the errors: this gives the change of
+    the base's acceleration; the joints' rows are the torques.
 
     Returns:
         At the samples of the joints: shapes (points, joints) and (points, joints, errors) [N m].

@@ -1,7 +1,7 @@
-"""Where the robot's bodies are at some joint angles, and of what kind.
+"""Poses of the robot's bodies at given joint positions, and their kinds and sizes.
 
-Everything here is in the frame of the chaser, that of the free-flyer joint: the joint angles
-alone decide where the bodies are in it.
+Everything here is in the base frame, that of the free-flyer joint: there, poses depend on the
+joints alone.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 class Placed(NamedTuple):
-    """Bodies and joints at each configuration, seen from the chaser."""
+    """Poses of bodies and joints at each configuration, in the base frame."""
 
     rotations: Array  # of the solids; shape (configurations, bodies, 3, 3)
     positions: Array  # of the solids' own frames; shape (configurations, bodies, 3) [m]
-    centers: Array  # of the spheres around the bodies; likewise
+    centers: Array  # of the bounding spheres of the bodies; likewise
     origins: Array  # of the joints; shape (configurations, joints, 3) [m]
-    axes: Array  # of the joints, unit length, zero if they slide; likewise
-    slides: Array  # where the joints slide to, unit length, zero if they turn; likewise
+    axes: Array  # of revolute joints, unit length, zero for prismatic ones; likewise
+    slides: Array  # axes of prismatic joints, unit length, zero for revolute ones; likewise
 
 
 def placed_bodies(robot: Robot, angles: Array) -> Placed:
-    """Follow the chain of joints; angles: shape (configurations, joints) [rad]."""
+    """Return the poses at joint positions; angles: shape (configurations, joints) [rad, m]."""
     count = len(angles)
     steps = joint_rotations(robot, angles)
     rotations = np.empty((count, robot.joints + 1, 3, 3))
@@ -57,7 +57,7 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
 
 
 def centers_in_base(q: Array, centers: Array) -> Array:
-    """Return points as the chaser sees them. Shape (configurations, points, 3)."""
+    """Return points of the inertial frame in the base frame. (configurations, points, 3) [m]."""
     turns = rotation_from_quaternion(q[:, 3:7])
     return np.asarray((centers - q[:, None, :3]) @ turns, np.float64)
 
@@ -80,18 +80,18 @@ def carriers(robot: Robot) -> Indices:
 
 
 def radii(robot: Robot) -> Array:
-    """Return the radii of the spheres around the bodies. Shape (bodies,) [m]."""
+    """Return the radii of the bodies' bounding spheres. Shape (bodies,) [m]."""
     return np.array([body.radius for body in robot.bodies])
 
 
 def pairs(robot: Robot) -> tuple[Indices, Indices]:
-    """Return the first and the second body of every pair."""
+    """Return the first and the second body of every pair. Shape (pairs,) each."""
     first, second = np.array(robot.pairs, np.intp).reshape(-1, 2).T
     return first, second
 
 
 @lru_cache(maxsize=8)
 def kinds_and_sizes(robot: Robot) -> tuple[Indices, Array]:
-    """Return kind and sizes of every body."""
+    """Return kind and sizes of every body. Shapes (bodies,) and (bodies, 3) [m]."""
     kinds, sizes = zip(*(kind_and_sizes(body.solid) for body in robot.bodies), strict=True)
     return np.array(kinds, np.intp), np.array(sizes)

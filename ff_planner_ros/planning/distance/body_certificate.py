@@ -1,9 +1,10 @@
-"""A lower bound of the distances of bodies along a whole motion, between its points too.
+"""Lower bounds of the distances of bodies along a whole motion, between its points too.
 
 Between two points the motion is the cubic through both configurations and velocities, as for the
-arm's lines. While it goes on, no point of a body moves further than the joints' turns times what
-lies between the joint and the farthest point of the body. Two bodies of the robot are moved against
-each other by the joints between them alone.
+centre lines. Along it a point of a body moves at most by s = sum |dq_i| r_i, with r_i the distance
+of joint i from the body's farthest point. So a distance is at least the mean of both ends' less
+s / 2; intervals are halved until the bound is tight. Between two bodies of the robot only the
+joints between them count; between body and obstacle the motions of base and obstacle do, too.
 """
 
 from __future__ import annotations
@@ -36,21 +37,21 @@ from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Obstacle, ObstacleBody, Sphere
 from ff_planner_ros.robot.model import Robot
 
-# What is far apart need not be known to half a millimetre, but to this part of the distance.
+# Large distances need not be known to half a millimetre, but to this fraction of themselves.
 EXACT_PART = 0.02
-# The motion is first looked at in so many steps at once: most pairs stay far apart for long.
+# Number of steps in the first intervals: most pairs stay far apart for long.
 _STRIDE = 8
-# Of a sphere's whole way: its distance is not known more closely than that.
+# Relative to a pair's whole displacement: its distance is not known more closely than this.
 _ROUNDING = 1e-14
 
 
 class Least(NamedTuple):
     """The least distance along a motion."""
 
-    # The least there is, or below it by at most `CERTIFICATE_GAP` or a part of it [m]
+    # Lower bound of the true minimum, below it by at most `CERTIFICATE_GAP` or a fraction of it [m]
     certified: float
-    found: float  # the least that was met [m]
-    pair: int  # whose: number of the pair, or body times spheres plus sphere; -1: of none
+    found: float  # the least that was evaluated [m]
+    pair: int  # its number, or body times obstacles plus obstacle; -1: there is none
     time: float  # when [s]
 
 
@@ -58,7 +59,7 @@ NOTHING = Least(np.inf, np.inf, -1, np.inf)
 
 
 def least_of(*every: Least) -> Least:
-    """Return the least of all."""
+    """Return the nearest of several, with the lowest bound of all."""
     nearest = min(every, key=lambda least: least.found)
     return nearest._replace(certified=min(least.certified for least in every))
 
@@ -77,10 +78,12 @@ class _Kind:
 def least_pair_distance(
     robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float = EXACT_PART
 ) -> Least:
-    """Return the least distance of chosen pairs from the first point to the last.
+    """Return the least distance of chosen pairs along a motion.
 
     Args:
-        part: Of a distance, to which it is certified.
+        chosen: Numbers of pairs.
+        last: Index of the last time that counts.
+        part: Relative accuracy of the bound; `CERTIFICATE_GAP` counts if that is more.
     """
     if not len(chosen) or last < 0:
         return NOTHING
@@ -109,12 +112,13 @@ def least_sphere_distance(
     part: float = EXACT_PART,
     gap: float = CERTIFICATE_GAP,
 ) -> Least:
-    """Return the least distance of chosen bodies and spheres from the first point to the last.
+    """Return the least distance of chosen bodies from spheres along a motion.
 
     Args:
         chosen: Body times the number of spheres, plus sphere.
-        part: Of a distance, to which it is certified.
-        gap: To which it is certified, too, where that is more and nothing touches [m].
+        last: Index of the last time that counts.
+        part: Relative accuracy of the bound.
+        gap: Absolute accuracy of the bound, if that is more and nothing touches [m].
     """
     if not len(chosen) or last < 0:
         return NOTHING
@@ -146,11 +150,10 @@ def least_obstacle_distance(
     part: float = EXACT_PART,
     gap: float = CERTIFICATE_GAP,
 ) -> Least:
-    """Return the least distance of chosen bodies and obstacles from the first point to the last.
+    """Return the least distance of chosen bodies from obstacles; see `least_sphere_distance`.
 
     Args:
         chosen: Body times the number of obstacles, plus obstacle.
-        part: Of a distance, to which it is certified.
     """
     if not len(chosen) or last < 0:
         return NOTHING
@@ -194,13 +197,13 @@ def cubics_of(robot: Robot, motion: FollowedMotion) -> Array:
 
 
 def pair_ways(robot: Robot, motion: FollowedMotion) -> Array:
-    """Return how far pairs move against each other at most. Shape (points - 1, pairs) [m]."""
+    """Return bounds of pairs' relative displacement in each interval. (points - 1, pairs) [m]."""
     rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics_of(robot, motion)[:, :, 6:])
     return np.asarray(rates @ pair_reaches(robot), np.float64)
 
 
 def body_ways(robot: Robot, motion: FollowedMotion) -> Array:
-    """Return how far bodies move at most from point to point. Shape (points - 1, bodies) [m]."""
+    """Return bounds of the bodies' displacement in each interval. (points - 1, bodies) [m]."""
     cubics = cubics_of(robot, motion)
     rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
     # The base's linear rate belongs to an axis that turns on the way, by at most `way`.

@@ -1,8 +1,8 @@
-"""How far the robot's bodies are from each other and from spheres, with derivatives.
+"""Signed distances of the robot's bodies from each other and from spheres, with derivatives.
 
-Coal measures pairs of bodies. Of a sphere the centre alone counts, and how far a point is from a
-ball, capsule, box or cylinder has a closed form. The search has the same from the core, but
-for bodies that are in each other; the check has it from here.
+Coal measures pairs of bodies, and the distance of a sphere's centre from a convex hull; from a
+ball, capsule, box or cylinder it has a closed form. The check uses these; the search only for
+bodies that penetrate each other, and the core for others. Places and axes are in the base frame.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from ff_planner_ros.robot.model import Robot
 _EXACT, _EXACT_DEPTH = 1e-8, 1e-6
 # No robot is so deep in itself [m]: Coal failed.
 _ABSURD = 1e3
-# A shorter direction is none: the point is on an axis, or in a centre [m].
+# A shorter vector has no direction: the point is on an axis, or in a centre [m].
 NO_DIRECTION = 1e-12
 
 
 class Distances(NamedTuple):
-    """Signed distances with what their derivatives need, a row for each."""
+    """Signed distances, and the points and normals that their derivatives need; one a row."""
 
-    distance: Array  # negative: how deep one is in the other; shape (rows,) [m]
+    distance: Array  # negative: penetration depth; shape (rows,) [m]
     point: Array  # on the line through both nearest points; shape (rows, 3) [m]
     normal: Array  # unit vector, from the first to the second; shape (rows, 3)
 
 
 def pair_bounds(robot: Robot, placed: Placed) -> Array:
-    """Return lower bounds of the distances of pairs, by the spheres around their bodies.
+    """Return lower bounds of the distances of pairs, by bounding spheres.
 
     Shape (configurations, pairs) [m].
     """
@@ -54,7 +54,7 @@ def pair_bounds(robot: Robot, placed: Placed) -> Array:
 
 
 def pair_distances(robot: Robot, placed: Placed, rows: tuple[Indices, ...]) -> Distances:
-    """Measure pairs; rows: their configurations and numbers, each of shape (rows,)."""
+    """Measure pairs of bodies; rows: configurations and pair numbers, each of shape (rows,)."""
     request, measures, result = coal_request(), _pair_measures(robot), coal.DistanceResult()
     transforms = [coal.Transform3s() for _ in robot.bodies]
     set_to = [-1] * len(transforms)
@@ -79,7 +79,7 @@ def pair_distances(robot: Robot, placed: Placed, rows: tuple[Indices, ...]) -> D
 
 
 def has_failed(distance: Array, normal: Array) -> NDArray[np.bool_]:
-    """Tell of which rows Coal has no measure. Shape (rows,)."""
+    """Tell for which rows Coal failed: distance or normal is absurd. Shape (rows,)."""
     is_far = ~(np.abs(distance) < _ABSURD)
     return np.asarray(is_far | ~(np.abs(normal).max(axis=1, initial=0.0) <= 2.0), np.bool_)
 
@@ -87,7 +87,7 @@ def has_failed(distance: Array, normal: Array) -> NDArray[np.bool_]:
 def _as_spheres(
     robot: Robot, placed: Placed, at: np.intp, number: np.intp
 ) -> tuple[float, Array, Array]:
-    """Return how far the spheres around a pair of bodies are apart, with point and normal."""
+    """Return the distance of a pair's bounding spheres, with point and normal."""
     first, second = robot.pairs[number]
     ends = placed.centers[at, first], placed.centers[at, second]
     return between_spheres(*ends, robot.bodies[first].radius, robot.bodies[second].radius)
@@ -96,7 +96,7 @@ def _as_spheres(
 def between_spheres(
     start: Array, end: Array, first: float, second: float
 ) -> tuple[float, Array, Array]:
-    """Return how far two spheres are apart, with point and normal as in `Distances`.
+    """Return the distance of two spheres, with point and normal as in `Distances`.
 
     Args:
         start: Centre of the first. Shape (3,) [m].
@@ -117,7 +117,7 @@ def _pair_measures(robot: Robot) -> tuple[coal.ComputeDistance, ...]:
 
 
 def coal_request() -> coal.DistanceRequest:
-    """Return what Coal is asked for: signed distances, exact to `_EXACT`."""
+    """Return a request to Coal for signed distances, to `_EXACT`, and depths, to `_EXACT_DEPTH`."""
     request = coal.DistanceRequest()
     request.enable_signed_distance = True
     request.gjk_tolerance, request.epa_tolerance = _EXACT, _EXACT_DEPTH
@@ -125,10 +125,10 @@ def coal_request() -> coal.DistanceRequest:
 
 
 def sphere_bounds(robot: Robot, placed: Placed, centers: Array, radius: Array) -> Array:
-    """Return lower bounds of the distances of bodies from spheres, by the spheres around bodies.
+    """Return lower bounds of the distances of bodies from spheres, by bounding spheres.
 
     Args:
-        centers: Of the spheres, seen from the chaser. Shape (configurations, spheres, 3) [m].
+        centers: Of the spheres, in the base frame. Shape (configurations, spheres, 3) [m].
         radius: Of the spheres. Shape (spheres,) [m].
 
     Returns:
@@ -171,7 +171,7 @@ def sphere_distances(
 
 
 def distance_from(body: Body, point: Array) -> float:
-    """Return the signed distance of a point from a body, in the frame of its solid [m]."""
+    """Return the signed distance of a body from a point in the frame of its solid [m]."""
     kind, sizes = kind_and_sizes(body.solid)
     if kind not in _FORMULAS:
         return _from_hull(body.solid, point)[0]
@@ -252,10 +252,10 @@ def sphere_gradients(
 ) -> Array:
     """Return the derivatives of `sphere_distances` by base and joints. Shape (rows, 6 + joints).
 
-    Those by the base are by a step in the tangent space, linear first.
+    Those by the base are by its tangent, linear part first, in base axes.
     """
     by_joints = -_turned(placed, found, rows[0]) * _carries(robot, carriers(robot)[rows[1]])
-    # Seen from a chaser that moves, a centre moves the other way.
+    # Seen from a base that moves, a centre moves the other way.
     by_turn = -np.cross(found.point, found.normal)
     return np.hstack([-found.normal, by_turn, by_joints])
 

@@ -1,6 +1,6 @@
-"""How far the joints and the base's turn move bodies at most: what certificates are made of.
+"""Bounds of the bodies' displacement per motion of a joint or rotation of the base.
 
-A joint that slides by 1 m moves what it carries by 1 m: its reach is 1.
+They are levers [m per rad] of revolute joints and of the base, and 1 [m per m] of prismatic joints.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from ff_planner_ros.robot.model import Robot
 
 # A cylinder is in the prism around it; one of so many sides is hardly thicker.
 _SIDES = 16
-# A joint slides no further beyond its limits [m]: no plan is let through that leaves them by more.
+# No joint slides further beyond its limits [m]: the check refuses plans that exceed them by more.
 _BEYOND = 1e-3
 
 
 @lru_cache(maxsize=8)
 def pair_reaches(robot: Robot) -> Array:
-    """Return how far each joint moves the bodies of each pair against each other at most.
+    """Return how far each joint moves the bodies of each pair relative to each other at most.
 
-    Nearest points of both lie on one line along the normal, and so a joint between moves one of
-    them along it as fast as the other: the nearer body decides.
+    The nearest points of both lie on one line along the normal. A joint between them changes the
+    distance equally by whichever body it is said to move: the one with the shorter lever bounds it.
 
     Shape (joints, pairs) [m per rad, m per m].
     """
@@ -41,10 +41,10 @@ def pair_reaches(robot: Robot) -> Array:
 
 @lru_cache(maxsize=8)
 def body_reaches(robot: Robot) -> Array:
-    """Return how far any point of a body is at most from each joint that carries it.
+    """Return bounds of the distance of a body's points from each joint that carries the body.
 
-    Of the last one it is the distance from the axis. Zero for joints beyond the body. Shape
-    (joints, bodies) [m].
+    For the last of these it is the distance from the axis. 1 for prismatic joints, zero for joints
+    beyond the body. Shape (joints, bodies) [m per rad, m per m].
     """
     along, reaches = _stretched(robot), np.zeros((robot.joints, len(robot.bodies)))
     for number, body in enumerate(_outlines(robot)):
@@ -87,9 +87,9 @@ def _reaches_back(robot: Robot) -> Array:
 
 
 def _stretched(robot: Robot) -> Array:
-    """Return how far base and joints are along the stretched arm. Shape (joints + 1,) [m].
+    """Return the distances of base and joints along the stretched arm. Shape (joints + 1,) [m].
 
-    One that slides is where it slid to.
+    Prismatic joints are at their furthest.
     """
     placements = robot.model.jointPlacements[2:]
     lengths = [float(np.linalg.norm(at.translation)) for at in placements]

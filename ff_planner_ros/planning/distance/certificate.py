@@ -1,4 +1,4 @@
-"""A lower bound of the clearance along a whole motion, between its points too."""
+"""Lower bounds of the clearance of the centre lines along a whole motion, between points too."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ from ff_planner_ros.robot.model import Robot
 CERTIFICATE_GAP = 5e-4
 # The check's certified clearance of lines is below the truth by at most this [m].
 LINES_GAP = 1e-4
-# Of the distance at the start, the part that a certificate may be below the truth.
+# A certificate may be below the truth by this fraction of the distance at the start.
 _GAP = 0.25
-# Into so many a piece is cut: to look once at several moments takes less time than to look twice.
+# Number of parts that an interval is cut into: one call for several is cheaper than two calls.
 _PIECES = 4
-# Part of the way between two points that is not cut further: rounding is all that is left.
+# Fraction of an interval between points that is not cut further: the rest is rounding.
 SHORTEST_PIECE = 1e-12
 _TINY = np.finfo(float).tiny
 
 
 def certificate_gap(problem: PlanningProblem, most: float = CERTIFICATE_GAP) -> float:
-    """Return by how much certificates may be below the truth, so that the start passes [m].
+    """Return how far certificates may be below the truth for the start to pass [m].
 
     Args:
-        most: Where nothing is near.
+        most: The answer if no obstacle is near the start, or one is touched [m].
     """
     near = start_clearance(problem)
-    return min(most, _GAP * near) if near > 0.0 else most  # none is planned for that touches
+    return min(most, _GAP * near) if near > 0.0 else most  # a start in contact is refused
 
 
 @lru_cache(maxsize=4)
 def start_clearance(problem: PlanningProblem) -> float:
-    """Return the distance at the start from the nearest obstacle that is never touched [m]."""
+    """Return the distance from the nearest obstacle at the start, without allowed contacts [m]."""
     if problem.robot.bodies:
         spheres = room_of_bodies(problem).ravel()[split_spheres(problem).apart]
     else:
@@ -67,18 +67,18 @@ def certified_clearance(
 ) -> float:
     """Return a lower bound of the clearance along the whole motion, between the points too.
 
-    Between two points the motion is the cubic through both configurations and velocities. For a
-    piece of it there are two bounds. No point of the arm moves further than its speed allows, nor
-    does a sphere, so that the distance is at least the mean of both ends' less half both ways. And
-    the distance curves up no more than speed and acceleration let it, so that it is not below a
-    parabola through both ends. Pieces whose better bound is too low to tell are cut smaller.
+    Between two points the motion is the cubic through both configurations and velocities. On an
+    interval of it there are two bounds. Arm and sphere move at most by their speed bounds, so the
+    distance is at least the mean of both ends' less half of both displacements. And the distance is
+    no more convex than speeds and accelerations allow, so it is at least a parabola through both
+    ends. Intervals whose better bound is too low to decide are cut further.
 
     Args:
         q: Configurations. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
         times: Of the points, from the plan's first on. Shape (points,) [s].
-        positions: Of `arm_points`. None: they are worked out.
-        gap: By which it may be below the truth [m].
+        positions: Of `arm_points`. None: they are computed.
+        gap: How far the bound may be below the truth [m].
 
     Returns:
         Clearance [m], within the gap of the truth; infinite without spheres.
@@ -93,7 +93,7 @@ def certified_clearance(
     cubics = cubics_between(robot, q, v, steps)
     speeds = np.array([sphere.highest_speed for sphere in spheres])
     changes = np.array([sphere.highest_acceleration for sphere in spheres])
-    # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
+    # Of arm and sphere together, in each interval. Shape (points - 1, spheres).
     arm = slides(robot), positions[0], q[0], cubics
     ways = way_bounds(*arm)[:, None] + steps[:, None] * speeds
     bends = bend_bounds(*arm)[:, None] + steps[:, None] ** 2 * changes
@@ -134,7 +134,7 @@ def certified_clearance(
 
 
 def _lower_bounds(at_begin: Array, at_end: Array, ways: Array, bends: Array, radii: Array) -> Array:
-    """Return what the distances are not below between two moments.
+    """Return lower bounds of the distances on intervals.
 
     For a point at x from a sphere's centre, |x|'' = (|x'|^2 - (x' x / |x|)^2) / |x| + x'' x / |x|,
     which is not above way^2 / |x| + bend. The distance of the arm is the least over its points, and
@@ -171,15 +171,15 @@ def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
 
 
 def slides(robot: Robot) -> Array:
-    """Tell which joints slide: 1, and those that turn 0. Shape (joints,)."""
+    """Return 1 for each prismatic joint and 0 for each revolute one. Shape (joints,)."""
     return np.asarray(robot.joint_slides.any(axis=1), np.float64)
 
 
 def way_bounds(slides: Array, positions: Array, q: Array, cubics: Array) -> Array:
-    """Return a speed for each cubic that no point of the arm exceeds along it [m per unit of s].
+    """Return an upper bound of the arm's speed along each cubic [m per unit of s].
 
-    Each joint that turns, and the base's turn, move a point at most at their rate times the
-    stretched length of what lies beyond them; one that slides moves it at its rate.
+    Revolute joints, and the base's rotation, move a point at most at their rate times the stretched
+    length beyond them; a prismatic joint moves it at its rate.
 
     Args:
         slides: As of `slides`.
@@ -200,13 +200,13 @@ def way_bounds(slides: Array, positions: Array, q: Array, cubics: Array) -> Arra
 
 
 def bend_bounds(slides: Array, positions: Array, q: Array, cubics: Array) -> Array:
-    """Return for each cubic what no point's second derivative by s exceeds along it [m].
+    """Return an upper bound of the second derivative by s of the arm's points along each cubic [m].
 
-    With rates W and changes of rates S, summed from the base to a link, the link turns at W at most
-    and that changes by S + W^2 / 2, of which the last is what the axes' own turns make. A link of
-    length l adds l (S + 3/2 W^2), and one that slides out at a rate u, which changes by a, adds
-    2 W u + a. The base's place is R_0 V(phi) nu, its twist (nu, phi). The arguments are those of
-    `way_bounds`.
+    With W and S the sums, from the base to a link, of the joints' first and second derivatives, the
+    link rotates at W at most, and W changes by S + W^2 / 2 at most, the second term from the
+    rotation of the axes. A link of length l adds l (S + 3/2 W^2); one that slides out at u, which
+    changes by a, adds 2 W u + a. The base's place is R_0 V(phi) nu, its twist (nu, phi). The
+    arguments are those of `way_bounds`.
     """
     lengths = _lengths(slides, positions, q, cubics)
     rates, changes = (np.array(of) @ np.abs(cubics) for of in ([1.0, 2.0, 3.0], [0.0, 2.0, 6.0]))

@@ -24,7 +24,7 @@ from ff_planner_ros.robot.model import Robot
 
 # Joint origins nearer than this are the same point; drawings are not more exact.
 _SAME_POINT = 1e-6
-# The square of a length that may be zero where a joint slides is not divided by.
+# A prismatic joint may bring a length, which is divided by, to zero.
 _TINY = np.finfo(float).tiny
 
 
@@ -67,7 +67,7 @@ def segments(positions: Array) -> Indices:
 
 
 def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
-    """Return where the spheres' centres are. Shape (points, spheres, 3) [m]."""
+    """Return the spheres' centres in the inertial frame. Shape (points, spheres, 3) [m]."""
     centers, velocities, _ = sphere_arrays(spheres)
     moved: Array = centers + times[:, None, None] * velocities
     bodies = {id(sphere.body): sphere.body for sphere in spheres if sphere.body is not None}
@@ -80,7 +80,7 @@ def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
 
 
 def velocities_at(times: Array, spheres: Sequence[Sphere]) -> Array:
-    """Return how fast the spheres' centres move. Shape (points, spheres, 3) [m/s]."""
+    """Return the velocities of the spheres' centres. Shape (points, spheres, 3) [m/s]."""
     velocities = np.empty((len(times), len(spheres), 3))
     for k, sphere in enumerate(spheres):
         velocities[:, k] = sphere.velocity
@@ -99,7 +99,7 @@ def clearances(
     """Return the surface distance of every segment from every sphere.
 
     Args:
-        centers: Of `centers_at`. None: they are worked out.
+        centers: Of `centers_at`. None: they are computed.
     """
     centers = (centers_at(times, spheres) if centers is None else centers)[:, None]
     _, _, radii = sphere_arrays(spheres)
@@ -154,10 +154,9 @@ def clearance_rows(
     Args:
         q: At all points but the first, then half-way in every interval.
         q_sensitivity: As for `arm_points_with_derivatives`.
-        times: Of all points that are looked at.
-        spheres: In the order in which they are named.
-        quarter_way: Look at the arm a quarter of the way between points, too, and three quarters:
-            by the parabola through both points and the one half-way, but in the first interval.
+        times: Of all configurations that are evaluated.
+        quarter_way: Also evaluate at a quarter and three quarters of all intervals but the first,
+            by the parabola through both ends and the middle.
         times_by_last: Derivatives of the times by the last variable. None, empty: there are none.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Contacts in one configuration: which are the deepest, and how to get out of them."""
+"""Contacts in one configuration: the deepest one, and a joint's motion out of it."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 from ff_planner_ros.robot.collision.lines import with_bodies
 
-# Turns of one joint that are tried as a way out of a contact [rad].
+# Motions of one joint that are tried as a way out of a contact [rad, m].
 _TURNS = np.deg2rad([1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0])
 
 
 class Contact(NamedTuple):
-    """Two that touch, or nearly do."""
+    """Two bodies, or body and obstacle, that touch or are nearer than a clearance."""
 
-    distance: float  # zero or less: how deep one is in the other [m]
+    distance: float  # negative: penetration depth [m]
     first: str  # name of a body
     second: str  # name of another, or id of an obstacle
     obstacle: bool  # whether the second one is an obstacle
@@ -56,7 +56,7 @@ def deepest_contact(
     """Return the deepest contact in a configuration at a time [s] that is not allowed then.
 
     Args:
-        within: Clearance from obstacles [m]; to be nearer is a contact, too.
+        within: Clearance from obstacles [m]; a smaller distance is a contact, too.
     """
     robot, bodies = problem.robot, problem.robot.bodies
     if not bodies:
@@ -116,10 +116,10 @@ def _with_obstacles(
 
 
 def way_out(problem: PlanningProblem, q: Array, contact: Contact, within: float = 0.0) -> str:
-    """Return words for one joint's turn after which nothing touches any more; empty: none is known.
+    """Return words for one joint's motion that ends all contacts; empty: none was found.
 
     Args:
-        q: Where the contact is the deepest one. Shape (7 + joints,).
+        q: Configuration with this deepest contact. Shape (7 + joints,).
         within: As for `deepest_contact`.
     """
     robot = problem.robot
@@ -143,9 +143,9 @@ def way_out(problem: PlanningProblem, q: Array, contact: Contact, within: float 
 
 
 def tool_contact(problem: PlanningProblem) -> Contact | None:
-    """Return the deepest contact of what the last joint carries with an obstacle at the goal.
+    """Return the deepest contact at the goal between an obstacle and what the last joint carries.
 
-    Where the target leaves the orientation free, there is none for certain.
+    None, too, if the target leaves orientation free: no contact is certain then.
     """
     robot, target = problem.robot, problem.target
     if target.orientation is not Orientation.FIXED:
@@ -173,6 +173,6 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
 
 
 def _spheres(problem: PlanningProblem, q: Array, time: float) -> tuple[Array, Array]:
-    """Return the spheres' centres seen from the chaser, (1, spheres, 3), and their radii."""
+    """Return the spheres' centres in the base frame, (1, spheres, 3), and their radii [m]."""
     centers = centers_in_base(q[None], centers_at(np.array([time]), problem.spheres))
     return centers, np.array([sphere.radius for sphere in problem.spheres])

@@ -1,7 +1,7 @@
-"""What the grasp of a problem sees, where it is at each moment.
+"""The grasp frame of a problem at given times, and points seen from it.
 
-It is that of a target body, or a target that goes on with the velocity and the turn rate that it
-has at the goal: one that rests stays where it is, in every inertial frame.
+It is the grasp of the target body; without a body, it is the target pose, which moves uniformly
+with the target's twist at the goal.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from ff_planner_ros.robot.quaternion import (
 
 
 class GraspSeen:
-    """Points in the grasp's frame, one at each of some times."""
+    """The grasp frame at given times, with conversions of one point per time."""
 
     def __init__(self, problem: PlanningProblem, times: Array) -> None:
-        """Work out where the grasp is at times from the plan's first point on, (times,) [s]."""
+        """Compute the grasp frame at times from the plan's first point on, (times,) [s]."""
         body, target = problem.target_body, problem.target
         self._parts, self._of_body = times / problem.duration, body is not None
         # On a table the height does not count.
@@ -41,7 +41,7 @@ class GraspSeen:
 
     @property
     def positions(self) -> Array:
-        """Where the grasp is, inertial frame. Shape (times, 3) [m]."""
+        """Origin of the grasp frame, inertial frame. Shape (times, 3) [m]."""
         return self._positions
 
     @property
@@ -50,13 +50,13 @@ class GraspSeen:
         return self._twists[:, :3]
 
     def by_duration(self, target_by_duration: Array) -> Array:
-        """Return how the grasp moves with the duration, at fixed parts of it, as twists.
+        """Return the derivatives of the grasp frame by the duration T, at fixed t / T, as twists.
 
-        The grasp of a body is where it is at that time. A target is at the goal where it is told to
-        be, and before that on its uniform way there.
+        A body's grasp moves on by its motion in t; a target moves with its pose at the goal, less
+        its uniform motion from t to T.
 
         Args:
-            target_by_duration: Place of the target by the duration, a twist. Shape (6,).
+            target_by_duration: Derivative of the target pose by T, a twist. Shape (6,).
 
         Returns:
             Linear part first, inertial axes. Shape (times, 6) [m/s, rad/s].
@@ -71,30 +71,30 @@ class GraspSeen:
         return seen
 
     def from_grasp(self, points: Array) -> Array:
-        """Return the ways from the grasp to points, inertial axes. Shape (times, 3) [m]."""
+        """Return the vectors from the grasp to points, inertial axes. Shape (times, 3) [m]."""
         return points - self._positions
 
     def sees(self, points: Array) -> Array:
-        """Return where points are, one at each time. Shape (times, 3) [m]."""
+        """Return points of the inertial frame in the grasp frame. Shape (times, 3) [m]."""
         return self._here(points - self._positions)
 
     def sees_moving(self, points: Array, velocities: Array) -> Array:
-        """Return how fast points move, one at each time. Shape (times, 3) [m/s]."""
+        """Return velocities of points, as the grasp frame sees them. Shape (times, 3) [m/s]."""
         carried = np.cross(self._twists[:, 3:], points - self._positions)
         return self._here(velocities - self._twists[:, :3] - carried)
 
     def sees_by_duration(self, points: Array, target_by_duration: Array) -> Array:
-        """Return how places change with the duration, at fixed parts of it. Shape (times, 3)."""
+        """Return the derivatives of `sees` by T, at fixed t / T. Shape (times, 3) [m/s]."""
         by_duration = self.by_duration(target_by_duration)
         carried = np.cross(by_duration[:, 3:], points - self._positions)
         return self._here(-by_duration[:, :3] - carried)
 
     def is_at(self, places: Array) -> Array:
-        """Return where places of its frame are, one at each time. Shape (times, 3) [m]."""
+        """Return points of the grasp frame in the inertial frame. Shape (times, 3) [m]."""
         there: Array = self._positions + np.einsum("pij,pj->pi", self._rotations, places)
         return there
 
     def in_inertial(self, gradients: Array) -> Array:
-        """Return gradients by places as those by points of the inertial frame. (times, 3)."""
+        """Return gradients by points of the grasp frame as those by inertial points. (times, 3)."""
         turned: Array = self._counts * np.einsum("pij,pj->pi", self._rotations, gradients)
         return turned

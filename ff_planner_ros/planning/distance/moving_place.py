@@ -1,7 +1,7 @@
-"""The least margin that a place keeps on its way, between the points too.
+"""The least margin of a moving point, certified between the times at which it is known.
 
-The place is known at some times, as are its velocities, in a frame that may move and turn. From one
-time to the next it moves on the cubic through both places and velocities.
+Its places and velocities are given in a frame that may move and rotate. Between two times it moves
+on the cubic through both.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 
-# Between the points the margin is known to this [m].
+# Between the times the margin is known to this [m].
 _GAP = 5e-4
 
 
 class LeastMargin(NamedTuple):
-    """Where the margin of a place is least."""
+    """The least margin of a moving point, and where it is then."""
 
-    certified: float  # a bound of it at all times [m]
+    certified: float  # lower bound at all times, within 0.5 mm of the least [m]
     margin: float  # the least that was found [m]
     time: float  # of that [s]
     place: Array  # then; shape (3,) [m]
 
 
 def places_between(times: Array, places: Array, velocities: Array, count: int) -> Array:
-    """Return the places on the way at `count` times of each piece, and the last one.
+    """Return the places at `count` times of each interval, and the last one.
 
     Args:
         times: Shape (times,) [s].
@@ -46,17 +46,17 @@ def places_between(times: Array, places: Array, velocities: Array, count: int) -
 def least_margin(
     times: Array, places: Array, velocities: Array, margins: Callable[[Array], Array]
 ) -> LeastMargin:
-    """Return the least margin along the way of a place.
+    """Return the least margin of a moving point.
 
-    In a piece of the way the margin changes by no more than the place moves; pieces whose bound is
-    too low to tell are halved.
+    In an interval the margin changes by no more than the point moves; intervals whose bound is too
+    low to decide are halved.
 
     Args:
         times: Shape (times,) [s].
         places: Shape (times, 3) [m].
         velocities: Shape (times, 3) [m/s].
-        margins: Margins of places, which change by no more than a place moves: from shape
-            (places, 3) to shape (places,) [m].
+        margins: Margins of places, with Lipschitz constant 1: from shape (places, 3) to shape
+            (places,) [m].
     """
     cubics, fastest = _cubics(times, places, velocities)
     values = margins(places)

@@ -1,8 +1,8 @@
-"""How near every part of the robot is to every obstacle, where its base may be elsewhere.
+"""Distances of the robot's parts from obstacles when its base deviates from the plan.
 
-Where the joints are controlled the robot is the same seen from its base, and the obstacles move. No
-distance changes by more than an obstacle's farthest point does, so that of many runs few distances
-need be measured.
+With controlled joints the robot keeps its shape in the base frame, and the obstacles move in it. A
+distance changes by no more than the obstacle's farthest point moves, so that few distances of many
+runs need be measured. A part is a body or a centre line.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 
-# Further than this from an obstacle [deviations] beside the nearest, a part is never the nearest;
-# as many as a plan may be asked to keep.
+# A part that is further by this many standard deviations than the nearest is never the nearest; a
+# plan cannot be asked to keep more.
 _FAR = MOST_SIGMAS
 _SAME_POINT = 1e-12  # [m]
-# Of an obstacle that is no sphere, distances that are longer by so much [m] than one that is
-# measured are told by the spheres around both: they are lower bounds.
+# Distances from other obstacles than spheres that exceed a measured one by so much [m] are bounded
+# below by bounding spheres instead.
 _NOT_MEASURED = 0.5
 _AT_ONCE = 20_000  # distances whose derivatives are in memory
 
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """Distances of parts from obstacles at some times, the base as modelled; spheres come first.
+    """Distances of parts from obstacles along the planned motion; spheres are the first obstacles.
 
-    Centre and radius of an obstacle are those of a sphere around it.
+    Centre and radius of an obstacle are those of its bounding sphere.
     """
 
     robot: Robot
@@ -54,17 +54,17 @@ class Nearness:
     others: tuple[ObstacleBody, ...]  # the obstacles that are no spheres
     rotations: Array  # of their axes to inertial axes; shape (times, others, 3, 3)
     radius: Array  # of the obstacles; shape (obstacles,) [m]
-    centers: Array  # of the obstacles, inertial axes; shape (times, obstacles, 3) [m]
+    centers: Array  # of the obstacles, inertial frame; shape (times, obstacles, 3) [m]
     distance: Array  # infinite where they may touch; shape (times, parts, obstacles) [m]
     normal: Array  # from part to obstacle, inertial axes; shape (times, parts, obstacles, 3)
-    places: Array  # on the line through both nearest points, likewise [m]
+    places: Array  # on the line through both nearest points, inertial frame; likewise [m]
     placed: Placed | None  # of the bodies; None: parts are the arm's lines
-    ends: Array  # of the lines, seen from the base; shape (times, joints + 1, 3) [m]
+    ends: Array  # of the lines, base frame; shape (times, joints + 1, 3) [m]
     starts: Indices  # of the lines
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing to be near to."""
+        """Whether there is no distance to keep."""
         return not np.isfinite(self.distance).any()
 
     def by_errors(self, spread: Array, rows: tuple[Indices, ...]) -> Array:
@@ -86,7 +86,7 @@ class Nearness:
         return found
 
     def sigmas(self, spread: Array) -> Array:
-        """Return the deviation of every distance. Shape (times, parts, obstacles) [m]."""
+        """Return the standard deviation of each distance. Shape (times, parts, obstacles) [m]."""
         every, found = np.nonzero(np.ones_like(self.distance, bool)), np.empty(self.distance.size)
         for first in range(0, found.size, _AT_ONCE):
             some = slice(first, first + _AT_ONCE)
@@ -95,7 +95,7 @@ class Nearness:
         return found.reshape(self.distance.shape)
 
     def rows_near(self, spread: Array) -> tuple[Indices, ...]:
-        """Return what may be the nearest where errors are not far beyond their deviations."""
+        """Return times, parts and obstacles that may be nearest within `_FAR` deviations."""
         sigmas = self.sigmas(spread)
         highest = (self.distance + _FAR * sigmas).min(initial=np.inf)
         return np.nonzero(self.distance - _FAR * sigmas <= highest)
@@ -104,8 +104,8 @@ class Nearness:
         """Return the least distance of each run [m].
 
         Args:
-            rotations: Base to inertial. Shape (times, runs, 3, 3).
-            positions: Of the base. Shape (times, runs, 3) [m].
+            rotations: Base to inertial axes. Shape (times, runs, 3, 3).
+            positions: Of the base, inertial frame. Shape (times, runs, 3) [m].
         """
         runs = positions.shape[1]
         if self.is_empty:
@@ -176,7 +176,7 @@ class Nearness:
 
 
 def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
-    """Measure all parts against all obstacles of a scene, but where they may touch.
+    """Measure all parts against all obstacles of a scene, but for allowed contacts at the goal.
 
     Args:
         q: Shape (times, 7 + joints).
@@ -232,9 +232,9 @@ def _to_others(
     others: Sequence[ObstacleBody],
     counts: NDArray[np.bool_],
 ) -> Distances:
-    """Return how far parts are from obstacles that are no spheres, each (times, parts, others).
+    """Return distances of parts from obstacles that are no spheres, each (times, parts, others).
 
-    Those that are far are told by the spheres around both.
+    Large ones are lower bounds, by bounding spheres.
 
     Args:
         counts: What must not touch. Shape (times, parts, others).
@@ -269,14 +269,14 @@ def measured(
     centers: Array,
     radius: Array,
 ) -> tuple[Array, Array]:
-    """Return distances of parts from spheres, seen from the base, and the unit vectors to them.
+    """Return distances [m] of parts from spheres, and the unit vectors to these, in base axes.
 
     Args:
         placed: Bodies at all times; None: lines count.
-        ends: Of lines, at all times.
-        starts: Of lines.
+        ends: As in `Nearness`.
+        starts: As in `Nearness`.
         rows: Times, parts and spheres, each of shape (rows,).
-        centers: Of the spheres, seen from the base; shape (rows, 3) [m].
+        centers: Of the spheres, base frame. Shape (rows, 3) [m].
         radius: Of all spheres. Shape (spheres,) [m].
     """
     time, part, sphere = rows
@@ -297,16 +297,16 @@ def measured(
 def touching_from(
     robot: Robot, obstacles: Sequence[Obstacle], scene: Scene, ee_positions: Array, times: Array
 ) -> Array:
-    """Return the first time from which on each part may touch each obstacle, by its number.
+    """Return the index of the time from which on each part may touch each obstacle.
 
     Args:
-        obstacles: In the order of the answer.
+        obstacles: Those of the scene, in the order of the columns.
         scene: In the frame of the positions.
         ee_positions: As planned. Shape (times, 3) [m].
         times: Shape (times,) [s].
 
     Returns:
-        As many as there are times: never. Shape (bodies, obstacles); (1, obstacles) for lines.
+        Number of times: never. Shape (bodies, obstacles); (1, obstacles) for lines.
     """
     names = [body.link for body in robot.bodies] or [""]
     never = np.full((len(names), len(obstacles)), len(times))

@@ -1,6 +1,6 @@
-"""How far the robot's bodies are from obstacles of any shape, as Coal measures it.
+"""Signed distances of the robot's bodies from convex obstacles, by Coal.
 
-Robots with lines are measured by these; see `with_bodies`.
+`with_bodies` makes bodies of the centre lines of a robot that has no others.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 def obstacle_geometry(one: Obstacle) -> coal.CollisionGeometry:
-    """Return an obstacle as Coal holds it, in its own frame."""
+    """Return the Coal geometry of an obstacle, in the obstacle's own frame."""
     return coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
 
 
 def obstacle_poses(one: Obstacle, times: Array) -> tuple[Array, Array]:
-    """Return its axes to inertial axes, (times, 3, 3), and its origin, (times, 3) [m].
+    """Return an obstacle's axes to inertial axes, (times, 3, 3), and origin, (times, 3) [m].
 
     Args:
         times: From the plan's first point on. Shape (times,) [s].
@@ -46,13 +46,13 @@ def obstacle_poses(one: Obstacle, times: Array) -> tuple[Array, Array]:
 
 
 def obstacle_place(one: Obstacle, time: float) -> pin.SE3:
-    """Return where an obstacle is at a time from the plan's first point on [s]."""
+    """Return an obstacle's pose in the inertial frame at a time from the plan's first point [s]."""
     rotations, origins = obstacle_poses(one, np.array([time]))
     return pin.SE3(rotations[0], origins[0])
 
 
 def around_obstacles(obstacles: Sequence[Obstacle], times: Array) -> tuple[Array, Array]:
-    """Return centres of spheres around obstacles, (times, obstacles, 3), and radii [m].
+    """Return centres, (times, obstacles, 3), and radii of obstacles' bounding spheres [m].
 
     Args:
         times: From the plan's first point on. Shape (times,) [s].
@@ -69,14 +69,14 @@ def around_obstacles(obstacles: Sequence[Obstacle], times: Array) -> tuple[Array
 
 
 class Poses(NamedTuple):
-    """Where obstacles are at each configuration, seen from the chaser."""
+    """Poses of obstacles at each configuration, in the base frame."""
 
     rotations: Array  # of their axes; shape (configurations, obstacles, 3, 3)
     positions: Array  # of their origins; shape (configurations, obstacles, 3) [m]
 
 
 def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[ObstacleBody]) -> Poses:
-    """Return where obstacles are.
+    """Return the poses of obstacles in the base frame.
 
     Args:
         q: Shape (configurations, 7 + joints).
@@ -91,7 +91,7 @@ def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[ObstacleBody]) 
 
 
 def body_centers(obstacles: Sequence[ObstacleBody], times: Array) -> Array:
-    """Return the centres of the spheres around obstacles. Shape (times, obstacles, 3) [m].
+    """Return the centres of obstacles' bounding spheres. Shape (times, obstacles, 3) [m].
 
     Args:
         times: From the plan's first point on. Shape (times,) [s].
@@ -108,7 +108,7 @@ def body_centers(obstacles: Sequence[ObstacleBody], times: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _uniform_centers(obstacles: tuple[ObstacleBody, ...]) -> tuple[Array, Array, list[int]]:
-    """Return centres at the plan's first point, their velocities, and whose turn, too."""
+    """Return centres at the plan's first point, their velocities, and who rotates."""
     begins = [one.position + one.rotation @ one.solid.center for one in obstacles]
     velocities = [one.velocity for one in obstacles]
     turning = [number for number, one in enumerate(obstacles) if one.turns]
@@ -118,7 +118,7 @@ def _uniform_centers(obstacles: tuple[ObstacleBody, ...]) -> tuple[Array, Array,
 def poses_at(times: Array, obstacles: Sequence[ObstacleBody]) -> tuple[Array, Array]:
     """Return axes to inertial axes, (times, obstacles, 3, 3), and origins, (..., 3) [m].
 
-    What is fixed to one body is turned once.
+    The motion of a target body is computed once for all that is fixed to it.
 
     Args:
         times: From the plan's first point on. Shape (times,) [s].
@@ -149,7 +149,7 @@ def poses_at(times: Array, obstacles: Sequence[ObstacleBody]) -> tuple[Array, Ar
 def obstacle_bounds(
     robot: Robot, placed: Placed, q: Array, times: Array, obstacles: Sequence[ObstacleBody]
 ) -> Array:
-    """Return lower bounds of the distances of bodies from obstacles, by the spheres around both.
+    """Return lower bounds of the distances of bodies from obstacles, by bounding spheres.
 
     Args:
         q: Shape (configurations, 7 + joints).
@@ -170,7 +170,7 @@ def obstacle_distances(
     obstacles: Sequence[ObstacleBody],
     rows: tuple[Indices, ...],
 ) -> Distances:
-    """Measure bodies against obstacles.
+    """Measure bodies against obstacles; places and axes are in the base frame.
 
     Args:
         rows: Configurations, bodies and obstacles, each of shape (rows,).
@@ -206,7 +206,7 @@ def obstacle_distances(
 def distance_between(
     first: coal.CollisionGeometry, at: pin.SE3, second: coal.CollisionGeometry, there: pin.SE3
 ) -> float:
-    """Return the signed distance of two solids at two places of one frame [m]."""
+    """Return the signed distance of two solids whose poses are in one frame [m]."""
     places = [coal.Transform3s(place.rotation, place.translation) for place in (at, there)]
     result = coal.DistanceResult()
     return float(coal.distance(first, places[0], second, places[1], coal_request(), result))
@@ -225,7 +225,7 @@ def approach_speeds(
     found: Distances,
     rows: tuple[Indices, ...],
 ) -> Array:
-    """Return how fast distances grow because the obstacles move. Shape (rows,) [m/s].
+    """Return the rates of distances because of the obstacles' motion. Shape (rows,) [m/s].
 
     Args:
         q: Shape (configurations, 7 + joints).

@@ -1,4 +1,4 @@
-"""Certificates while a search goes on: by the compiled core, and none above the check's."""
+"""Certified distances for the search, by the compiled core; the check never uses them."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def search_certificate(
     spheres: Sequence[Sphere],
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return a lower bound of the clearance along the whole motion; the check never asks here.
+    """Return a lower bound of the clearance of the centre lines along the whole motion [m].
 
-    By how far arm and spheres move alone, and thus below `certified_clearance`, which knows how
-    they bend: by the gap [m] at most.
+    It bounds displacements only, and so may be below `certified_clearance`, which also bounds
+    accelerations: by the gap [m] at most.
     """
     if not spheres:
         return np.inf
@@ -57,7 +57,7 @@ def search_certificate(
 def search_pair_distance(
     robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float
 ) -> float:
-    """Return what is certified by `least_pair_distance`, or as good a bound."""
+    """Return the bound that `least_pair_distance` certifies, or one as tight [m]."""
     return _certified(
         chosen,
         last,
@@ -83,7 +83,7 @@ def search_sphere_distance(
     part: float,
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return what is certified by `least_sphere_distance`, or as good a bound."""
+    """Return the bound that `least_sphere_distance` certifies, or one as tight [m]."""
     return _certified(
         chosen,
         last,
@@ -110,7 +110,7 @@ def search_obstacle_distance(
     part: float,
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return what is certified by `least_obstacle_distance`, or as good a bound."""
+    """Return the bound that `least_obstacle_distance` certifies, or one as tight [m]."""
     return _certified(
         chosen,
         last,

@@ -1,4 +1,4 @@
-"""How near the start is to what is in the way: a motion cannot leave at once where it begins."""
+"""The clearances that a motion must keep near its start: parts of those that the start has."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 
 # The clearance from every obstacle that a start needs [m], ten times the solver's tolerance; and
-# that a plan has at its last point, where another one may start: the frame of each rounds places.
+# that a plan needs at its last point, where another may start: planning frames round positions.
 LEAST_CLEARANCE, CLEARANCE_AT_END = 1e-5, 1.2e-5
-# Of the distance at the start, the part that a motion keeps.
+# Fraction of the distance at the start that a motion keeps.
 KEPT = 0.5
-# Where there is room for less than this part of a margin, a motion gains the rest in this part of
-# its duration.
+# Where the room is less than this fraction of a margin, it grows to the margin in this fraction of
+# the duration.
 _SHORT, _GAINED = 0.5, 0.25
-# What is further away by the spheres around it is not measured: half of this [m] is the largest
-# margin that a parameter allows.
+# Distances that bounding spheres show to be larger are not measured: half of this [m] is the
+# largest margin that a parameter allows.
 _FAR = 2.0
 
 
 @lru_cache(maxsize=4)
 def room_of_lines(problem: PlanningProblem) -> Array:
-    """Return half the distance of the arm's lines from spheres. Shape (lines, spheres) [m]."""
+    """Return half the start distances of lines from spheres. Shape (lines, spheres) [m]."""
     robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
     positions = arm_points(robot, q[None])
     found = clearances(positions, np.zeros(1), segments(positions), problem.spheres)
@@ -44,7 +44,7 @@ def room_of_lines(problem: PlanningProblem) -> Array:
 
 @lru_cache(maxsize=4)
 def room_of_pairs(problem: PlanningProblem) -> Array:
-    """Return half the distance of each pair. Shape (pairs,) [m]."""
+    """Return half the start distance of each pair. Shape (pairs,) [m]."""
     robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
     rows = np.zeros(len(robot.pairs), np.intp), np.arange(len(robot.pairs))
     return _room(pair_distances(robot, placed_bodies(robot, q[None, 7:]), rows).distance)
@@ -52,7 +52,7 @@ def room_of_pairs(problem: PlanningProblem) -> Array:
 
 @lru_cache(maxsize=4)
 def room_of_bodies(problem: PlanningProblem) -> Array:
-    """Return half the distance of bodies from spheres. Shape (bodies, spheres) [m]."""
+    """Return half the start distances of bodies from spheres. Shape (bodies, spheres) [m]."""
     robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
     centers, _, radius = sphere_arrays(problem.spheres)
     shape = len(robot.bodies), len(radius)
@@ -64,7 +64,7 @@ def room_of_bodies(problem: PlanningProblem) -> Array:
 
 @lru_cache(maxsize=4)
 def room_of_obstacles(problem: PlanningProblem) -> Array:
-    """Return half the distance of bodies from other obstacles. Shape (bodies, obstacles) [m]."""
+    """Return half the start distances of bodies from other obstacles. (bodies, obstacles) [m]."""
     robot, q = with_bodies(problem.robot), configuration(problem.robot, problem.start)[0]
     shape = len(robot.bodies), len(problem.obstacle_bodies)
     if not shape[1]:
@@ -79,15 +79,15 @@ def room_of_obstacles(problem: PlanningProblem) -> Array:
 
 
 def margins_of_rows(margin: float, room: Array, names: Indices, times: Array) -> Array:
-    """Return the margin that each distance keeps [m].
+    """Return the margin that each distance must keep [m]: no more than the room at the start.
 
-    At the start there is the room that there is; from rest, ways grow as the cube of the time.
-    Were the margin no larger later on, nothing would keep an arm clear between the points there.
+    A much smaller room grows to the margin as the cube of the time, as displacements from rest do:
+    without a margin later on, nothing would keep the arm clear between the points.
 
     Args:
-        margin: Where there is room for it [m].
-        room: Of all that is measured, in the order of its numbers [m].
-        names: Of rows: they number configurations, then what is measured.
+        margin: The largest margin [m].
+        room: Of each pair, by its number [m].
+        names: Configuration times the number of pairs, plus pair. Shape (rows,).
         times: Of the configurations, the last one at the end [s].
     """
     configurations, numbers = np.divmod(names, room.size)
@@ -101,5 +101,5 @@ def margins_of_rows(margin: float, room: Array, names: Indices, times: Array) ->
 
 
 def _room(distances: Array) -> Array:
-    """Return the part of distances at the start that a motion keeps [m]."""
+    """Return what a motion keeps of distances at the start [m]."""
     return np.maximum(distances, 0.0) * KEPT

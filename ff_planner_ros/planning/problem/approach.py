@@ -1,9 +1,9 @@
-"""The last stretch to a grasp: along a straight corridor, as the grasp sees it.
+"""The corridor of the last stretch to a grasp: a cone in the frame of the grasp.
 
-The corridor is a cone about the line on which the end effector comes. It opens against the
-direction of the approach; its apex lies a little beyond the grasp, where it is so as wide as an end
-effector may be aside. Within the distance from the grasp the end effector is inside the cone, and
-from when on it stays within the distance, it stays in the corridor.
+The cone's axis is the direction of the approach, against which it opens. Its apex lies beyond the
+grasp, where the cone has the radius `RADIUS_AT_GRASP`. Wherever the end effector is within the
+distance from the grasp, it must be inside the cone: it enters the sphere of this distance through
+the cone's mouth only.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import DIRECTION, a_number
 from ff_planner_ros.errors import InvalidInput, Status
 
-# Half angle of a corridor that none is given for [rad]: half as much again as what vehicles that
-# dock keep over hundreds of metres, for over decimetres an arm has less room to steer.
+# Default half angle of a corridor [rad]: 1.5 times that of vehicles which dock over hundreds of
+# metres, because over decimetres an arm has less room to steer.
 HALF_ANGLE = math.radians(15.0)
-# No corridor is shorter [m]: a plan's check does not see it.
+# No corridor is shorter [m]: the check of a plan could not see it.
 _SHORTEST = 1e-6
-# Radius of the corridor at the grasp [m], for no end effector meets a point: five times what a plan
-# may miss its goal by.
+# Radius of the corridor at the grasp [m], as no end effector meets a point: five times the allowed
+# final position error.
 RADIUS_AT_GRASP = 0.005
 
-# The cone as planes: between two of them it is nearer by less than a hundredth of the way aside.
+# Planes that approximate the cone, to less than 1 % of the lateral offset.
 _PLANES = 24
 
 
 class Margins(NamedTuple):
-    """How far places are from where the end effector must not be; negative: they are there."""
+    """Signed distances of places from the forbidden region; negative inside it."""
 
-    values: Array  # no place changes it by more than it moves; shape (places,) [m]
-    gradients: Array  # by the place, grasp axes; shape (places, 3)
-    by_cone: Array  # whether it is the cone that counts, or else the distance; shape (places,)
+    values: Array  # with Lipschitz constant 1 in the place; shape (places,) [m]
+    gradients: Array  # by the place, in grasp axes; shape (places, 3)
+    by_cone: Array  # whether the value is that of the cone, else of the distance; shape (places,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,8 @@ class Approach:
     """The corridor of the last stretch, in the frame of the end effector at the goal.
 
     Raises:
-        InvalidInput: Wrong size, not finite, a direction of no length, a distance that is not
-            positive, or a cone that is none.
+        InvalidInput: Wrong size, not finite, a direction of no length, a distance below 1e-6 m, or
+            a half angle that is not between zero and a right angle.
     """
 
     SINCE: ClassVar[str] = "0.3"
@@ -86,22 +86,22 @@ class Approach:
         return f"[{axis}], in the goal's axes", f"the last {1e3 * self.distance:.4g} mm in {cone}"
 
     def _along_and_aside(self, places: Array) -> tuple[Array, Array]:
-        """Return how far places are before the grasp, and their way aside; (places, 3) [m]."""
+        """Return distances before the grasp, (places,), and lateral offsets, (places, 3) [m]."""
         along = -(places @ self.direction)
         return along, places + along[:, None] * self.direction
 
     def angles(self, places: Array) -> Array:
-        """Return how far off the direction places are, seen from the apex. (places,) [rad]."""
+        """Return the angles of places off the cone's axis, seen from its apex. (places,) [rad]."""
         along, aside = self._along_and_aside(places)
         beyond = RADIUS_AT_GRASP / math.tan(self.half_angle)
         angles: Array = np.arctan2(np.linalg.norm(aside, axis=1), along + beyond)
         return angles
 
     def planes(self, places: Array) -> tuple[Array, Array]:
-        """Return how far places are inside planes that touch the cone, all round, and gradients.
+        """Return distances of places inside planes tangent to the cone, all round, and gradients.
 
-        On the cone's axis the way to its wall is the same to all sides, which no gradient of the
-        margin tells. The first plane is the one that is nearest.
+        The margin of the cone has no gradient on its axis, where all walls are equally near; planes
+        have. The first plane is the nearest.
 
         Returns:
             Shapes (places, planes) [m] and (places, planes, 3).
@@ -126,7 +126,8 @@ class Approach:
     def margins(self, places: Array) -> Margins:
         """Return how far places are inside the cone, or beyond the distance: the larger of both.
 
-        With s before the grasp and l aside, the cone is r cos(a) + s sin(a) - l cos(a) >= 0.
+        With s the distance before the grasp, l the lateral offset, r the radius at the grasp and a
+        the half angle, the cone is r cos(a) + s sin(a) - l cos(a) >= 0.
 
         Args:
             places: Of the end effector in the grasp's frame. Shape (places, 3) [m].

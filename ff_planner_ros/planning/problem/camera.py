@@ -1,7 +1,7 @@
 """A camera that is fixed to a link, and keeps the goal in view on the way to it.
 
-The view is a cone about the camera's axis, with its apex in the camera. Until the camera is as near
-to the goal as `until` says, the goal is inside; a captured body's grasp is the goal at all times.
+The view is a cone about the camera's axis, with its apex in the camera. The goal must be inside
+until the camera is nearer to it than `until`; for a target body, the goal is its moving grasp.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Camera:
         return view, f"the goal stays in view {until}"
 
     def angles(self, places: Array) -> Array:
-        """Return how far places are off the camera's axis. Shape (places,) [rad].
+        """Return the angles of places off the camera's axis. Shape (places,) [rad].
 
         Args:
             places: In the link's axes, from the camera. Shape (places, 3) [m].
@@ -77,7 +77,7 @@ class Camera:
         return np.asarray(np.arctan2(np.linalg.norm(aside, axis=1), along), np.float64)
 
     def angle_gradients(self, places: Array) -> Array:
-        """Return the derivatives of `angles` by the places; on the axis, those to some side.
+        """Return the derivatives of `angles` by the places; on the axis, zero or to any side.
 
         Returns:
             Shape (places, 3) [rad/m].
@@ -95,8 +95,8 @@ class Camera:
     def margins(self, places: Array) -> Array:
         """Return how far places are inside the cone or nearer than `until`: the larger of both.
 
-        With s before the camera and l aside, the cone is s sin(a) - l cos(a) >= 0. No place changes
-        its margin by more than it moves. Shape (places,) [m].
+        With s the distance along the axis, l the lateral offset and a the half angle, the cone is
+        s sin(a) - l cos(a) >= 0. The Lipschitz constant is 1. Shape (places,) [m].
         """
         margins: Array = np.maximum(self.in_cone(places), self.nearness(places))
         return margins
@@ -113,6 +113,6 @@ class Camera:
         return np.asarray(self.until - np.linalg.norm(places, axis=1), np.float64)
 
     def _along_and_aside(self, places: Array) -> tuple[Array, Array]:
-        """Return how far places are along the axis, and their way aside; (places, 3) [m]."""
+        """Return distances along the axis, (places,), and lateral offsets, (places, 3) [m]."""
         along = places @ self.axis
         return along, places - along[:, None] * self.axis

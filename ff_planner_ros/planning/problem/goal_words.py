@@ -1,4 +1,4 @@
-"""What goals, orientations and path families are called, for all that only chooses among them."""
+"""Names of goal kinds, orientations and path families, for code that only chooses among them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import enum
 
 
 class GoalKind(enum.IntEnum):
-    """What a goal is; the numbers of `ff_planner_msgs/Goal`."""
+    """Kind of a goal, with the numbers of `ff_planner_msgs/Goal`."""
 
     POSE = 0
     CAPTURE = 1
@@ -15,7 +15,7 @@ class GoalKind(enum.IntEnum):
 
 
 class Orientation(enum.StrEnum):
-    """What a target says about the end effector's orientation; messages number it in this order."""
+    """How a target constrains the end effector's orientation; messages number it in this order."""
 
     FIXED = "fixed"
     FREE = "free"
@@ -23,7 +23,7 @@ class Orientation(enum.StrEnum):
 
 
 class Parametrisation(enum.StrEnum):
-    """Which motions a plan is looked for among; but for `AUTO` the name of a path family."""
+    """Trajectory parameterisation to search: a path family by its name, or `AUTO`."""
 
     # The paper's; joint splines where it does not apply, finds no plan, or the attitude counts
     AUTO = "auto"

@@ -1,4 +1,4 @@
-"""What a plan keeps, beside the joints' position limits, which are always kept."""
+"""Limits of a plan, beside the joints' position limits, which always hold."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ff_planner_ros.common.forms import (
     or_none,
 )
 
-# A limit is not less [rad, N, N m, N s]: a plan's check does not see that it is kept.
+# No limit is less [rad, N, N m, N s]: the check of a plan could not resolve it.
 _LEAST = 1e-6
 # Limits of one number each, infinite where there is none.
 OF_ONE_NUMBER = (
@@ -31,7 +31,7 @@ class Limits:
     """Limits beside the joints' position limits, which always hold.
 
     Raises:
-        InvalidInput: An angle or an acceleration that is not positive.
+        InvalidInput: A limit that is not positive, or below 1e-6 unless of accelerations.
     """
 
     FIRST: ClassVar[Sequence[str]] = ("position", "velocity", "acceleration", "effort")
@@ -122,10 +122,10 @@ class Limits:
         check_declared(self, "limits")
 
     def of_joints(self, count: int) -> Limits:
-        """Return the limits of a robot with so many joints, one acceleration for each.
+        """Return the limits with one acceleration limit for each of so many joints.
 
         Raises:
-            InvalidInput: There are accelerations for another number of joints.
+            InvalidInput: There are acceleration limits for another number of joints.
         """
         limits = self.joint_accelerations
         if limits is None:

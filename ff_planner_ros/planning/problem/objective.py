@@ -1,4 +1,4 @@
-"""What is minimised, and the durations to choose from."""
+"""The objective that is minimised, and the range of durations to choose from."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Objective:
     """Weights of the joint path, Eq. (44), the chaser's attitude, Eq. (45), duration and wheels.
 
     Raises:
-        InvalidInput: Not finite, negative, or all zero.
+        InvalidInput: A weight that is not finite or negative, or all zero.
     """
 
     joint_path_length: float = declare(
@@ -60,12 +60,12 @@ class Objective:
 
     @property
     def only_duration(self) -> bool:
-        """Whether the shortest plan is asked for, whatever else it is."""
+        """Whether the duration alone has a weight: the shortest plan is the best."""
         return self.joint_path_length == self.chaser_attitude == self.wheel_momentum == 0.0
 
 
-# A plan is not shorter [s]: no controller samples it more often, and the powers of much shorter
-# times are no numbers any more.
+# No plan is shorter [s]: no controller samples it more often, and powers of much shorter times
+# underflow.
 SHORTEST = 1e-3
 
 
@@ -74,7 +74,7 @@ class DurationRange:
     """The range from which the planner chooses the duration.
 
     Raises:
-        InvalidInput: Not positive, or in the wrong order.
+        InvalidInput: Shorter than 1 ms, or in the wrong order.
     """
 
     SINCE: ClassVar[str] = "0.3"
@@ -87,8 +87,8 @@ class DurationRange:
         message="duration",
     )
     maximum: float = declare(a_number(), "the longest", key="max", unit="s", message="duration_max")
-    # Of the target's place by the duration: it rests where it is told, but a frame that moves sees
-    # it elsewhere if the duration is another; shape (3,) [m/s]
+    # Derivative of the target position by the duration: in a frame that moves, a target at rest is
+    # elsewhere for another duration; shape (3,) [m/s]
     target_velocity: Array = field(default_factory=zero_vector)
 
     def __post_init__(self) -> None:

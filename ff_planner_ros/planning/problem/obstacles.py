@@ -1,6 +1,7 @@
-"""What the arm stays out of: spheres and bodies of other shapes.
+"""Obstacles: spheres, and convex bodies of other shapes.
 
-They rest, move uniformly, turn at a constant rate (bodies), or are fixed to a target body.
+They rest, move uniformly, rotate at a constant angular velocity (bodies only), or are fixed to a
+target body.
 """
 
 from __future__ import annotations
@@ -67,8 +68,8 @@ class Sphere:
         message="twist.linear",
         late=True,
     )
-    body: TargetBody | None = None  # that it is fixed to; None: to none
-    place_in_body: Array | None = None  # of its centre then; shape (3,) [m]
+    body: TargetBody | None = None  # that it is fixed to, if any
+    place_in_body: Array | None = None  # of its centre then, in the body's frame; shape (3,) [m]
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -76,12 +77,12 @@ class Sphere:
 
     @property
     def moves(self) -> bool:
-        """Whether it is elsewhere later."""
+        """Whether its centre moves."""
         return self.body is not None or bool(self.velocity.any())
 
     @property
     def highest_speed(self) -> float:
-        """A speed of its centre that it never exceeds [m/s]."""
+        """Upper bound of the speed of its centre [m/s]."""
         if self.body is None or self.place_in_body is None:
             return float(np.linalg.norm(self.velocity))
         drift = float(np.linalg.norm(self.body.linear_velocity))
@@ -89,9 +90,9 @@ class Sphere:
 
     @property
     def highest_acceleration(self) -> float:
-        """An acceleration of its centre that it never exceeds [m/s2].
+        """Upper bound of the acceleration of its centre [m/s2].
 
-        A body's turn rate w changes by less than w^2: by Euler's equations, and as no principal
+        |w'| <= w^2 for the angular velocity w of a free body, by Euler's equations, as no principal
         moment is larger than the sum of both others.
         """
         if self.body is None or self.place_in_body is None:
@@ -99,11 +100,11 @@ class Sphere:
         return 2.0 * self.body.fastest_turn**2 * float(np.linalg.norm(self.place_in_body))
 
     def after(self, time: float) -> Sphere:
-        """Return it as it will be in a time [s]."""
+        """Return a sphere that is fixed to no body as it will be after a time [s]."""
         return replace(self, center=self.center + self.way(time))
 
     def way(self, time: float) -> Array:
-        """Return how far its centre has come since the plan's first point. Shape (3,) [m]."""
+        """Return the displacement of its centre since the plan's first point. Shape (3,) [m]."""
         if self.body is None or self.place_in_body is None:
             uniform: Array = time * self.velocity
             return uniform
@@ -115,8 +116,8 @@ class Sphere:
 class ObstacleBody:
     """An obstacle of any convex shape.
 
-    It rests, moves uniformly and turns at a constant rate about the origin of its shape's frame, or
-    is fixed to a target body and moves with it.
+    It rests, moves uniformly and rotates at a constant angular velocity about the origin of its
+    shape's frame, or is fixed to a target body and moves with it.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
@@ -158,8 +159,8 @@ class ObstacleBody:
         default_factory=zero_vector,
         message="twist.angular",
     )
-    body: TargetBody | None = None  # that it is fixed to; None: to none
-    place_in_body: pin.SE3 | None = None  # of the shape's frame then
+    body: TargetBody | None = None  # that it is fixed to, if any
+    place_in_body: pin.SE3 | None = None  # of the shape's frame then, in the body's frame
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -167,10 +168,10 @@ class ObstacleBody:
 
     @property
     def solid(self) -> Solid:
-        """Its shape, once the mesh that it may be has been read.
+        """Its shape.
 
         Raises:
-            InvalidInput: It has not been.
+            InvalidInput: The shape is a mesh file that has not been read.
         """
         if isinstance(self.shape, MeshFile):
             told, allowed = f"obstacles[{self.id}].shape", "its file must be read before"
@@ -179,12 +180,12 @@ class ObstacleBody:
 
     @property
     def moves(self) -> bool:
-        """Whether it is elsewhere, or turned, later."""
+        """Whether its pose changes."""
         return self.turns or bool(self.velocity.any())
 
     @cached_property
     def highest_speed(self) -> float:
-        """A speed that no point of it ever exceeds [m/s]."""
+        """Upper bound of the speed of all its points [m/s]."""
         reach = self.solid.reach
         if self.body is None or self.place_in_body is None:
             turn = float(np.linalg.norm(self.angular_velocity))
@@ -200,7 +201,7 @@ class ObstacleBody:
 
     @property
     def turns(self) -> bool:
-        """Whether it is turned later."""
+        """Whether its attitude changes."""
         return self.body is not None or bool(self.angular_velocity.any())
 
     def poses(self, times: Array) -> tuple[Array, Array]:
@@ -219,14 +220,14 @@ class ObstacleBody:
         return np.array(turned).reshape(-1, 3, 3) @ self.rotation, positions
 
     def twists(self, times: Array) -> Array:
-        """Return the velocities of its origin and its turn rates, inertial axes. (times, 6)."""
+        """Return the twists of its origin, linear part first, inertial axes. Shape (times, 6)."""
         if self.body is not None and self.place_in_body is not None:
             return self.body.motion(self.place_in_body.translation, times).twists
         twist = np.concatenate([self.velocity, self.angular_velocity])
         return np.broadcast_to(twist, (len(times), 6))
 
     def after(self, time: float) -> ObstacleBody:
-        """Return one that is fixed to no body as it will be in a time [s]."""
+        """Return an obstacle that is fixed to no body as it will be after a time [s]."""
         if time == 0.0:
             return self  # to the last bit
         rotations, positions = self.poses(np.array([time]))
@@ -235,10 +236,10 @@ class ObstacleBody:
 
 
 def require_foretold(obstacles: Sequence[ObstacleBody], until: float) -> None:
-    """Refuse a body that turns by itself too far until a time [s].
+    """Refuse obstacles whose own rotation until a time [s] is too far to be predicted.
 
     Raises:
-        InvalidInput: It names the body's angular velocity.
+        InvalidInput: One rotates by more than `MOST_TURNS`; the error names it.
     """
     for one in obstacles:
         turns = float(np.linalg.norm(one.angular_velocity)) * until
@@ -268,11 +269,11 @@ def bodies_in(obstacles: Sequence[Obstacle]) -> tuple[ObstacleBody, ...]:
 
 
 def with_mesh_read(one: InTheWay, told: str, directory: Path | None) -> InTheWay:
-    """Return an obstacle whose mesh is read, and a sphere where that is its shape.
+    """Return an obstacle with its mesh file read, or as a `Sphere` if its shape is one.
 
     Args:
-        told: Its field in errors.
-        directory: That a file's path is relative to; None: no file may be read.
+        told: Name of its field in errors.
+        directory: Where paths of files start; None: no file may be read.
 
     Raises:
         InvalidInput: The file cannot be read, or its mesh has no convex hull.
@@ -283,22 +284,22 @@ def with_mesh_read(one: InTheWay, told: str, directory: Path | None) -> InTheWay
 
 
 def simplest(body: ObstacleBody) -> Obstacle:
-    """Return a body, or the sphere that it is."""
+    """Return a body as it is, or as a `Sphere` if its shape is one."""
     if body.solid.kind != "sphere":
         return body
     return Sphere(body.id, body.position, float(body.solid.sizes[0]), body.velocity)
 
 
 def carried(obstacles: Sequence[Kind], time: float) -> tuple[Kind, ...]:
-    """Return obstacles that are fixed to no body as they will be in a time [s]."""
+    """Return obstacles that are fixed to no body as they will be after a time [s]."""
     return tuple(one.after(time) if one.moves else one for one in obstacles)
 
 
 def with_attached(obstacles: Sequence[Obstacle], body: TargetBody) -> tuple[Obstacle, ...]:
-    """Return obstacles, and what is fixed to a body behind them.
+    """Return obstacles, then those that are fixed to a body.
 
     Raises:
-        InvalidInput: One of these has the name of an obstacle.
+        InvalidInput: An attached obstacle has the id of another obstacle.
     """
     names, fixed = {one.id for one in obstacles}, tuple(attached(body))
     for index, one in enumerate(fixed):
@@ -309,7 +310,7 @@ def with_attached(obstacles: Sequence[Obstacle], body: TargetBody) -> tuple[Obst
 
 
 def attached(body: TargetBody) -> Iterator[Obstacle]:
-    """Yield what is fixed to a body as obstacles of a problem."""
+    """Yield the obstacles of a problem that are fixed to a body."""
     now = np.zeros(1)
     for one in body.obstacles:
         if isinstance(one, AttachedBody):
@@ -338,5 +339,5 @@ def _attached_body(one: AttachedBody, body: TargetBody) -> ObstacleBody:
     )
 
 
-# Of an obstacle in a file: a sphere by its centre and radius, or a body by its shape
+# An obstacle in a file has a key `shape` if it is a body, and a centre and radius if a sphere
 OBSTACLE: Form = one_of_parts("shape", part(ObstacleBody), part(Sphere))

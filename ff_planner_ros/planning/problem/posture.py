@@ -1,4 +1,4 @@
-"""Goals of the joints instead of the end effector: a posture, or any in which they rest."""
+"""Goals of the joints instead of the end effector: a given posture, or any posture at rest."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """A goal of the joints instead of the end effector: a posture, or any in which they rest.
+    """A goal of the joints instead of the end effector: a given posture, or any posture at rest.
 
     Raises:
-        InvalidInput: Not finite, or velocities of another number of joints than positions.
+        InvalidInput: Not finite, both or neither of positions and at_rest, or velocities without
+            as many positions.
     """
 
     SINCE: ClassVar[str] = "0.3"
@@ -72,14 +73,15 @@ class Posture:
 
     @property
     def rates(self) -> Array:
-        """Velocities at the end, or the zero that stands for them. (joints,) or () [rad/s]."""
+        """Velocities at the end, shape (joints,), or a zero of shape () [rad/s, m/s]."""
         return np.zeros(()) if self.velocities is None else self.velocities
 
     def require_fits(self, robot: Robot, keeps_rates: bool) -> None:
-        """Refuse a posture of another robot, or one beyond its limits.
+        """Refuse a posture that is not within the limits of a robot.
 
         Raises:
-            InvalidInput: It names the joint.
+            InvalidInput: Another number of joints, a position beyond its limits or, if the problem
+                keeps them, a velocity; the error names the joint.
         """
         if self.positions is None:
             return
@@ -112,15 +114,15 @@ def _goal_schema() -> Schema:
     return {"anyOf": [part(Target).schema(), part(Posture).schema()]}
 
 
-# Of a target, or of a posture instead.
+# A target, or a posture: its keys say which.
 GOAL = replace(part(Target), read=_goal, schema=_goal_schema, written=written_object)
 
 
-@lru_cache(maxsize=8)  # it is asked for at every duration of a problem
+@lru_cache(maxsize=8)  # every duration of a problem needs it
 def end_effector_at(robot: Robot, start: SystemState) -> Target:
-    """Return where the end effector is in a state, its orientation free: for a goal of the joints.
+    """Return the end effector's place in a state as a target of free orientation.
 
-    Nothing asks for it: it stands where other goals have a target.
+    It is the placeholder target of a problem whose goal is a posture.
     """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, *configuration(robot, start))
@@ -129,10 +131,11 @@ def end_effector_at(robot: Robot, start: SystemState) -> Target:
 
 
 def target_of_posture(problem: PlanningProblem, posture: Posture) -> Target:
-    """Return the target of a problem whose goal is of the joints: it says nothing.
+    """Check a problem whose goal is a posture, and return its placeholder target.
 
     Raises:
-        InvalidInput: The robot does not have the posture, or something needs a goal with a place.
+        InvalidInput: The posture is beyond the robot's limits, or the problem has a target body, an
+            approach or a camera: these need a goal with a place.
     """
     posture.require_fits(problem.robot, problem.limits.joint_velocities)
     for field, given in (

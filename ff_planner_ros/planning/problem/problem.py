@@ -1,4 +1,4 @@
-"""What is asked of the planner."""
+"""The planning problem: the request to the planner, checked as a whole."""
 
 from __future__ import annotations
 
@@ -82,15 +82,14 @@ __all__ = [
 # Five points hold a plan's start, end and middle; above ten thousand the answer no longer
 # fits a service response that a mission executive would want to read.
 MIN_POINTS, MAX_POINTS = 5, 10_000
-# Where nobody says it; the parameter `points` has the same default.
+# Default; the parameter `points` has the same.
 USUAL_POINTS = 50
 
-# What a tool closes on is within its reach: so near its goal the end effector may touch, where the
-# problem does not say it [m].
+# Default contact distance [m]: what a tool closes on is within its reach.
 CONTACT_DISTANCE = 0.1
 
 
-# Where the target of a capture comes from.
+# Fields that errors name instead of a target's, if it is the grasp of a body.
 _OF_BODY = {
     "target.position": "target_body.grasp.position",
     "target.quaternion_xyzw": "target_body.grasp.quaternion_xyzw",
@@ -115,7 +114,7 @@ class PlanningProblem:
 
     robot: Robot
     start: SystemState  # state at the first point of the plan
-    # By `capturing` that of a body
+    # With a target body, its grasp: see `with_capture_target`
     target: Target = declare(
         GOAL,
         "goal of the end effector, or of the joints, at the last point of the plan",
@@ -178,7 +177,7 @@ class PlanningProblem:
         default=CONTACT_DISTANCE,
         message="goal.allowed_collisions[0].distance",
     )
-    # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
+    # Its grasp is the target, and some of the obstacles are fixed to it
     target_body: TargetBody | None = declare(
         part(TargetBody),
         "instead of target: a freely moving body, at the plan's first point",
@@ -186,9 +185,9 @@ class PlanningProblem:
         default=None,
         late=True,
     )
-    # Of the joints, instead of the target, which says nothing then; None: the target is the goal
+    # Goal of the joints: the target is then a placeholder. None: the target is the goal
     posture: Posture | None = None
-    # Of which the planner chooses a duration; None: the duration is given
+    # Range that the planner chooses the duration from; None: the duration is given
     duration_range: DurationRange | None = None
     approach: Approach | None = declare(
         part(Approach),
@@ -256,16 +255,16 @@ class PlanningProblem:
 
     @cached_property
     def obstacle_bodies(self) -> tuple[ObstacleBody, ...]:
-        """The other obstacles, which have shapes."""
+        """The obstacles that are not spheres."""
         return bodies_in(self.obstacles)
 
     @property
     def durations(self) -> DurationRange:
-        """Those to choose from: one where the duration is given."""
+        """Range of durations to choose from, of length zero if the duration is given."""
         return self.duration_range or DurationRange(self.duration, self.duration)
 
     def _require_approachable(self, approach: Approach) -> None:
-        """Refuse a direction that the target does not say, or that leaves the plane."""
+        """Refuse a direction that the target leaves open, or one out of the plane."""
         target, direction, allowed = self.target, approach.direction, ""
         to_inertial = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
         if target.orientation is Orientation.FREE:
@@ -282,14 +281,14 @@ class PlanningProblem:
             )
 
     def _require_known_link(self, link: str) -> None:
-        """Refuse a camera on a link that there is not."""
+        """Refuse a camera on an unknown link."""
         links = [one.name for one in self.robot.model.frames if one.type is pin.FrameType.BODY]
         if link not in links:
             allowed = f"it must be a link of the robot: {', '.join(links)}"
             raise InvalidInput(Status.OUT_OF_RANGE, "camera.link", quoted(link), allowed)
 
     def _require_known_contacts(self) -> None:
-        """Refuse an allowed contact of what there is not."""
+        """Refuse an allowed contact of an unknown link, pair or obstacle."""
         links = [body.link for body in self.robot.bodies]
         pairs = [(links[a], links[b]) for a, b in self.robot.pairs]
         obstacles = [one.id for one in self.obstacles]
@@ -311,10 +310,11 @@ class PlanningProblem:
 def with_capture_target(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
     """Return a problem whose goal is the grasp of a body, with its attached obstacles.
 
-    Goal and attached obstacles of another body, that the problem may have had, are left out.
+    The goal of the problem, and obstacles that are fixed to another body, are left out.
 
     Raises:
-        InvalidInput: What is fixed to it has the name of an obstacle, or it turns too far.
+        InvalidInput: An attached obstacle has the id of another one, or the body rotates too far
+            to be predicted.
     """
     others = tuple(one for one in problem.obstacles if one.body is None)
     return replace(
@@ -326,10 +326,10 @@ def with_capture_target(body: TargetBody, problem: PlanningProblem) -> PlanningP
 
 
 def lasting(problem: PlanningProblem, duration: float | None) -> PlanningProblem:
-    """Return a problem whose duration is chosen; one whose duration is given stays what it is.
+    """Return a problem with one duration in place of its range; without a range, unchanged.
 
     Args:
-        duration: The one that is chosen [s]. None: not known, that of the problem.
+        duration: The chosen duration [s]. None: that of the problem.
     """
     window, body = problem.duration_range, problem.target_body
     if window is None:

@@ -1,4 +1,4 @@
-"""What a plan was made among, for those who look at it afterwards."""
+"""The scene of a plan: obstacles, target and constraints, for simulations and reports."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from ff_planner_ros.planning.problem.target_body import TargetBody
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a plan was made among, in the plan's inertial frame."""
+    """Obstacles, target and constraints that a plan was made for, in its inertial frame."""
 
     obstacles: Sequence[Obstacle] = ()
-    # `link/obstacle` or `link/link`: they may touch from when on the end effector stays within the
-    # contact distance of the target, and if they do at the start, until it is further from there
+    # `link/obstacle` or `link/link`: they may touch once the end effector stays within the contact
+    # distance of the target and, if they touch at the start, until it is that far from there
     allowed_collisions: Sequence[str] = ()
     contact_distance: float = CONTACT_DISTANCE  # [m]
-    # As it is at the capture, and goes on uniformly before and after; None: not known, or a body's
+    # At the capture; it moves uniformly before and after. None: not known, or the grasp of a body
     target: Target | None = None
-    target_body: TargetBody | None = None  # whose grasp the target is; None: of none
+    target_body: TargetBody | None = None  # whose grasp is the target, if any
     capture_time: float | None = None  # from the plan's first point on [s]; None: at its last
-    # From when on the end effector holds it: a phase follows; infinite: it is never held [s]
+    # Time from which the end effector holds the target body in later phases; infinite: never [s]
     held_from: float = math.inf
-    approach: Approach | None = None  # of the last stretch to the target; None: any way
-    camera: Camera | None = None  # that keeps the target in view; None: none
+    approach: Approach | None = None  # of the last stretch to the target, if any
+    camera: Camera | None = None  # that keeps the target in view, if any
 
     @property
     def goal(self) -> Target | None:
@@ -55,22 +55,22 @@ class Scene:
 
     @property
     def obstacle_bodies(self) -> tuple[ObstacleBody, ...]:
-        """The other obstacles, which have shapes."""
+        """The obstacles that are not spheres."""
         return bodies_in(self.obstacles)
 
     @property
     def constraints(self) -> dict[str, Approach | Camera]:
-        """What the robot keeps on its way to the goal, by the name of the field."""
+        """Approach and camera, those that there are, by the name of their field."""
         every = {"approach": self.approach, "camera": self.camera}
         return {name: kept for name, kept in every.items() if kept is not None}
 
     def captured_at(self, duration: float) -> Scene:
-        """Return the scene with the time of the capture: a plan's duration [s], if none is told."""
+        """Return the scene with a capture time: a plan's duration [s], unless it has one."""
         told = self.capture_time
         return replace(self, capture_time=duration if told is None else told)
 
     def targets(self, times: Array) -> Array | None:
-        """Return where the target is at some times, shape (times, 3) [m]; None: not known."""
+        """Return the positions of the target at some times, (times, 3) [m]; None: not known."""
         if self.target_body is not None:
             return self.target_body.grasp(times).positions
         if self.target is None:
@@ -79,7 +79,7 @@ class Scene:
         return self.target.position + np.outer(later, self.target.linear_velocity)
 
     def seen_from(self, origin: Array, velocity: Array) -> Scene:
-        """Return the scene in a frame that moves, without turning."""
+        """Return the scene in a frame with this origin [m] at time zero and velocity [m/s]."""
         body = None if self.target_body is None else self.target_body.seen_from(origin, velocity)
         free = [_seen_from(one, origin, velocity) for one in self.obstacles if one.body is None]
         target = self.target
@@ -104,7 +104,7 @@ def _seen_from(one: Obstacle, origin: Array, velocity: Array) -> Obstacle:
     return replace(one, position=one.position - origin, velocity=one.velocity - velocity)
 
 
-# Fields that are the same in a problem, and need nothing but the problem's request to be known.
+# Fields that a problem has, too, with the same values.
 OF_PROBLEM = tuple(
     item.name
     for item in fields(Scene)

@@ -16,9 +16,9 @@ from ff_planner_ros.common.forms import Form, a_number, a_word
 
 
 class Strictness(NamedTuple):
-    """Which values of a tunable let fewer plans, states or requests pass."""
+    """Order of a tunable's values: a stricter one lets fewer plans, states or requests pass."""
 
-    of: Callable[[Any], float | list[float]]  # larger for a stricter value; one for each of several
+    of: Callable[[Any], float | list[float]]  # larger if stricter; of several values, one for each
     as_strict: str  # values at least as strict as {}, in words
     mark: str  # of the parameter in tables
 
@@ -26,7 +26,7 @@ class Strictness(NamedTuple):
         """Tell whether a value is at least as strict as another one, in every part."""
         parts, parts_now = np.atleast_1d(self.of(value)), np.atleast_1d(self.of(now))
         fits = len(parts_now) in (1, len(parts)) or len(parts) == 1
-        # Written so that NaN is none.
+        # Written so that NaN is never strict enough.
         return fits and bool((parts >= parts_now).all())
 
 
@@ -45,7 +45,7 @@ STRICT_IF_LOW_EACH = Strictness(
 
 
 def strict_if(strict: object) -> Strictness:
-    """Return the strictness of a choice of which one value is the strict one."""
+    """Return the strictness of a choice with one strict value."""
     return Strictness(lambda value: value == strict, "{}", "=")
 
 
@@ -59,8 +59,8 @@ def tunable(
     """Declare a tunable once, as a dataclass field. Without minimum or maximum it is unbounded.
 
     Args:
-        strictness: Of tolerances, margins and limits, which a running node only tightens; None: of
-            what does not decide whether anything passes.
+        strictness: Of tolerances, margins and limits, which a running node only tightens. None: the
+            tunable does not decide whether anything passes.
     """
     bounds = {"minimum": minimum, "maximum": maximum}
     said = {"description": description, "unit": unit, "strictness": strictness}
@@ -68,19 +68,19 @@ def tunable(
 
 
 class SearchDepth(StrEnum):
-    """How far to look for a better attitude, where it has a weight."""
+    """Depth of the search for a smaller base attitude change, if that has a weight."""
 
     QUICK = "quick"
     NORMAL = "normal"
     THOROUGH = "thorough"
 
 
-# Rounds of search that `attitude_rounds` counted until version 0.3, and how far they went.
+# Highest value of `attitude_rounds`, the parameter until version 0.3, that each depth replaces.
 FORMER_ROUNDS = {SearchDepth.QUICK: 0, SearchDepth.NORMAL: 3, SearchDepth.THOROUGH: 9}
 
 
 def a_search_depth() -> Form:
-    """Return the form of a depth; a number of rounds is read as the depth that goes as far."""
+    """Return the form of a depth; it reads a number of rounds as the depth that replaces it."""
     word = a_word(SearchDepth)
 
     def read(field: str, value: object) -> SearchDepth:
@@ -93,15 +93,15 @@ def a_search_depth() -> Form:
     return replace(word, read=read, schema=lambda: schema, checked=read, from_message=read)
 
 
-# Beyond three deviations a normal error is once in 740 times.
+# A normal error exceeds three standard deviations to one side once in 740 times.
 USUAL_SIGMAS = 3.0
-# More deviations than this are more than any model is worth.
+# No model of errors is good enough for more.
 MOST_SIGMAS = 10.0
 
 
 @dataclass(frozen=True)
 class RobustSettings:
-    """What a plan has to withstand: normal errors of the model and of the measured start.
+    """Normal errors of model and measured start that every margin of a plan withstands.
 
     Raises:
         InvalidInput: A value of the wrong type or out of its range.

@@ -1,4 +1,4 @@
-"""What the end effector shall do at the end of a plan, and how much of it counts."""
+"""The target: pose, twist and acceleration of the end effector at the end of a plan."""
 
 from __future__ import annotations
 
@@ -30,8 +30,7 @@ from ff_planner_ros.robot.state import SystemState
 
 # What rounding leaves of a turn that was meant to be across the free axis [rad/s, rad/s2].
 FREE_TURN_TOLERANCE = 1e-6
-# By which a target stays off the plane [rad], so that it stays what it is however often it is
-# checked.
+# A target tilted by less [rad] stays as it is, so that repeated checks do not change it.
 TILT_OF_ROUNDING = 1e-9
 
 
@@ -50,7 +49,7 @@ class Target:
 
     Raises:
         InvalidInput: Wrong size, not finite, a quaternion not of unit length, a free axis that
-            is missing, of no length or not asked for, or a turn wanted in a direction that is free.
+            is missing, of no length or not allowed, or angular motion in a free direction.
     """
 
     position: Array = declare(
@@ -59,7 +58,7 @@ class Target:
         unit="m",
         message="pose.pose.position",
     )
-    # Of no meaning where orientation is FREE
+    # Without meaning if orientation is FREE
     quaternion_xyzw: Array = declare(
         QUATERNION,
         "end-effector axes to inertial axes",
@@ -151,11 +150,10 @@ class Target:
 
 
 def target_on_the_table(robot: Robot, start: SystemState, target: Target) -> Target:
-    """Return a target on a planar base without what the end effector cannot do there.
+    """Return a target projected onto the plane in which a planar base moves the end effector.
 
     Raises:
-        InvalidInput: It is further off the plane in which the end effector moves than a measurement
-            is off by.
+        InvalidInput: The target is further off that plane than errors of measurement explain.
     """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, *configuration(robot, start))
@@ -201,7 +199,7 @@ def _without_free_axis(axis: Array, target: Target) -> Target:
     """Return a target on a planar base whose heading is free, for the free axis is the normal.
 
     Raises:
-        InvalidInput: It is another.
+        InvalidInput: The free axis is not the normal.
     """
     if math.hypot(axis[0], axis[1]) > MAX_TILT:
         raise InvalidInput(
@@ -218,7 +216,7 @@ def require_enough_joints(robot: Robot, target: Target) -> None:
     """Refuse a goal with more conditions than the arm has joints.
 
     Raises:
-        InvalidInput: It has; the text names them.
+        InvalidInput: It has more; the text names them.
     """
     conditions = conditions_of(robot, target)
     if sum(conditions.values()) > robot.joints:
@@ -227,7 +225,7 @@ def require_enough_joints(robot: Robot, target: Target) -> None:
 
 
 def conditions_of(robot: Robot, target: Target) -> dict[str, int]:
-    """Return the conditions on the end effector's pose by name, and how many numbers each is."""
+    """Return the conditions on the end effector's pose by name, with their degrees of freedom."""
     planar = robot.base is Base.PLANAR
     conditions = {"position": 2 if planar else 3}
     if target.orientation is Orientation.FIXED:
@@ -240,7 +238,7 @@ def conditions_of(robot: Robot, target: Target) -> dict[str, int]:
 def too_many_conditions(
     target: Target, conditions: dict[str, int], why: str, at_most: int
 ) -> InvalidInput:
-    """Return the error of a goal with more conditions than an arm can meet; why: how it is."""
+    """Return the error of a goal with more conditions than an arm can meet, at most `at_most`."""
     count = sum(conditions.values())
     words = " and ".join(f"{name} ({number})" for name, number in conditions.items())
     if conditions["position"] > at_most:

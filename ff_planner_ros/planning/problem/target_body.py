@@ -1,7 +1,7 @@
-"""A target that moves freely: it drifts and tumbles, and nothing acts on it until it is captured.
+"""A target that drifts and tumbles freely until it is captured.
 
-Its centre of mass moves uniformly and it turns as Euler's equations say. What is fixed to it, the
-grasp and attached spheres, moves with it:
+Its centre of mass moves uniformly, and it rotates by Euler's equations without torque. The grasp
+and the attached obstacles move with it: for a point r in body axes,
 
     p = c + R r,    v = c' + w x R r,    a = w' x R r + w x (w x R r).
 """
@@ -33,8 +33,8 @@ from ff_planner_ros.planning.problem.torque_free import (
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.urdf.payload import HeldShape
 
-# After more turns [rad] than this nobody can tell where a grasp is: a rate that is known to one in
-# a thousand is off by one radian. At 10 deg/s it takes more than an hour and a half.
+# After a larger rotation [rad] no grasp can be predicted: with an angular velocity that is known to
+# 0.1 % it is off by 1 rad. At 10 deg/s that takes more than an hour and a half.
 MOST_TURNS = 1000.0
 
 
@@ -73,8 +73,8 @@ class TargetBody:
 
     Raises:
         InvalidInput: Wrong size, not finite, a quaternion not of unit length, an inertia that no
-            body has, two attached spheres with one id, or a grasp inside one; when its motion is
-            asked for, that it turns too far until then.
+            body has, two attached obstacles with one id, or a grasp inside an attached sphere.
+            Its motion raises it, too, at times by which the body rotates by over `MOST_TURNS`.
     """
 
     SINCE: ClassVar[str] = "0.3"
@@ -99,7 +99,7 @@ class TargetBody:
         frame="body axes",
         message="inertia",
     )
-    # There the end effector rests in the body
+    # At capture the end effector is at rest in the body
     grasp_position: Array = declare(
         a_vector(),
         "of the end effector at capture",
@@ -176,7 +176,7 @@ class TargetBody:
 
     @property
     def spheres(self) -> tuple[AttachedSphere, ...]:
-        """The spheres among what moves with it."""
+        """The spheres among the attached obstacles."""
         return tuple(one for one in self.obstacles if isinstance(one, AttachedSphere))
 
     @cached_property
@@ -206,7 +206,7 @@ class TargetBody:
         return relative
 
     def places(self, points: Array, times: Array) -> Array:
-        """Return where points of the body are. Shape (times, points, 3) [m].
+        """Return points of the body in the inertial frame. Shape (times, points, 3) [m].
 
         Args:
             points: In axes of the body, from its centre of mass. Shape (points, 3) [m].
@@ -218,10 +218,10 @@ class TargetBody:
         return places
 
     def attitude_series(self, until: float) -> tuple[Array, Array]:
-        """Return the Taylor series of its quaternion up to a time [s], or further.
+        """Return the Taylor series of its quaternion (x, y, z, w), at least up to a time [s].
 
         Returns:
-            When each begins, shape (series,) [s], and its terms, shape (series, orders, 4).
+            Begin of each, shape (series,) [s], and coefficients, shape (series, orders, 4).
         """
         self._require_foretold(until)
         return self._turning.attitude_series(until)
@@ -258,7 +258,7 @@ class TargetBody:
         )
 
     def grasp(self, times: Array) -> PointMotion:
-        """Return the motion that the end effector has when it holds the grasp.
+        """Return the motion of the grasp frame, that of an end effector that holds it.
 
         Args:
             times: From the plan's first point on. Shape (times,) [s].
@@ -268,7 +268,7 @@ class TargetBody:
         return replace(motion, rotations=motion.rotations @ grasp)
 
     def target(self, time: float) -> Target:
-        """Return what the end effector shall do at a time [s]: rest in the body at its grasp."""
+        """Return the target of a capture at a time [s]: the grasp, at rest in the body."""
         grasp = self.grasp(np.array([time]))
         return Target(
             position=grasp.positions[0],
@@ -281,13 +281,13 @@ class TargetBody:
 
     @cached_property
     def inertia_at_grasp(self) -> pin.Inertia:
-        """Mass and inertia in the frame of an end effector that holds it; a mass of zero: none."""
+        """Mass and inertia in the frame of an end effector that holds it; mass zero if unknown."""
         to_body = pin.Quaternion(self.grasp_quaternion_xyzw).toRotationMatrix()
         grasp = pin.SE3(to_body, self.grasp_position)
         return grasp.actInv(pin.Inertia(self.mass, np.zeros(3), self.inertia))
 
     def after(self, time: float) -> TargetBody:
-        """Return the body as it will be in a time [s], or as it was: a body that turns back."""
+        """Return the body after a time [s]; a negative one is a body that rotates backwards."""
         if time == 0.0:
             return self
         back = math.copysign(1.0, time)
@@ -301,7 +301,7 @@ class TargetBody:
         )
 
     def seen_from(self, origin: Array, velocity: Array) -> TargetBody:
-        """Return the body in an inertial frame of the same axes that is elsewhere and moves.
+        """Return the body in another inertial frame with the same axes.
 
         Args:
             origin: Of that frame, at the plan's first point. Shape (3,) [m].
@@ -312,6 +312,6 @@ class TargetBody:
 
     @cached_property
     def fastest_turn(self) -> float:
-        """A turn rate that it never exceeds, and at some time has, but for rounding [rad/s]."""
+        """Largest angular velocity over all time, but for rounding [rad/s]."""
         to_inertial = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix()
         return fastest_turn(self._relative_inertia, to_inertial, self.angular_velocity)

@@ -1,6 +1,6 @@
-"""How a rigid body turns that nothing acts on: Euler's equations, solved by Taylor series.
+"""Torque-free rotation of a rigid body: Euler's equations, solved by Taylor series.
 
-In axes of the body, I its inertia, w its turn rate and q its attitude:
+In axes of the body, with inertia I, angular velocity w and attitude q:
 
     I w' = (I w) x w,    q' = q (w, 0) / 2.
 
@@ -21,23 +21,22 @@ from ff_planner_ros.common.arrays import Array, finite_vector, frozen
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.rotation import cross, skew
 
-# Terms of a series, and what its last ones may be, relative: then it ends. With more terms the
+# Order of a series, and the relative size of its last terms at which it ends. With more terms the
 # series reach further, but each costs more.
 _ORDER, _ROUNDING = 20, 1e-16
-# A series is used for so long at most [s]; of a body that turns so slowly that its last terms are
-# too small for a number, until it has turned so far [rad]; and of one at rest for longer than any
-# number that is let in [s].
+# A series is used for so long at most [s]; if the body rotates so slowly that its last terms
+# underflow, until it has rotated so far [rad]; at rest, for longer than any allowed time [s].
 _LONG, _LITTLE, _LONGEST = 1e9, 1e-3, 1e101
-# Of principal moments, relative to the largest: a smaller one is that of no body but a line, and
-# what rounding makes of a plate, whose largest moment is the sum of the others.
+# Relative to the largest principal moment: a smaller one is that of a line, and the error that
+# rounding makes in a plate, whose largest moment is the sum of the others.
 _LEAST_MOMENT, _PLATE = 1e-6, 1e-6
-# An inertia is written with so many digits at least: its halves are alike to this, relative.
+# Relative asymmetry that the rounding of a written inertia may cause.
 _SYMMETRIC = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class PointMotion:
-    """Motion of a frame that is fixed to a body, at some times, all in inertial axes."""
+    """Motion of a frame that is fixed to a body, at some times, in inertial axes."""
 
     positions: Array  # shape (times, 3) [m]
     rotations: Array  # axes of the frame to inertial axes; shape (times, 3, 3)
@@ -48,7 +47,7 @@ class PointMotion:
 
 
 class Turning(NamedTuple):
-    """Attitude of a body at some times, its turn rate and the rate's derivatives in body axes."""
+    """Attitude of a body at some times; angular velocity and its derivatives, in body axes."""
 
     rotations: Array  # body axes to inertial axes; shape (times, 3, 3)
     rates: Array  # shape (times, 3) [rad/s]
@@ -57,9 +56,9 @@ class Turning(NamedTuple):
 
 
 class TorqueFreeMotion:
-    """The turning of a body from time zero on; it is solved as far as it is asked for.
+    """Torque-free rotation of a body from time zero on, solved as far as it is needed.
 
-    What it returns does not depend on what it was asked for before.
+    Answers do not depend on earlier calls.
     """
 
     def __init__(self, inertia: Array, quaternion_xyzw: Array, rate: Array) -> None:
@@ -68,7 +67,7 @@ class TorqueFreeMotion:
         Args:
             inertia: About the centre of mass, body axes; only ratios matter. Shape (3, 3).
             quaternion_xyzw: Body axes to inertial axes. Shape (4,).
-            rate: In body axes. Shape (3,) [rad/s].
+            rate: Angular velocity, body axes. Shape (3,) [rad/s].
         """
         self._inertia, self._inverse = inertia, np.linalg.inv(inertia)
         # w' = I^-1 sum_bc (I e_b) x e_c  w_b w_c, and q' the same with half the quaternions' units.
@@ -81,7 +80,7 @@ class TorqueFreeMotion:
         self._next = np.concatenate([quaternion_xyzw, rate])
 
     def at(self, times: Array) -> Turning:
-        """Return attitude and turn rate.
+        """Return attitudes and angular velocities.
 
         Args:
             times: Not negative. Shape (times,) [s].
@@ -99,7 +98,7 @@ class TorqueFreeMotion:
         return Turning(_rotations(values[:, :4]), rates, accelerations, jerks @ self._inverse.T)
 
     def attitude_series(self, until: float) -> tuple[Array, Array]:
-        """Return when each series begins, and those of q, as far as a time [s]."""
+        """Return the begin of each series and its coefficients of q, as far as a time [s]."""
         self._solve(until)
         count = int(np.searchsorted(self._begins, until, side="right"))
         return self._begins[:count], self._series[:count, :, :4]
@@ -173,10 +172,10 @@ def _rotations(quaternions_xyzw: Array) -> Array:
 
 
 def possible_inertia(field: str, inertia: Array) -> Array:
-    """Return an inertia, symmetric to the last bit.
+    """Return an inertia, symmetric to the last bit. Shape (3, 3).
 
     Raises:
-        InvalidInput: No body has it.
+        InvalidInput: It is not symmetric, or no body has its principal moments.
     """
     found = frozen(finite_vector(field, np.ravel(inertia), 9).reshape(3, 3))
     size = float(np.abs(found).max())
@@ -198,16 +197,16 @@ def possible_inertia(field: str, inertia: Array) -> Array:
 
 
 def fastest_turn(inertia: Array, to_inertial: Array, rate: Array) -> float:
-    """Return a turn rate that a body never exceeds, and at some time has, but for rounding [rad/s].
+    """Return the largest angular velocity of a free body over all time, but for rounding [rad/s].
 
-    With x the squares of the rates about the principal axes, energy and angular momentum keep
-    the sums of I x and of I^2 x. The x that fit both lie on a line, x >= 0 cuts it, and the sum
-    of x is largest at an end.
+    With x the squared components about the principal axes, energy and angular momentum conserve
+    sum(I x) and sum(I^2 x). The x that fit both are a line segment, as x >= 0, and sum(x) is
+    largest at one of its ends.
 
     Args:
         inertia: About the centre of mass, body axes; only ratios matter. Shape (3, 3).
         to_inertial: Body axes to inertial axes. Shape (3, 3).
-        rate: In inertial axes, at the same moment. Shape (3,) [rad/s].
+        rate: Angular velocity at the same time, inertial axes. Shape (3,) [rad/s].
     """
     moments, axes = np.linalg.eigh(inertia)
     squares = (rate @ (to_inertial @ axes)) ** 2
@@ -216,6 +215,6 @@ def fastest_turn(inertia: Array, to_inertial: Array, rate: Array) -> float:
     gain = float(along.sum())
     along *= math.copysign(1.0, gain)
     falling = along < 0.0
-    # A ball turns steadily, and so does what is one but for rounding.
+    # The rotation of a ball is steady, also of one up to rounding.
     way = float((squares[falling] / -along[falling]).min()) if falling.any() else 0.0
     return math.sqrt(float(squares.sum()) + abs(gain) * way)

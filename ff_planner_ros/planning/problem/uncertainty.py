@@ -1,8 +1,8 @@
-"""What is not known exactly: standard deviations of inertias and of the start, and draws of them.
+"""Model and start errors: standard deviations, first-order directions and random draws.
 
-A drawn body is the true body made denser and larger about its centre of mass, which may lie
-elsewhere: mass and inertia each by a factor exp(sigma e) with e normal. So its mass is positive and
-its principal moments keep the triangle inequality, however wide the draw.
+A drawn body has the modelled mass and inertia about the centre of mass, each times its own factor
+exp(sigma e) with e normal, and a displaced centre of mass. So its mass is positive and its
+principal moments satisfy the triangle inequality, however wide the draw.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ff_planner_ros.common.forms import a_number
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum_regressor import PARAMETERS
 
-# A mass that is known no better than by a factor of e, or a velocity than to 1 m/s, is not known.
+# A mass known to a factor of e only, or a velocity to 1 m/s, is not known at all.
 _DEVIATION = a_number(at_least=0.0, at_most=1.0)  # [share, m, m/s or rad/s]
 
 
@@ -45,7 +45,7 @@ class Uncertainty:
     angular_velocity: float = declare(
         _DEVIATION, "of the chaser at the start, about each axis", unit="rad/s", default=1.75e-4
     )
-    # These two move nothing where joints are controlled: they count where torques alone are given
+    # These two have no effect on controlled joints: they count in open-loop torque control
     joint_velocity: float = declare(
         _DEVIATION, "of each joint at the start", unit="rad/s", default=0.0
     )
@@ -62,30 +62,30 @@ class Uncertainty:
 
 
 def uncertainty_from(field: str, value: object) -> Uncertainty:
-    """Return the deviations that a mapping of names and numbers tells; others are as usual.
+    """Return deviations from a mapping of names to numbers; those left out are the defaults.
 
     Raises:
-        InvalidInput: It is no such mapping.
+        InvalidInput: It is no such mapping, or a value is out of range.
     """
     return Uncertainty(**changes(Uncertainty).read(field, value))
 
 
 class Directions(NamedTuple):
-    """How a system changes with each of its independent normal errors, to first order."""
+    """Change of a system per standard deviation of each independent error, to first order."""
 
-    parameters: Array  # of all bodies; shape (10 * bodies, errors)
+    parameters: Array  # inertial parameters of all bodies; shape (10 * bodies, errors)
     base_twist: Array  # at the start, in the base frame; shape (6, errors)
 
 
 class Draws(NamedTuple):
-    """Systems as they may be, one a run."""
+    """Random systems, one for each run."""
 
     errors: Array  # normal, of deviation 1, in the order of `directions`; shape (runs, errors)
-    parameters: Array  # of all bodies; shape (runs, 10 * bodies)
+    parameters: Array  # inertial parameters of all bodies; shape (runs, 10 * bodies)
     base_twist: Array  # error at the start, in the base frame; shape (runs, 6)
-    # What counts where torques alone are given: factors of masses and of inertias about the centres
-    # of mass, shape (runs, bodies), errors of the joints' rates at the start [rad/s] and shares of
-    # viscous friction, (runs, joints)
+    # For open-loop torque control: factors of masses and of inertias about the centres of mass,
+    # shape (runs, bodies); errors of the joint velocities at the start [rad/s] and viscous friction
+    # as a share of each joint's peak torque, shape (runs, joints)
     masses: Array
     inertias: Array
     joint_rates: Array
@@ -93,7 +93,7 @@ class Draws(NamedTuple):
 
 
 def directions(robot: Robot, uncertainty: Uncertainty) -> Directions:
-    """Return the derivatives by the errors: of each body mass, inertia, centre; then the twist."""
+    """Return the directions of the errors: mass, inertia, centre of each body; then the twist."""
     bodies = list(robot.model.inertias)[1:]
     count = 5 * len(bodies)
     parameters = np.zeros((PARAMETERS * len(bodies), count + 6))
@@ -115,7 +115,7 @@ def directions(robot: Robot, uncertainty: Uncertainty) -> Directions:
 
 
 def draws(robot: Robot, uncertainty: Uncertainty, runs: range, seed: int) -> Draws:
-    """Draw systems; what a run draws depends on the seed and its own number alone."""
+    """Draw systems; the draw of a run depends on the seed and its own number alone."""
     bodies, joints = list(robot.model.inertias)[1:], robot.joints
     count = 5 * len(bodies) + 6
     numbers = [np.random.default_rng([seed, k]).normal(size=count + 2 * joints) for k in runs]
@@ -148,7 +148,7 @@ def draws(robot: Robot, uncertainty: Uncertainty, runs: range, seed: int) -> Dra
 def _start_errors(robot: Robot, uncertainty: Uncertainty) -> Array:
     """Return the base's twist by errors of the chaser's velocities, base axes. Shape (6, 6).
 
-    The chaser's velocity is that of its centre of mass: the base's origin is elsewhere.
+    The chaser's velocity is that of its centre of mass, the base's that of its own origin.
     """
     by_errors = np.zeros((6, 6))
     by_errors[:3, :3] = uncertainty.linear_velocity * np.eye(3)

@@ -1,4 +1,4 @@
-"""Requirements that users bring: in files, and found by the names of their entry points."""
+"""Requirements of plug-ins, in files and by the names of their entry points."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ PLUG_INS = "ff_planner_ros.requirements"  # group of entry points
 
 
 def requirements_read(field: str, value: object) -> tuple[Requirement, ...]:
-    """Return the requirements that users bring, from a mapping of their values by their names.
+    """Return requirements of plug-ins from a mapping of names to their values.
 
     Raises:
-        InvalidInput: It is no such mapping, none of a name is installed, or a value is refused.
+        InvalidInput: It is no such mapping, no plug-in has a name, or a value is refused.
     """
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
         allowed = "it must hold the values of each requirement, by name"
@@ -37,7 +37,7 @@ def requirements_read(field: str, value: object) -> tuple[Requirement, ...]:
 
 
 def requirements_written(given: Sequence[Requirement]) -> dict[str, Any]:
-    """Return requirements that users bring as a file has them."""
+    """Return requirements of plug-ins as a mapping for files."""
     return {one.name: written_object(one) for one in given}
 
 

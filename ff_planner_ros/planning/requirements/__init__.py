@@ -24,7 +24,7 @@ from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.requirements.wheels import WheelLimits
 
-# Of every plan.
+# Checked for every plan, in this order.
 REQUIREMENTS: tuple[Requirement, ...] = (
     Clearance(),
     BodyClearance(),
@@ -50,5 +50,5 @@ REQUIREMENTS: tuple[Requirement, ...] = (
 
 
 def requirements_of(problem: PlanningProblem) -> tuple[Requirement, ...]:
-    """Return what the plan of a problem must keep: what every plan must, and what users bring."""
+    """Return the requirements of a problem: those of every plan, then those of its plug-ins."""
     return (*REQUIREMENTS, *problem.requirements)

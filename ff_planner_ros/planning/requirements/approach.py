@@ -1,4 +1,4 @@
-"""The end effector comes to the grasp along its corridor, between the points too."""
+"""The end effector approaches the grasp inside the corridor, between the points too."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ _MARGIN = 1e-3
 
 
 class ApproachCorridor(Requirement):
-    """The end effector keeps to the corridor near the grasp, where there is one."""
+    """Within `approach.distance` of the grasp, the end effector stays inside the corridor."""
 
     name = "approach"
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start near the grasp and beside the corridor."""
+        """Refuse a start within the approach distance, but outside the corridor."""
         if problem.approach is None:
             return
         places = GraspSeen(problem, np.zeros(1)).sees(
@@ -57,13 +57,13 @@ class ApproachCorridor(Requirement):
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return how much further inside the search stays where the corridor begins [m]."""
+        """Return the margin at the approach distance [m]; nearer the grasp it is less."""
         return _MARGIN
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the margins of interest, less what is kept more, at points and half-way [m]."""
+        """Return the margins in the corridor, less `margin`, at points and half-way between [m]."""
         approach = problem.approach
         if approach is None:
             return None
@@ -100,7 +100,7 @@ class ApproachCorridor(Requirement):
         return _least(problem, problem.approach, motion.time, motion.q, motion.v).certified
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield when the end effector is furthest beside the corridor."""
+        """Yield the place furthest outside the corridor, and its time."""
         problem = samples.problem
         if problem.approach is None:
             return
@@ -161,7 +161,7 @@ def _end_effector(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
 
 
 def _words(approach: Approach, place: Array) -> str:
-    """Return words for where the end effector is, seen from the grasp."""
+    """Return words for a place of the end effector in the grasp frame."""
     away, (angle,) = float(np.linalg.norm(place)), approach.angles(place[None])
     return (
         f"{away:.4f} m from the grasp and {math.degrees(angle):.2f} deg off approach.direction, "

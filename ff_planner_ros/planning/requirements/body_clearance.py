@@ -1,6 +1,6 @@
-"""The whole body stays clear: of every obstacle, and of itself, between the points too.
+"""The robot's bodies stay clear of spheres and of each other, between the points too.
 
-Where the robot has shapes this takes the place of the arm's lines; see `Clearance` for those.
+This is for robots with collision geometry; `Clearance` is for centre lines.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class BodyClearance(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start with a body inside an obstacle or in another body."""
+        """Refuse a start in contact, or with a body that moves into a sphere whatever follows."""
         contact = deepest_contact(problem, q_start, within=LEAST_CLEARANCE)
         if contact is None:
             _refuse_approached(problem, q_start)
@@ -87,7 +87,7 @@ class BodyClearance(Requirement):
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of bodies from spheres that are of interest, less the margin."""
+        """Return the distances of bodies near spheres, less the margin [m]."""
         if not (problem.robot.bodies and problem.spheres):
             return None
         return sphere_rows(problem, motion, sensitivity, margin)
@@ -104,7 +104,7 @@ class BodyClearance(Requirement):
         )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
-        """Return the certified clearance, and of what it is and when."""
+        """Return the certified clearance from obstacles [m], its pair and its time [s]."""
         problem = samples.problem
         if not problem.robot.bodies:
             return {}
@@ -135,7 +135,7 @@ class BodyClearance(Requirement):
 
 
 class SelfClearance(Requirement):
-    """No two bodies touch that move against each other."""
+    """The robot's own bodies do not collide: no pair of `robot.pairs` touches."""
 
     name = "self_clearance"
 
@@ -146,7 +146,7 @@ class SelfClearance(Requirement):
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of pairs of bodies that are of interest, less the margin."""
+        """Return the distances of near pairs of bodies, less the margin [m]."""
         if not problem.robot.pairs:
             return None
         return pair_rows(problem, motion, sensitivity, margin)
@@ -161,7 +161,7 @@ class SelfClearance(Requirement):
         )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
-        """Return the certified clearance of the bodies from each other, of which two and when."""
+        """Return the certified clearance between bodies [m], its pair and its time [s]."""
         problem = samples.problem
         least = _of_pairs(problem, samples.followed)
         return {

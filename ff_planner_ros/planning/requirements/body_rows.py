@@ -1,7 +1,7 @@
-"""What the solver keeps of the distances of bodies: rows with exact derivatives.
+"""Constraint rows for the distances of bodies from each other and from spheres.
 
-Both pairs of bodies and bodies with spheres are looked at where the arm's lines are: at the points
-but the start, half-way between, and on few points a quarter of the way, too.
+Distances are evaluated at all points but the start and half-way between points; with fewer points
+than `FEW_POINTS` also at a quarter and three quarters of every interval but the first.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
-# On fewer points than this a body may jump over a corner of another: see `LookedAt`.
+# On fewer points than this a body may jump over a corner of another: see `looked_at`.
 FEW_POINTS = 40
 # Bodies that are further from each other or from a sphere than this [m] do not meet in one step of
 # the solver that the linearisation still describes.
 OF_INTEREST = 0.1
-# Of the contact distance, the part in which the search lets allowed pairs touch: between the points
-# the check measures it anew.
+# The search lets allowed pairs touch within this fraction of the contact distance: the check finds
+# where the end effector enters it between the points, too.
 _WITHIN = 0.9
 
 
 class LookedAt(NamedTuple):
-    """The configurations of a path at which its bodies are looked at, in the order of time."""
+    """The configurations of a path at which distances of bodies are evaluated, in order of time."""
 
     times: Array  # shape (configurations,) [s]
-    times_by_last: Array  # their derivatives by the last variable; empty where they have none
+    times_by_last: Array  # by the last variable, the duration; empty if that is given
     q: Array  # shape (configurations, 7 + joints)
     sensitivity: Array  # of q in its tangent space; shape (configurations, 6 + joints, variables)
     until: int  # the first configuration at which pairs that are allowed to touch may do so
@@ -62,7 +62,7 @@ class LookedAt(NamedTuple):
 def pair_rows(
     problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
 ) -> Rows:
-    """Return the distances of pairs of bodies that are of interest, less the margin."""
+    """Return rows for pairs of bodies nearer than `OF_INTEREST`: distance less margin [m]."""
     robot, at = problem.robot, looked_at(problem, motion, sensitivity)
     distances, jacobian, names, deep = compiled.pair_rows(
         chain_of(robot), bodies_of(robot), at.q, at.sensitivity, OF_INTEREST
@@ -76,7 +76,7 @@ def pair_rows(
         deeper = along_variables(gradients, at.sensitivity[:, 6:], rows[0])
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    # A larger margin is asked of no pair: some are built closer together.
+    # Some pairs are built closer together than the margin: they keep half their start distance.
     margins, split = np.minimum(margin, room_of_pairs(problem)), split_pairs(problem)
     for _, touching in split.at_start:
         margins[touching] = margin
@@ -87,7 +87,7 @@ def pair_rows(
 def sphere_rows(
     problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
 ) -> Rows:
-    """Return the distances of bodies from spheres that are of interest, less the margin."""
+    """Return rows for bodies nearer to spheres than `OF_INTEREST`: distance less margin [m]."""
     robot, at = problem.robot, looked_at(problem, motion, sensitivity)
     distances, jacobian, names, deep = compiled.sphere_rows(
         chain_of(robot),
@@ -122,12 +122,12 @@ def sphere_rows(
 def kept_rows(
     problem: PlanningProblem, at: LookedAt, found: Rows, count: int, split: Split
 ) -> Rows:
-    """Return rows without those of what may touch at the goal or at the start, there.
+    """Return rows without those of allowed contacts, near the goal and near the start.
 
     Args:
-        found: Their names number first configurations, then what is measured.
-        count: Of all that is measured in a configuration.
-        split: By whether it may touch.
+        found: Rows whose names are configuration times `count` plus pair.
+        count: Number of pairs: of bodies, or of body and obstacle.
+        split: The pairs by whether they may touch.
     """
     if not problem.allowed_collisions:
         return found
@@ -141,7 +141,7 @@ def kept_rows(
 
 @lru_cache(maxsize=2)
 def looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity) -> LookedAt:
-    """Return where bodies are looked at: once for both kinds of rows."""
+    """Return where distances of bodies are evaluated; cached, as all kinds of rows need it."""
     at_points = np.linspace(0.0, problem.duration, len(motion.q))
     times = _in_order(at_points[1:], (at_points[:-1] + at_points[1:]) / 2)
     q = _in_order(motion.q[1:], motion.q_half_way)
@@ -171,9 +171,9 @@ def _out_of_order(values: Array) -> Array:
 
 
 def quarter_way(values: Array) -> Array:
-    """Return values a quarter of the way between points and three quarters, by parabolas.
+    """Return values at a quarter, then at three quarters of all intervals but the first.
 
-    But for the first interval, whose beginning is the start.
+    They are on the parabola through both ends and the middle of an interval.
 
     Args:
         values: At all points but the first, then half-way in every interval.
@@ -191,9 +191,9 @@ def _of_moving(
     configurations: Indices,
     spheres: Indices,
 ) -> Array:
-    """Return how fast distances grow because the spheres move. Shape (rows,) [m/s].
+    """Return the rates of distances because of the spheres' motion. Shape (rows,) [m/s].
 
-    For the distance it is the same whether a sphere moves or the chaser the other way.
+    A sphere's motion changes a distance as the opposite motion of the base does.
     """
     velocities = velocities_at(at.times, problem.spheres)[configurations, spheres]
     in_base = np.einsum("rji,rj->ri", rotation_base_to_inertial(at.q[configurations]), velocities)
@@ -202,6 +202,6 @@ def _of_moving(
 
 
 def along_variables(gradients: Array, sensitivity: Array, configurations: Indices) -> Array:
-    """Return derivatives by the decision variables. Shape (rows, variables)."""
+    """Return gradients by the tangent of q as those by x (chain rule). Shape (rows, variables)."""
     jacobian: Array = np.einsum("rj,rjx->rx", gradients, sensitivity[configurations])
     return jacobian

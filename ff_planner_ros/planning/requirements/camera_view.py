@@ -49,7 +49,7 @@ class CameraView(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start from which the camera does not see the goal."""
+        """Refuse a start with the goal out of view."""
         camera = problem.camera
         if camera is None:
             return
@@ -70,7 +70,7 @@ class CameraView(Requirement):
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the margins of interest at points and half-way [rad], or [m] where it is near."""
+        """Return the margins in view at points and half-way, of the angle [rad] or `until` [m]."""
         camera, robot = problem.camera, problem.robot
         if camera is None:
             return None
@@ -125,7 +125,7 @@ class CameraView(Requirement):
         return {"max_view_angle": float(camera.angles(places)[far].max(initial=0.0))}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield when the goal is furthest outside the view."""
+        """Yield the place of the goal furthest out of view, and its time."""
         problem, camera = samples.problem, samples.problem.camera
         if camera is None:
             return

@@ -1,7 +1,7 @@
 """No Euler angle of the chaser exceeds what the problem allows, between the points too.
 
-Its attitude is the largest modulus of its Euler angles, as in Eq. (45), relative to the start. The
-angle of its rotation, which is mostly larger, is the matter of `chaser_rotation`.
+The measure is the largest absolute Euler angle relative to the start, Eq. (45). `ChaserRotation`
+limits the rotation angle, which is mostly larger.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class ChaserAttitude(Requirement):
         return limit - float(angles.max())
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the time at which the chaser is turned furthest."""
+        """Yield the largest Euler angle, if it exceeds the limit, and its time."""
         limit = samples.problem.limits.chaser_attitude
         if np.isinf(limit):
             return
@@ -93,7 +93,7 @@ class ChaserAttitude(Requirement):
 
 @lru_cache(maxsize=2)  # what is measured first is judged soon after
 def attitudes_along(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
-    """Return times along a motion, and the chaser's attitudes then: quaternions, (times, 4)."""
+    """Return times [s] along a motion, and quaternions of chaser to inertial axes, (times, 4)."""
     rotations = rotation_base_to_inertial(motion.q)
     angular_velocities = np.einsum("pij,pj->pi", rotations, motion.v[:, 3:6])
     axes = quaternion_from_rotation(rotations @ robot.rotation_chaser_to_base)
@@ -103,7 +103,7 @@ def attitudes_along(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]
 
 
 def _angles(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
-    """Return times along a motion, and the largest modulus of an Euler angle at each of them."""
+    """Return times along a motion, and the largest absolute Euler angle at each [rad]."""
     at, between = attitudes_along(robot, motion)
     angles: Array = np.abs(euler_from_rotation(rotation_from_quaternion(between))).max(axis=1)
     return at, angles

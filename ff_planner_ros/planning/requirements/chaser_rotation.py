@@ -1,8 +1,8 @@
 """The chaser rotates no further than the problem allows, between the points and in the tail too.
 
 The angle is that of its rotation since the plan's first point, 2 atan2(|q_v|, |q_w|) of the
-relative quaternion: the same in any frame, and never more than pi. `chaser_attitude` limits the
-largest Euler angle, Eq. (45), which is another one, and mostly smaller.
+relative quaternion: the same in any frame, and never more than pi. `ChaserAttitude` limits the
+largest absolute Euler angle, Eq. (45), which is mostly smaller.
 
 Where the chaser has not rotated, the angle has no derivative. The search therefore keeps Huber's
 function of it, a parabola up to half the limit and the angle itself beyond:
@@ -81,12 +81,12 @@ class ChaserRotation(Requirement):
         return problem.limits.chaser_rotation - float(angles.max())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the largest angle, at any time."""
+        """Return the largest rotation angle at any time, after the goal too [rad]."""
         _, angles = _angles(samples.problem.robot, samples.followed)
         return {"max_chaser_rotation": float(angles.max())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the time at which the chaser has rotated furthest."""
+        """Yield the largest rotation angle, if it exceeds the limit, and its time."""
         if not _is_limited(samples.problem):
             return
         limit = samples.problem.limits.chaser_rotation

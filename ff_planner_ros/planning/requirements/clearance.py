@@ -1,4 +1,4 @@
-"""The arm stays outside every obstacle, between the points too.
+"""The arm's centre lines stay outside every sphere, between the points too.
 
 The summed penalty R_obst = 0 of the paper, Eq. (43), has no gradient on its feasible side. The
 distances themselves are constrained instead, which says the same: every segment of the arm stays
@@ -56,20 +56,20 @@ from ff_planner_ros.planning.requirements.requirement import (
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 
-# Of a motion at more times, every second is enough to begin with: between two of them it is looked
-# at where it matters.
+# A certificate of a motion at more times begins with every second one: it subdivides intervals
+# where that matters.
 _ENOUGH = 98
 
 
 class Clearance(Requirement):
-    """The arm's lines stay outside every obstacle; where the robot has shapes, its bodies do."""
+    """The arm's centre lines stay outside every sphere; collision geometry has `BodyClearance`."""
 
     name = "clearance"
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start inside an obstacle."""
+        """Refuse a start inside a sphere, too near to one, or moving into one whatever follows."""
         if problem.robot.geometry is Geometry.SHAPES:
             return
         positions = arm_points(problem.robot, q_start[None])
@@ -100,7 +100,7 @@ class Clearance(Requirement):
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of interest, less the margin, at points and half-way between."""
+        """Return distances of near lines less the margin, at points and half-way between [m]."""
         if problem.robot.geometry is Geometry.SHAPES or not problem.spheres:
             return None
         few = len(motion.q) < FEW_POINTS
@@ -128,7 +128,7 @@ class Clearance(Requirement):
         return search_certificate(problem.robot, *begin, problem.spheres, gap)
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
-        """Return certified clearance and R_obst."""
+        """Return R_obst and, of robots with centre lines, the certified clearance [m]."""
         problem, settings, times = samples.problem, samples.settings, samples.trajectory.time
         at_points = clearances(samples.arm, times, segments(samples.arm), problem.spheres)
         found: dict[str, float | str] = {
@@ -153,7 +153,7 @@ class Clearance(Requirement):
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the deepest collision, and what the last point is too near to."""
+        """Yield the deepest collision, and an obstacle that the last point is too near to."""
         yield from self._collision(samples, metrics)
         yield from _too_near_at_end(samples)
 
@@ -192,7 +192,7 @@ class Clearance(Requirement):
 
 
 def _too_near_at_end(samples: Samples) -> Iterator[Failure]:
-    """Yield what the last point, where another plan may start, is too near to."""
+    """Yield the obstacle that the last point, where another plan may start, is too near to."""
     problem, q, end = samples.problem, samples.q[-1], samples.trajectory.time[-1:]
     near: list[tuple[float, str, str]] = []
     contact = deepest_contact(problem, q, float(end[0]), CLEARANCE_AT_END)
@@ -205,7 +205,7 @@ def _too_near_at_end(samples: Samples) -> Iterator[Failure]:
         link = link_name(problem.robot, int(starts[line]))
         near.append((float(distance[line, sphere]), link, problem.spheres[sphere].id))
     distance, body, obstacle = min(near, default=(np.inf, "", ""))
-    if 0.0 < distance < CLEARANCE_AT_END:  # of one that is inside, others tell
+    if 0.0 < distance < CLEARANCE_AT_END:  # a penetration is reported elsewhere
         yield Failure(
             Status.COLLISION,
             f"at its last point {body} is {distance * 1e3:.4f} mm from obstacle {obstacle}, where "
@@ -216,7 +216,7 @@ def _too_near_at_end(samples: Samples) -> Iterator[Failure]:
 
 @lru_cache(maxsize=32)
 def _times(duration: float, points: int, few: bool) -> Array:
-    """Return the times of all points but the first, half-way, and of few a quarter-way, too [s]."""
+    """Return the times of all points but the first, then half-way, if few also quarter-way [s]."""
     times = np.linspace(0.0, duration, points)
     times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
     return frozen(np.concatenate([times, quarter_way(times)]) if few else times)

@@ -1,4 +1,4 @@
-"""What is told of a collision, and what may help."""
+"""Messages of collisions: failures of plans, with advice, and refusals of starts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ff_planner_ros.planning.distance.body_certificate import Least
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
 from ff_planner_ros.planning.requirements.requirement import Samples
 
-# The search asks only whether anything is left of a clearance.
+# Relative accuracy of certificates in the search, which only asks whether a clearance is positive.
 SLACK_PART = 0.5
 
 DETOURS = (
@@ -22,7 +22,7 @@ DETOURS = (
 def collision(
     samples: Samples, least: Least, first: str, second: str, advice: tuple[str, ...]
 ) -> Failure:
-    """Return what is told of two bodies whose least distance is not certainly positive."""
+    """Return the failure of two bodies whose certified distance is not positive."""
     when = samples.at(least.time)
     if least.found >= 0.0:
         return Failure(
@@ -43,8 +43,8 @@ def refuse_nearness(obstacle: str, body: str, distance: float, what: str, way_ou
     """Refuse a start inside an obstacle, or nearer than `LEAST_CLEARANCE`.
 
     Args:
-        distance: Between both, less than that; negative: how deep one is in the other [m].
-        what: Must stay away.
+        distance: Between both; negative: penetration depth [m].
+        what: Noun for what must be outside: arm or robot.
         way_out: Words on how to get out.
 
     Raises:

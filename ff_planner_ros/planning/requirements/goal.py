@@ -1,4 +1,4 @@
-"""The end effector is at the target when the duration is over."""
+"""The end effector is at its target, or the joints in their posture, at the goal time."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ _OPPOSITE = 1e-8
 
 
 class Goal(Requirement):
-    """The end effector is at the target, in position and what counts of the orientation.
+    """The end effector reaches the target pose, or the joints their posture, at the goal time.
 
-    The search brings to zero what a path family does not hold there by itself.
+    It has no rows: a path family meets the goal by construction, or by equality constraints.
     """
 
     name = "goal"
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return how far the end effector is from the target: where it comes, or should come."""
+        """Return the final errors [m, rad]: the larger of those of samples and tracked motion."""
         robot, target, motion = samples.problem.robot, samples.problem.target, samples.followed
         if samples.problem.posture is not None:  # of the end effector nothing is asked
             return {"final_position_error": 0.0, "final_orientation_error": 0.0}
@@ -74,9 +74,10 @@ def _off_posture(samples: Samples, posture: Posture) -> Iterator[Failure]:
 
 
 def miss(robot: Robot, q: Array, target: Target) -> Array:
-    """Return the way [m] and the turn [rad] from the end effector to a target, inertial axes.
+    """Return translation [m] and rotation vector [rad] from end effector to target, inertial axes.
 
-    Only what the target asks for counts, and on a planar base what lies in the plane.
+    The rotation is the least that meets the target's orientation constraint; on a planar base,
+    components out of the plane are zero.
 
     Returns:
         Shape (2, 3).
@@ -111,7 +112,7 @@ def _turn_to(target: Target, rotation: Array) -> Array:
 
 
 def beside(target: Target, way: Array, turn: Array) -> Target:
-    """Return a target moved by a way [m] and a turn [rad], inertial axes."""
+    """Return a target moved by a translation [m] and a rotation vector [rad], inertial axes."""
     turned = pin.Quaternion(pin.exp3(turn)) * pin.Quaternion(target.quaternion_xyzw)
     return replace(
         target, position=target.position + way, quaternion_xyzw=turned.normalized().coeffs()

@@ -1,4 +1,4 @@
-"""Nothing pushes the system: its momentum is constant, and its torques are those of its motion."""
+"""No external force acts: momentum is constant, and torques match inverse dynamics."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _REPORT = "a report to the maintainers, for this is a fault of the planner"
 
 
 class Momentum(Requirement):
-    """Total momentum and torques are those of a system that nothing pushes."""
+    """Momentum and torques are those of a system without external forces."""
 
     name = "momentum"
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the errors of momentum and torques."""
+        """Return the largest errors of momentum, relative, and of torques [N m]."""
         problem, trajectory, robot = samples.problem, samples.trajectory, samples.problem.robot
         data = robot.model.createData()
         momentum = total_momenta(robot, data, *samples.q_and_v)

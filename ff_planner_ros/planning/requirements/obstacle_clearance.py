@@ -1,9 +1,9 @@
-"""The arm stays outside obstacles of any shape, between the points too.
+"""The robot stays outside convex obstacles other than spheres, between the points too.
 
-Its bodies do, or its lines if it has none. The distance of convex solids that are apart has one
-normal, which changes smoothly with where they are; only between parallel faces and edges it is the
-nearest points that jump with a turn, as for the robot's own pairs. Spheres have a requirement of
-their own: their distances have closed forms.
+Its bodies do, or its centre lines. The distance of separate convex solids has one normal, which
+changes smoothly with their poses; only the nearest points of parallel faces and edges jump as they
+rotate, as for the robot's own pairs. Spheres have requirements of their own: their distances have
+closed forms.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from ff_planner_ros.robot.collision.lines import with_bodies
 
 
 class ObstacleClearance(Requirement):
-    """Every body, or line, stays outside every obstacle that is no sphere."""
+    """Every body, or centre line, stays outside every obstacle that is not a sphere."""
 
     name = "obstacle_clearance"
 
@@ -62,7 +62,7 @@ class ObstacleClearance(Requirement):
     ) -> None:
         """Refuse a start that moves into an obstacle; `BodyClearance` refuses one that is in it.
 
-        Lines that grow where a joint slides out are refused, too: no body is as long as they are.
+        Centre lines along which a prismatic joint moves are refused, too: a body has one length.
         """
         robot, obstacles = problem.robot, problem.obstacle_bodies
         if not obstacles:
@@ -92,7 +92,7 @@ class ObstacleClearance(Requirement):
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of interest, less the margin."""
+        """Return the distances of bodies near obstacles, less the margin [m]."""
         if not problem.obstacle_bodies:
             return None
         return obstacle_rows(problem, motion, sensitivity, margin)
@@ -119,7 +119,7 @@ class ObstacleClearance(Requirement):
 
 @lru_cache(maxsize=4)
 def least_from_obstacles(problem: PlanningProblem, motion: FollowedMotion) -> Least:
-    """Return the least distance from any obstacle that is no sphere where it must not be touched.
+    """Return the least distance from obstacles other than spheres, without allowed contacts.
 
     Its pair is numbered as by `least_obstacle_distance`.
     """
@@ -136,7 +136,7 @@ def least_from_obstacles(problem: PlanningProblem, motion: FollowedMotion) -> Le
 
 
 def body_and_obstacle(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
-    """Return the names of both; nothing where nothing was met."""
+    """Return the names of body and obstacle of a least distance; empty if it has no pair."""
     if least.pair < 0:
         return ()
     body, obstacle = divmod(least.pair, len(problem.obstacle_bodies))
@@ -146,7 +146,7 @@ def body_and_obstacle(problem: PlanningProblem, least: Least) -> tuple[str, ...]
 def obstacle_rows(
     problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
 ) -> Rows:
-    """Return the distances from obstacles that are of interest, less the margin."""
+    """Return rows for bodies nearer to obstacles than `OF_INTEREST`: distance less margin [m]."""
     robot, at = with_bodies(problem.robot), looked_at(problem, motion, sensitivity)
     obstacles = problem.obstacle_bodies
     distances, jacobian, names, deep = compiled.obstacle_rows(

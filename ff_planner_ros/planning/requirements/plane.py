@@ -1,4 +1,4 @@
-"""The chaser moves as its base lets it: on a table it stays, held by wheels it does not turn."""
+"""The chaser moves only as its base allows: in the table's plane, or held in attitude by wheels."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ff_planner_ros.planning.requirements.requirement import Requirement, Sample
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
-# What rounding lifts, tilts or turns a chaser by that does not move so [m], [rad], [m/s], [rad/s].
+# Motion that rounding alone makes where the base allows none [m, rad, m/s, rad/s].
 _ROUNDING = 1e-6
 
 
 class Plane(Requirement):
-    """A chaser on a table moves in x, y and about z only; one that wheels hold does not turn."""
+    """A chaser on a table moves in x, y and about z only; one held by wheels does not rotate."""
 
     name = "plane"
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield how far the chaser moves as it cannot."""
+        """Yield each motion of the chaser that its base does not allow."""
         base = samples.problem.robot.base
         if base is Base.FREE_FLYER:
             return
@@ -40,7 +40,7 @@ class Plane(Requirement):
 
 
 def _off_plane(samples: Samples) -> Iterator[tuple[str, Array, str]]:
-    """Yield what a chaser on a table does that it cannot."""
+    """Yield the motions out of the plane, in words, with their sizes and units."""
     problem, motion = samples.problem, samples.trajectory
     height = problem.start.position_chaser_in_inertial[2]
     normals = rotation_from_quaternion(motion.chaser_quaternions_xyzw)[:, :, 2]
@@ -51,7 +51,7 @@ def _off_plane(samples: Samples) -> Iterator[tuple[str, Array, str]]:
 
 
 def _turned(samples: Samples) -> Iterator[tuple[str, Array, str]]:
-    """Yield what a chaser held by wheels does that it cannot."""
+    """Yield the rotations since the start, in words, with their sizes and units."""
     problem, motion = samples.problem, samples.trajectory
     begins = rotation_from_quaternion(problem.start.quaternion_chaser_to_inertial_xyzw)
     axes = rotation_from_quaternion(motion.chaser_quaternions_xyzw)

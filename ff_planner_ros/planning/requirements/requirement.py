@@ -1,6 +1,6 @@
-"""One thing that a plan must keep: how the search keeps it, how the check measures it, its words.
+"""A requirement: constraint rows for the search, measures and failure messages for the check.
 
-The check takes its measure from the plan's samples alone and never uses the solver's rows.
+The check measures the plan's samples alone and never uses the solver's rows.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from ff_planner_ros.robot.momentum import momentum_maps
 # A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
 # limit: rad, rad/s, N m, and that of singular values.
 LIMIT_TOLERANCE = 1e-6
-# So far beyond a limit, in rad or in parts of a limit of rates or accelerations, a plan may be, and
-# so a start, which may be where another plan ended: a joint that is measured at its limit and moves
-# outward cannot stop at once. The search keeps the limits themselves, but for what the start
-# already is beyond them.
+# A plan, and so a start where another plan ended, may exceed position limits by this much [rad, m],
+# and limits of velocities, accelerations, wheels and grasps by this fraction of them: a joint that
+# is measured at its limit and moves outward cannot stop at once. The search keeps the limits
+# themselves, but for what the start already exceeds.
 ALLOWED_EXCESS = 1e-4
 # A joint or the chaser further from its limit [rad], or a link further from a sphere [m], cannot
 # reach it in one step of the solver that the linearisation still describes.
@@ -41,21 +41,21 @@ OF_INTEREST = 0.25
 
 
 class Rows(NamedTuple):
-    """Constraints of the solver along one path; those that are far from violated are left out."""
+    """Constraints g(x) >= 0 of one requirement and path; those far from violated are left out."""
 
-    values: Array  # to stay positive; shape (rows,)
+    values: Array  # g, not to become negative; shape (rows,)
     jacobian: Array  # shape (rows, variables)
-    # Of one requirement: the rows of two paths with the same name are the same constraint
+    # Numbers of the constraints, the same for every path of a time grid; shape (rows,)
     names: Indices
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """A plan's samples, what comes of them, and what several requirements work out from them."""
+    """A plan's trajectory points, and quantities derived from them that requirements share."""
 
     problem: PlanningProblem
     settings: PlannerSettings  # for tolerances
-    trajectory: Trajectory  # what comes after the problem's duration is its tail
+    trajectory: Trajectory  # points after the problem's duration are the post-goal segment
 
     @cached_property
     def q_and_v(self) -> tuple[Array, Array]:
@@ -69,35 +69,35 @@ class Samples:
 
     @cached_property
     def followed(self) -> FollowedMotion:
-        """What the system does, at the points and between them, when a controller follows them."""
+        """Motion of the system, between the points too, when a controller tracks the joints."""
         q, v = self.q_and_v
         return followed(self.problem.robot, q[0], v[0], joint_motion(self.trajectory))
 
     @cached_property
     def arm(self) -> Array:
-        """Joint origins and end effector. Shape (points, joints + 1, 3) [m]."""
+        """Joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
         return arm_points(self.problem.robot, self.q)
 
     @cached_property
     def torques(self) -> Array:
-        """What makes the joints move so while nothing pushes. Shape (points, joints) [N m]."""
+        """Joint torques by inverse dynamics, without external forces. (points, joints) [N m, N]."""
         accelerations = self.trajectory.joint_accelerations
         return joint_torques(self.problem.robot, *self.q_and_v, accelerations, self.maps)
 
     @cached_property
     def maps(self) -> Array:
-        """What makes momentum of velocities. Shape (points, 6, 6 + joints)."""
+        """Matrices of `momentum_maps` at the points. Shape (points, 6, 6 + joints)."""
         robot = self.problem.robot
         return momentum_maps(robot, robot.model.createData(), self.q)
 
     @cached_property
     def goal(self) -> int:
-        """Index of the point at the goal; those after it are the tail."""
+        """Index of the point at the goal; later points are the post-goal segment."""
         return int(np.abs(self.trajectory.time - self.problem.duration).argmin())
 
     @property
     def followed_to_goal(self) -> tuple[Array, Array, Array]:
-        """Times, configurations and tangent velocities of the motion that follows, to the goal."""
+        """Times, configurations and tangent velocities of `followed`, up to the goal."""
         motion = self.followed
         to_goal = slice(motion.pieces * self.goal + 1)
         return motion.time[to_goal], motion.q[to_goal], motion.v[to_goal]
@@ -116,18 +116,18 @@ class Samples:
 
 
 class Requirement:
-    """Requires nothing. Each requirement overrides what it needs.
+    """Base class of requirements: it requires nothing, subclasses override what they need.
 
-    One that a user brings is a frozen dataclass whose fields are declared (`common.declared`): a
-    scenario, digests and records are made of them.
+    A plug-in's requirement is a frozen dataclass with declared fields (`common.declared`), which
+    scenario files, digests and records are written from.
     """
 
-    name: ClassVar[str]  # of a user's: that of its entry point, too
-    # The search keeps it only when a path has broken it: most problems are far from it
+    name: ClassVar[str]  # of a plug-in: also the name of its entry point
+    # The search adds its rows only once a path has violated it: most problems are far from it
     is_on_demand: ClassVar[bool] = False
 
     def seen_from(self, frame: SystemFrame) -> Self:
-        """Return it in the frame that plans are made in; what names no frame stays as it is."""
+        """Return the requirement with its vectors in the planning frame; it has none by default."""
         return self
 
     def refuse_start(
@@ -139,28 +139,31 @@ class Requirement:
             q_start: Configuration at the start. Shape (7 + joints,).
 
         Raises:
-            InvalidInput: Names what is violated.
+            InvalidInput: The start violates it; the error names the field and its limit.
         """
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return by how much more the search keeps it at the points, for what lies between."""
+        """Return the margin that the search keeps at the points, for the motion between them."""
         return 0.0
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return what the solver keeps from being negative, with exact derivatives.
+        """Return constraints g(x) >= 0 for the solver, with exact derivatives.
+
+        Args:
+            margin: That of `margin`, or more where the search has tightened the requirement.
 
         Returns:
-            Values, shape (rows,), and their Jacobian, (rows, variables). None: the search does
-            not keep this requirement.
+            Values, shape (rows,), and their Jacobian, (rows, variables). None: nothing is near a
+            limit, or the search does not keep this requirement.
         """
         return None
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return what is left of it along a motion, in the unit of the margin; negative: nothing.
+        """Return the least distance to the limit along a motion, in the unit of `margin`.
 
-        What the search cannot mend by a larger margin has a slack without end.
+        Negative if the motion violates it; infinite if no larger margin could mend that.
         """
         return np.inf
 
@@ -174,10 +177,10 @@ class Requirement:
 
 
 def eased(limits: Array, at_start: Array, excess: Array | float = ALLOWED_EXCESS) -> Array:
-    """Return upper limits that a start keeps which is beyond them by no more than is allowed.
+    """Return upper limits, raised to the start's values where those exceed them by little.
 
     Args:
-        excess: That is allowed.
+        excess: Largest excess of a start that raises a limit, in the unit of the limits.
     """
     return np.where(at_start <= limits + excess, np.maximum(limits, at_start), limits)
 
@@ -185,7 +188,7 @@ def eased(limits: Array, at_start: Array, excess: Array | float = ALLOWED_EXCESS
 def within(
     values: Array, jacobian: Array, lower: Array, upper: Array, interest: Array | float
 ) -> Rows:
-    """Return the distances to both limits that are below the interest, with their derivatives.
+    """Return the distances to both limits that are below `interest`, as rows.
 
     Args:
         values: Shape (points, values).
@@ -205,7 +208,7 @@ def within(
 def too_large(
     metrics: Metrics, name: str, tolerance: float, unit: str, *advice: str
 ) -> Iterator[Failure]:
-    """Yield a failure where a metric, an error, is not within its tolerance."""
+    """Yield a failure if the metric of this name, an error, exceeds its tolerance or is NaN."""
     value = getattr(metrics, name)
     if not value <= tolerance:
         yield Failure(

@@ -23,14 +23,14 @@ from ff_planner_ros.planning.requirements.requirement import (
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
-# A singular value of so many margins does not become smaller than one in one step of the solver.
+# A singular value above this many margins does not fall below one margin in one solver step.
 _OF_INTEREST = 4.0
 
 
 class SingularValues(Requirement):
     """The smallest singular value of the generalised Jacobian stays above its threshold.
 
-    Joint splines do not invert it: for them a singular posture is one as any other.
+    Joint splines do not invert it: their plans may pass singular postures.
     """
 
     name = "singular_values"
@@ -55,10 +55,10 @@ class SingularValues(Requirement):
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return what the small singular values at the points have more than the margin.
+        """Return the singular values at the points that are near the margin, less the margin.
 
-        The search keeps them only where it is told by how much: it costs time, and the shortest
-        paths seldom come near a singularity.
+        A margin of zero has no rows: they cost time, and shortest paths seldom come near a
+        singularity.
         """
         if margin == 0.0 or problem.parametrisation is Parametrisation.JOINT_SPLINE:
             return None
@@ -73,12 +73,12 @@ class SingularValues(Requirement):
         return Rows(values[near] - margin, jacobian, near)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the smallest singular value."""
+        """Return the smallest singular value at the points."""
         values = smallest_singular_values(samples.problem.robot, samples.q, samples.maps)
         return {"min_singular_value": float(values.min())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the most singular posture."""
+        """Yield the most singular point, if its singular value is below the threshold."""
         threshold = samples.settings.singular_value_threshold
         if metrics.min_singular_value >= threshold - LIMIT_TOLERANCE:
             return

@@ -1,7 +1,7 @@
-"""The wheels that hold the chaser's attitude stay within their limits, between the points too.
+"""Reaction wheels stay within their momentum and torque limits, between the points too.
 
-The search keeps the bodies' angular momentum and the torque on the base as inverse dynamics says
-them, with exact derivatives; the check measures both by Pinocchio's centroidal algorithms.
+The search takes angular momentum and the torque on the base from inverse dynamics, with exact
+derivatives; the check takes both from Pinocchio's centroidal algorithms.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import STORED, SystemState
 from ff_planner_ros.robot.wheels import Wheels, momenta_of
 
-# What is further from its limit than this part of it cannot reach it in one step of the solver.
+# A load further from its limit than this fraction of it cannot reach it in one solver step.
 _OF_INTEREST = 0.4
-# Between 50 points torques rise above those at the points by less, in parts of their limits.
+# Between 50 points torques rise above those at the points by less, as a fraction of their limits.
 _MARGIN = 1e-3
 # Names of the rows of torques, above those of momenta.
 _TORQUES = 1 << 30
@@ -58,7 +58,7 @@ class WheelLimits(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse wheels that hold more than they may, or joints that accelerate against them."""
+        """Refuse a start beyond the wheels' limits, or a weight on momentum without wheels."""
         wheels = problem.robot.wheels
         if wheels is None:
             if problem.objective.wheel_momentum:
@@ -90,13 +90,13 @@ class WheelLimits(Requirement):
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return how far from the limits the search stays, in parts of them."""
+        """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of interest to the limits at the points, in parts of them."""
+        """Return the distances to near limits at the points, as fractions of the limits."""
         wheels = problem.robot.wheels
         if wheels is None or not _is_limited(wheels):
             return None
@@ -110,14 +110,14 @@ class WheelLimits(Requirement):
         )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return how far the wheels stay from their limits, in parts of them."""
+        """Return the least distance to a limit, as a fraction of the limit."""
         wheels = problem.robot.wheels
         if wheels is None or not _is_limited(wheels):
             return np.inf
         return min(float(one.left.min()) for one in _judged(problem, wheels, motion))
 
     def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
-        """Return the largest momentum and torque of each wheel; without wheels nothing."""
+        """Return the largest momentum [N m s] and torque [N m] of each wheel, if there are any."""
         problem, wheels = samples.problem, samples.problem.robot.wheels
         if wheels is None:
             return {}
@@ -131,7 +131,7 @@ class WheelLimits(Requirement):
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the wheel that is furthest beyond its momentum, and the one beyond its torque."""
+        """Yield the wheels that exceed momentum and torque limits by the largest fraction."""
         problem, wheels = samples.problem, samples.problem.robot.wheels
         if wheels is None or not _is_limited(wheels):
             return
@@ -158,7 +158,7 @@ class _Judged(NamedTuple):
     values: Array  # shape (wheels,)
     times: Array  # shape (wheels,) [s]
     limits: Array  # eased for what the start has already; shape (wheels,)
-    left: Array  # in parts of the limits; shape (wheels,)
+    left: Array  # distances to the limits as fractions of them; shape (wheels,)
 
 
 def _judged(problem: PlanningProblem, wheels: Wheels, motion: FollowedMotion) -> list[_Judged]:
@@ -180,12 +180,12 @@ def _judged(problem: PlanningProblem, wheels: Wheels, motion: FollowedMotion) ->
 def peaks_along(
     robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
 ) -> WheelPeaks:
-    """Return what `wheel_peaks` does."""
+    """Return `wheel_peaks`, cached."""
     return wheel_peaks(robot, wheels, start, motion)
 
 
 class WheelLoads(NamedTuple):
-    """What each wheel holds and gives at the points of a path, and the derivatives of both."""
+    """Momentum and torque of each wheel at the points of a path, and their derivatives by x."""
 
     momenta: Array  # shape (points, wheels) [N m s]
     momenta_by_x: Array  # shape (points, wheels, variables)
@@ -196,7 +196,7 @@ class WheelLoads(NamedTuple):
 def loads_with_derivatives(
     problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
 ) -> WheelLoads:
-    """Return what the wheels take of the angular momentum of a chaser that they hold."""
+    """Return the loads of the wheels that hold the chaser's attitude along a path."""
     robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
     momenta, momenta_by_x, torques, torques_by_x = compiled.held_momenta(
         chain_of(robot),
@@ -217,13 +217,13 @@ def loads_with_derivatives(
 
 
 def _torques(robot: Robot, wheels: Wheels, q: Array, v: Array, accelerations: Array) -> Array:
-    """Return what each wheel gives. Shape (points, wheels) [N m]."""
+    """Return the torque of each wheel. Shape (points, wheels) [N m]."""
     torques: Array = -torques_on_base(robot, q, v, accelerations) @ _shares(robot, wheels).T
     return torques
 
 
 def _shares(robot: Robot, wheels: Wheels) -> Array:
-    """Return momentum in axes of the base frame to that of each wheel. Shape (wheels, 3)."""
+    """Return the map from momentum in base axes to that of each wheel. Shape (wheels, 3)."""
     shares: Array = wheels.shares @ robot.rotation_chaser_to_base.T
     return shares
 
@@ -233,7 +233,7 @@ def _is_limited(wheels: Wheels) -> bool:
 
 
 def _kept(values: Array, by_x: Array, limits: Array, margin: float) -> Rows:
-    """Return the distances of interest to limits, in parts of them, of what begins at the start."""
+    """Return rows for the loads at all points but the first, as fractions of their limits."""
     parts = values / limits
     upper = eased(np.ones(len(limits)), np.abs(parts[0]))
     upper = upper - np.clip(upper - np.abs(parts[0]), 0.0, margin)

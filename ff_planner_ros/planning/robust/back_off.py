@@ -1,4 +1,4 @@
-"""Constraint back-off: by how much limits are tightened, so that margins keep their deviations."""
+"""Constraint back-off: limits are tightened so that margins keep k standard deviations."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from ff_planner_ros.planning.robust.margins import (
 )
 from ff_planner_ros.robot.configuration import configuration
 
-# By kind of margin, in its unit: how far each obstacle grows, each joint's torque, and one number
-# for each of the others.
+# By kind of margin, in its unit: growth of each obstacle, reduction of each joint's torque limit,
+# and one number for each other kind.
 BackOff: TypeAlias = Mapping[str, Array]
 
-# The back-off is this much more than what is lacking: the next plan's deviations differ.
+# Factor on the back-off: the next plan's deviations differ.
 _MORE = 1.02
 # An obstacle does not grow nearer to the robot's start than this, nor the corridor's wall to the
 # end effector there [m].
@@ -44,7 +44,7 @@ _AT_START = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class _NarrowerApproach(Approach):
-    """An approach whose corridor has nearer walls, all along it."""
+    """An approach whose corridor is narrower by a constant, all along it."""
 
     back_off: float = 0.0  # [m]
 
@@ -66,7 +66,7 @@ def no_back_off(problem: PlanningProblem) -> BackOff:
 
 
 def largest_back_off(problem: PlanningProblem) -> BackOff:
-    """Return the largest back-off of each kind that leaves the robot where it starts."""
+    """Return the largest back-off of obstacles and corridor that keeps the start feasible."""
     robot, scene = problem.robot, scene_of(problem)
     q, _ = configuration(robot, problem.start)
     near = nearness(robot, q[None], np.zeros(1), scene)
@@ -82,7 +82,7 @@ def largest_back_off(problem: PlanningProblem) -> BackOff:
 def increase(
     back_off: BackOff, sigmas: float, lacking: Sequence[Margins], largest: BackOff
 ) -> BackOff:
-    """Return the back-off by which the margins that lack something have it."""
+    """Return the back-off, raised to k sigma for the margins that lack it, at most to `largest`."""
     increased = {kind: amounts.copy() for kind, amounts in back_off.items()}
     for one in lacking:
         rows, amounts = one.lacking(sigmas), increased[one.kind]
@@ -94,12 +94,12 @@ def increase(
 
 
 def exceeds(back_off: BackOff, other: BackOff) -> bool:
-    """Tell whether a back-off is larger than another in anything."""
+    """Tell whether any entry of a back-off is larger than another's."""
     return any(bool((amounts > other[kind]).any()) for kind, amounts in back_off.items())
 
 
 def exhausted_limits(problem: PlanningProblem, back_off: BackOff) -> list[str]:
-    """Return the kinds of margins whose limit leaves nothing beside the back-off."""
+    """Return the kinds of margins whose back-off is as large as the limit itself."""
     limits = {
         ATTITUDE: np.array([problem.limits.chaser_attitude]),
         ROTATION: np.array([problem.limits.chaser_rotation]),
@@ -112,7 +112,7 @@ def exhausted_limits(problem: PlanningProblem, back_off: BackOff) -> list[str]:
 
 
 def tighten(problem: PlanningProblem, back_off: BackOff) -> PlanningProblem:
-    """Return a problem whose limits are tightened."""
+    """Return a problem whose limits are tightened by a back-off."""
     limits, robot, approach = problem.limits, problem.robot, problem.approach
     attitude, rotation, corridor = (
         float(back_off[kind][0]) for kind in (ATTITUDE, ROTATION, CORRIDOR)
@@ -138,13 +138,13 @@ def tighten(problem: PlanningProblem, back_off: BackOff) -> PlanningProblem:
     body = problem.target_body
     if body is None or not any(grown[one.id] for one in body.obstacles):
         return tighter
-    # In another frame what is fixed to the body is made anew of what the body says.
+    # A change of frame makes attached obstacles anew from those of the body: grow these, too.
     fixed = tuple(_grown(one, grown[one.id]) for one in body.obstacles)
     return with_capture_target(replace(body, obstacles=fixed), tighter)
 
 
 def _grown(one: Any, amount: float) -> Any:
-    """Return an obstacle, or what is fixed to a body, and all that is within a distance of it."""
+    """Return an obstacle, attached or not, that is grown by a distance [m]."""
     if isinstance(one, Sphere | AttachedSphere):
         return replace(one, radius=one.radius + amount)
     return replace(one, shape=replace(one.shape, grown=amount)) if amount else one

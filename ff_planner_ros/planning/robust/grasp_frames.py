@@ -1,4 +1,4 @@
-"""Where the grasp of a scene is at each moment up to the capture."""
+"""The grasp frame of a scene at given times up to the capture."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from ff_planner_ros.robot.quaternion import (
 
 
 class GraspFrames(NamedTuple):
-    """The grasp's frame at times until the capture."""
+    """The grasp frame in the inertial frame, at times up to the capture."""
 
     positions: Array  # shape (times, 3) [m]
-    rotations: Array  # to inertial; on a table the height does not count; shape (times, 3, 3)
+    rotations: Array  # to inertial axes; on a table with a z row of zeros; shape (times, 3, 3)
 
     @property
     def until(self) -> int:
-        """How many times there are."""
+        """Number of times."""
         return len(self.positions)
 
     def sees(self, points: Array) -> Array:
-        """Return where points are in the grasp's frame. Shape (times, ..., 3) [m]."""
+        """Return points of the inertial frame in the grasp frame. Shape (times, ..., 3) [m]."""
         positions = self.positions.reshape(len(points), *[1] * (points.ndim - 2), 3)
         seen: Array = np.einsum("tji,t...j->t...i", self.rotations, points - positions)
         return seen
 
 
 def grasp_frames(scene: Scene, base: Base, times: Array) -> GraspFrames | None:
-    """Return the frames of a scene's grasp; None: it is not known.
+    """Return the grasp frames of a scene; None: the scene has no target.
 
     Args:
-        times: From the plan's first point on, those after the capture are left out. (times,) [s].
+        times: Two or more, from the plan's first point on; those after the capture are left out.
+            Shape (times,) [s].
     """
     captured = scene.capture_time if scene.capture_time is not None else float(times[-1])
     # The last one is that at the capture, but for rounding.

@@ -1,9 +1,9 @@
-"""What is left of everything that a plan must keep, and how it changes with the errors.
+"""Margins of a plan's constraints, and their first-order change with model and start errors.
 
-Each margin is a number that must not be negative, at some time of a plan whose joints are
-controlled: of the distance from obstacles, the chaser's Euler angles and the angle of its rotation,
-the corridor of the approach and the joints' torques. Joint positions, rates and accelerations, and
-distances of the robot's bodies from each other, are those of the plan in every run.
+A margin is a distance to a limit at one time of a plan with controlled joints; it must not be
+negative. There are margins of obstacles, of the chaser's Euler angles and rotation angle, of the
+approach corridor and of joint torques. Joint positions, velocities and accelerations, and distances
+between the robot's bodies, do not change with the errors.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 
 CLEARANCE, CORRIDOR, TORQUE = "clearance", "corridor", "torque"
 ATTITUDE, ROTATION = "chaser_attitude", "chaser_rotation"
-# Unit, and how a message names the margin.
+# Units, and names in messages.
 UNITS = {CLEARANCE: "m", ATTITUDE: "rad", ROTATION: "rad", CORRIDOR: "m", TORQUE: "N m"}
 WORDS = {
     CLEARANCE: "the clearance from obstacle",
@@ -62,15 +62,15 @@ class Margins:
 
     @property
     def sigmas(self) -> Array:
-        """Deviation of each. Shape (rows,)."""
+        """Standard deviation of each margin. Shape (rows,)."""
         return np.asarray(np.linalg.norm(self.by_errors, axis=1), np.float64)
 
     def deviations(self, sigmas: float) -> Array:
-        """Return the deviation of each margin; of a corridor, one that makes up for all sides.
+        """Return the standard deviation of each margin, of a corridor an equivalent one-sided one.
 
-        A normal error is beyond k deviations to one side with the chance 1 - Phi(k). In a plane it
-        is beyond c of them, to any side, with exp(-c^2 / 2): c deviations are as sure as k to one
-        side.
+        A normal error exceeds k deviations to one side with probability 1 - Phi(k), a 2-D error
+        exceeds c of them to any side with exp(-c^2 / 2). The deviation of a corridor is scaled by
+        c / k with c of equal probability.
         """
         if self.kind != CORRIDOR:
             return self.sigmas
@@ -79,11 +79,11 @@ class Margins:
         return float(np.sqrt(-2.0 * log_ndtr(-sigmas))) / sigmas * self.sigmas
 
     def lacking(self, sigmas: float) -> Indices:
-        """Return which margins keep fewer deviations."""
+        """Return the indices of margins that are less than so many deviations."""
         return np.flatnonzero(self.values < sigmas * self.deviations(sigmas) * (1.0 - _TOLERANCE))
 
     def in_deviations(self, sigmas: float) -> Array:
-        """Return the margins in their deviations; one without a deviation keeps any number."""
+        """Return the margins in units of their deviations; infinite without a deviation."""
         deviations = self.deviations(sigmas)
         with np.errstate(divide="ignore", invalid="ignore"):
             found: Array = np.where(deviations > 0.0, self.values / deviations, np.inf)
@@ -103,11 +103,13 @@ def margins(
     of: Directions,
     spread: BaseSpread,
 ) -> list[Margins]:
-    """Return the margins of what the plan must keep, a kind each; those that nothing limits not.
+    """Return the margins of a plan by kind, without kinds that have no limit.
 
     Args:
         scene: In the frame of the motion.
-        near: Of the motion.
+        near: `nearness` of the motion.
+        of: Directions of the errors.
+        spread: `base_spread` of the motion.
     """
     found = []
     if not near.is_empty:
@@ -137,19 +139,19 @@ def margins(
 
 
 def ee_positions(motion: TrackedMotion) -> Array:
-    """Return the end effector as planned, in the frame of the motion. Shape (times, 3) [m]."""
+    """Return planned end-effector positions, in the frame of the motion. (times, 3) [m]."""
     return arm_points(motion.robot, motion.q)[:, -1]
 
 
 def ee_by_errors(motion: TrackedMotion, spread: BaseSpread) -> Array:
-    """Return how the end effector moves with the errors. Shape (times, 6, errors)."""
+    """Return the end effector's displacement by each error, linear first. (times, 6, errors)."""
     points, (linear, angular) = ee_positions(motion), np.split(spread.pose, 2, axis=1)
     moved = linear + np.cross(angular, points[:, :, None], axis=1)
     return np.concatenate([moved, angular], axis=1)
 
 
 def turned_from_start(motion: TrackedMotion, rotations: Array) -> Array:
-    """Return the chaser's Euler angles relative to its planned start. Shape (..., 3) [rad].
+    """Return the chaser's Euler angles relative to its planned first attitude. (..., 3) [rad].
 
     Args:
         rotations: Base to inertial. Shape (..., 3, 3).
@@ -167,7 +169,7 @@ def _attitude(motion: TrackedMotion, spread: BaseSpread) -> tuple[Array, Array]:
 
 
 def rotated_since_start(motion: TrackedMotion, rotations: Array) -> Array:
-    """Return the angles between the chaser's attitudes and its planned start. Shape (...) [rad].
+    """Return the chaser's rotation angles from its planned first attitude. Shape (...) [rad].
 
     Args:
         rotations: Base to inertial. Shape (..., 3, 3).
@@ -179,8 +181,8 @@ def rotated_since_start(motion: TrackedMotion, rotations: Array) -> Array:
 def _rotation(motion: TrackedMotion, spread: BaseSpread) -> tuple[Array, Array]:
     """Return the angles of the chaser's rotation, and how they change with the errors.
 
-    The angle changes by what the chaser rotates about the axis of its rotation. At the start it has
-    none, and is taken for one that no error changes: it keeps its limit there by all of it.
+    An error changes the angle by its rotation about the axis of the chaser's rotation. At the start
+    there is no axis, and the derivative is taken as zero: the margin there is the whole limit.
     """
     rotations = rotation_base_to_inertial(motion.q)
     since = quaternion_from_rotation(rotations[0].T @ rotations)
@@ -198,7 +200,7 @@ def _corridor(motion: TrackedMotion, scene: Scene, spread: BaseSpread) -> Margin
     count = frames.until
     places = frames.sees(ee_positions(motion)[:count])
     moved = np.einsum("tji,tje->tie", frames.rotations, ee_by_errors(motion, spread)[:count, :3])
-    # Outside the distance it alone counts, and inside of it the cone, to all sides.
+    # Beyond the distance that is the margin, within it the planes all round the cone are.
     inside, (values, gradients) = scene.approach.margins(places), scene.approach.planes(places)
     far = np.flatnonzero(inside.by_cone == 0.0)
     values[far, 0], gradients[far, 0] = inside.values[far], inside.gradients[far]
@@ -217,7 +219,7 @@ def _corridor(motion: TrackedMotion, scene: Scene, spread: BaseSpread) -> Margin
 def _both_ways(
     kind: str, values: Array, by_errors: Array, limits: Array, which: Indices, time: Array
 ) -> Margins:
-    """Return how far values, either way, are from their limits; shape (times, values)."""
+    """Return margins of values to their limits of both signs; values: shape (times, values)."""
     both = np.stack([limits - values, limits + values])
     return Margins(
         kind,

@@ -3,8 +3,7 @@
 A robust plan is a fixed point: plan, predict the deviation of every margin (`margins`), tighten the
 limits by what the margins lack (`back_off`), and plan again. The back-off only grows: of obstacles
 by a radius each, of the chaser's Euler angles and its rotation, of the approach's corridor and of
-the joints' torques. Velocities and accelerations of joints that are controlled are those of the
-plan, whatever the errors: their limits stay.
+the joints' torques. Errors do not change the motion of controlled joints: its limits stay.
 """
 
 from __future__ import annotations
@@ -47,10 +46,10 @@ from ff_planner_ros.planning.robust.margins import (
     margins,
 )
 
-# Plans that may be made beside the plain one: three are enough but where the way round changes.
+# Number of plans beside the plain one: three are enough unless the way round changes.
 _ROUNDS = 6
-# Where so many deviations cannot be kept, it is halved in how many can, so often and with so few
-# initial guesses: what they find more of them find, too.
+# If so many deviations cannot be kept, bisection finds how many can: in so many steps, with so few
+# initial guesses, which understate it at worst.
 _HALVINGS, _STARTS = 3, 3
 
 _STATUS = {
@@ -65,19 +64,19 @@ _ADVICE = ("fewer planner.robust.sigmas", "smaller deviations", "a longer durati
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """Everything that a robust plan is looked for with."""
+    """The arguments of `robust_plan`, with the plain plan and the largest back-off."""
 
     problem: PlanningProblem
     settings: PlannerSettings
     watch: Any
     method: Callable[..., Plan]
-    whole: Callable[[Plan], Plan]  # a plan with its tail
+    whole: Callable[[Plan], Plan]  # adds the post-goal segment to a plan
     plain: Plan
     largest: BackOff
 
 
 def withstood(settings: RobustSettings) -> Uncertainty:
-    """Return the deviations that a plan withstands."""
+    """Return the standard deviations of the settings as an `Uncertainty`."""
     return Uncertainty(**_deviations(settings))
 
 
@@ -89,15 +88,18 @@ def robust_plan(
     method: Callable[..., Plan],
     whole: Callable[[Plan], Plan],
 ) -> Plan:
-    """Return a plan of which every margin keeps its deviations, and the price of that.
+    """Return a plan with `robust.sigmas` standard deviations on every margin, and its report.
+
+    With `robust.sigmas` zero it is the plan of the method.
 
     Args:
-        watch: Of the method, like the guess.
-        whole: Returns a plan with its tail, of which the margins are looked at.
+        watch: Passed to the method, like the guess.
+        method: Plans a problem: its arguments are problem, settings, watch and guess.
+        whole: Adds the post-goal segment, whose margins count, too, to a plan.
 
     Raises:
-        InvalidInput: As by the method.
-        NoPlanFound: There is no plan, or none that keeps so much.
+        InvalidInput: As by the method, or deviations are to be kept with wheels.
+        NoPlanFound: There is no plan, or none that keeps so many deviations.
         OutOfTime: By the watch.
     """
     if settings.robust.sigmas and problem.robot.wheels is not None:
@@ -119,7 +121,7 @@ def robust_plan(
 
 
 def _fixed_point(asked: _Asked, sigmas: float) -> Plan | NoPlanFound:
-    """Return a plan that keeps so many deviations, or what it lacks."""
+    """Return a plan that keeps so many deviations, or the refusal that says what it lacks."""
     problem, found = asked.problem, asked.plain
     back_off = no_back_off(problem)
     for rounds in range(_ROUNDS + 1):
@@ -145,7 +147,7 @@ def _fixed_point(asked: _Asked, sigmas: float) -> Plan | NoPlanFound:
 
 
 def _can_be_kept(asked: _Asked, sigmas: float) -> str:
-    """Return words for how many deviations a plan keeps."""
+    """Return words for how many deviations some plan keeps, by bisection."""
     few = min(asked.settings.starts, _STARTS)
     asked = replace(asked, settings=replace(asked.settings, starts=few))
     low, high = 0.0, sigmas
@@ -163,7 +165,7 @@ def _can_be_kept(asked: _Asked, sigmas: float) -> str:
 
 
 def _margins(asked: _Asked, plan: Plan) -> list[Margins]:
-    """Return the margins of a plan and its tail."""
+    """Return the margins of a plan and its post-goal segment."""
     problem, robot = lasting(asked.problem, plan.duration), asked.problem.robot
     with suppress(NoPlanFound):  # a tail that cannot be driven is refused afterwards
         plan = asked.whole(plan)
@@ -178,7 +180,7 @@ def _plan_with(asked: _Asked, back_off: BackOff, guess: Array | None) -> Plan:
     """Return a plan that keeps tighter limits.
 
     Raises:
-        NoPlanFound: There is none; it tells what was kept back.
+        NoPlanFound: There is none; the error names the back-off of obstacles.
         OutOfTime: By the watch.
     """
     try:
@@ -226,10 +228,10 @@ def _short_of(
     plan: Plan,
     refused: NoPlanFound | None = None,
 ) -> NoPlanFound:
-    """Return the refusal that names the margin that has least.
+    """Return the refusal that names the margin with the fewest deviations.
 
     Args:
-        refused: Why no plan was found that has more; None: none was looked for any more.
+        refused: Why no plan with larger margins was found; None: none was searched.
     """
     worst = min(lacking, key=lambda one: float(one.in_deviations(sigmas).min()))
     in_deviations = worst.in_deviations(sigmas)

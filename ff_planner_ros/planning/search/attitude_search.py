@@ -1,10 +1,10 @@
-"""From a plan of least joint path to one that weighs the chaser's attitude, too.
+"""From a plan of minimum joint path to one that weighs the chaser's attitude, too.
 
-The attitude has many local optima, the joint path few. So the plan of least joint path and other
-initial guesses race on the coarsest grid, where a path is cheap, first for a smooth norm of the
-angles, then for the largest of them; from the best path the search hops from basin to basin. The
-answer is never worse than the plan of least joint path in the objective asked for, as the plans'
-metrics measure it.
+The attitude has many local optima, the joint path few. So the plan of minimum joint path and other
+initial guesses go through successive halving on the coarsest grid, where an evaluation is cheap,
+first for a smooth norm of the Euler angles, then for the largest; basin hopping follows from the
+best optimum. The answer is never worse than the plan of minimum joint path in the objective of the
+request, by the plans' metrics.
 """
 
 from __future__ import annotations
@@ -35,33 +35,33 @@ from ff_planner_ros.planning.search.portfolio import (
     Round,
 )
 
-# Weights of the attitude, where the joint path's is one, that are tried below the one asked for.
-# Each about three times the last; below the first the joint path alone decides.
+# Weights of the attitude relative to the joint path's that are tried below the requested one: each
+# about three times the last; below the first the joint path alone decides.
 _LOWER_WEIGHTS = (6.0, 15.0, 45.0)
-# Iterations that lead a path of the race to its optimum on the coarsest grid.
+# Iterations from a survivor of successive halving to its optimum on the coarsest grid.
 _TO_OPTIMUM = 24
-# Hops from the best path: at random along each direction, by two standard deviations in turn, for
-# so many iterations. Where one comes so near to the best it is led to its optimum.
+# Basin hops from the best path: random steps along each direction, of these two standard deviations
+# in turn, for so many iterations. One whose objective is below so many times the best is optimised.
 _SPREADS, _AFTER_HOP, _NEARLY = (0.1, 0.2), 14, 1.3
-# First trust region, far from an optimum. The path is moved in all of its own ways at once: half as
-# bold as along single coefficients.
+# First trust region, far from an optimum: half that along single coefficients, as the path moves
+# along all directions at once.
 _FIRST_RADIUS = 0.25
 # Violations that do not stop the solver's steps, far from an optimum and near one.
 _TOLERATED, _TOLERATED_NEAR = 2e-2, 5e-3
-# A joint path or an angle known to this part is known well enough to compare two.
+# First-order optimality and progress on the coarsest grid: good enough to compare two paths.
 _OPTIMALITY, _COMPARED = 1e-5, 1e-4
-# At most this many paths of a round are refined, each in so many iterations on each finer grid:
-# they begin near the optimum, with this trust region. An objective known to this part is enough.
+# At most this many paths of a round are refined, each by so many iterations on each finer grid from
+# near the optimum, with this trust region and this relative progress.
 _REFINED, _ITERATIONS, _RADIUS, _PROGRESS = 2, 12, 0.1, 2e-4
 # Iterations of a refined path where constraints are tightened.
 _TIGHTENING_ITERATIONS = 6
-# Singular values stay so many times above their threshold: they may fall between the points.
+# Singular values stay above so many times their threshold: they may fall between the points.
 _AWAY = 1.2
-# Of the best plan's objective: a path on the coarsest grid that is above it is not refined.
+# A coarse path whose objective exceeds so many times that of the best plan is not refined.
 _PROMISING = 1.02
-# Parts of the cost of the plan of least joint path. Where the attitude is less than the first, no
-# other guesses are tried; up to the other they are, only if one of so many of them, so many
-# iterations far, gains: the optimum nearest to that plan nearly always is the best.
+# Shares of the attitude in the cost of the plan of minimum joint path. Below the first, no other
+# guesses are tried. Up to the second, they are only if one of the first `_LOOKED_AT` of them, after
+# `_LOOK` iterations, lowers the objective to `_GAIN`: nearly always the nearest optimum is best.
 _NEGLIGIBLE, _MINOR, _GAIN, _LOOKED_AT, _LOOK = 2e-4, 0.3, 0.98, 3, 10
 
 NO_BETTER = "good enough: no better attitude was found than that of the least joint path"
@@ -77,23 +77,23 @@ class _Optimum:
 
 @dataclass(eq=False)
 class AttitudeSearch:
-    """The search from a plan of least joint path, among the paths of one family."""
+    """The search from a plan of minimum joint path, among the paths of one family."""
 
     solver: GridSolver  # of that family
-    asked: Objective
-    shortest: Plan
+    asked: Objective  # of the request
+    shortest: Plan  # of minimum joint path
     seeds: Sequence[Array] = ()  # paths of the family, tried before its own initial guesses
     best: Plan = field(init=False)
     _optima: list[_Optimum] = field(default_factory=list, init=False)
     _refined: list[_Optimum] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
-        """Begin with the plan of least joint path."""
+        """Begin with the plan of minimum joint path."""
         self.best = self.shortest
         self._objective = with_tie_break(self.asked, self.solver.settings)
 
     def best_plan(self) -> Plan:
-        """Return the best plan found, at worst the plan of least joint path.
+        """Search, and return the best plan found, at worst the plan of minimum joint path.
 
         Raises:
             OutOfTime: By the watch.
@@ -115,7 +115,7 @@ class AttitudeSearch:
 
     @property
     def _attitude_share(self) -> float:
-        """What part of the cost of the plan of least joint path its attitude is."""
+        """Share of the attitude in the cost of the plan of minimum joint path."""
         attitude = self.asked.chaser_attitude * self.shortest.metrics.max_chaser_euler
         return attitude / weighted_sum(self.asked, self.shortest.metrics)
 
@@ -130,7 +130,7 @@ class AttitudeSearch:
         return (NEAREST, *rounds[1:]) if self._is_minor else rounds
 
     def _race(self, guesses: Sequence[Array]) -> None:
-        """Find optima: of the paths that begin at initial guesses those that lead go on."""
+        """Find optima by successive halving of the paths from initial guesses."""
         solver = self.solver
         solver.effort.starts += len(guesses)
         starts = guesses
@@ -143,7 +143,7 @@ class AttitudeSearch:
             self._optima += self._optimum(path)
 
     def _hop(self, random: np.random.Generator, spread: float) -> None:
-        """Look around the best optimum."""
+        """Search for another optimum from a random step beside the best one."""
         grid, best = self._coarsest(), self._leading(1)[0].path
         self.solver.effort.starts += 1
         aside = random.normal(scale=spread, size=len(best.x))
@@ -155,9 +155,9 @@ class AttitudeSearch:
             self._optima += self._optimum(path)
 
     def _optimum(self, path: PathSolution) -> list[_Optimum]:
-        """Return the optimum that a path leads to, if finer grids do not refute it.
+        """Return the optimum that a path leads to, unless it is infeasible on the next finer grid.
 
-        Between few points a path may be singular or run through an obstacle.
+        Between few points a path may be singular or in collision.
         """
         grid = self._coarsest().with_stage(
             tolerated=_TOLERATED_NEAR, iterations=_TO_OPTIMUM, radius=path.radius
@@ -176,7 +176,7 @@ class AttitudeSearch:
         return sorted(self._optima, key=lambda optimum: optimum.cost)[:count]
 
     def _refine(self) -> None:
-        """Make plans of the best optima."""
+        """Solve the best optima on finer grids, and keep the plans."""
         for optimum in self._leading(_REFINED):
             none_yet = self.best is self.shortest
             limit = np.inf if none_yet else weighted_sum(self.asked, self.best.metrics)
@@ -196,12 +196,12 @@ class AttitudeSearch:
         )
 
     def better_at(self, guess: Array) -> Plan:
-        """Return the best plan at a path that is given, at worst the plan of least joint path.
+        """Return the best plan near a given path, at worst the plan of minimum joint path.
 
         Raises:
             OutOfTime: By the watch.
         """
-        # As it is, and improved: that may be worth more.
+        # As it is, then improved: the better plan is kept.
         grid, path = self._path_at(guess)
         found, followed = self.solver.tighten(grid, path, self.solver.solve_and_restore)
         self._keep(list(self.solver.sound_plans(found, followed)))
@@ -209,7 +209,7 @@ class AttitudeSearch:
         return self.best
 
     def _is_more_in_sight(self) -> bool:
-        """Tell whether a look at other initial guesses shows a better one than what is found."""
+        """Tell whether a few iterations from other initial guesses beat the best optimum."""
         if not self._optima:
             return True
         grid = self._coarsest().with_stage(iterations=_LOOK)
@@ -222,10 +222,10 @@ class AttitudeSearch:
         return False
 
     def _climb(self) -> None:
-        """Raise the weight of the attitude on all points, as long as the plans pass the check.
+        """Raise the weight of the attitude in steps, as long as the plans pass the check.
 
-        Near the least attitude there may be no plan, because of a singularity or a limit that the
-        search does not keep. Below it there often is one.
+        Near the minimum of the attitude there may be no plan, because of a singularity or a limit
+        that the search does not keep; at a lower weight there often is one.
         """
         for weight in _LOWER_WEIGHTS:
             if weight * self.asked.joint_path_length >= self.asked.chaser_attitude:
@@ -240,7 +240,7 @@ class AttitudeSearch:
     def _plans_near(
         self, objective: Objective, x: Array, curvature: Array | None
     ) -> Iterator[Plan]:
-        """Yield the plan along the best path on all points near x, if it is sound."""
+        """Yield the plan along the best path near x on the finest grid, if it passes the check."""
         grids = self._grids_for(objective)[1:]
         for grid in grids:
             near = (grid.with_correction(x) if grid is grids[-1] else grid).with_stage(
@@ -258,7 +258,7 @@ class AttitudeSearch:
         )
 
     def _path_at(self, x: Array) -> tuple[Grid, PathSolution]:
-        """Return the path of x as it is, on all points, with its grid; it may be singular."""
+        """Return the finest grid, and the path of x on it, unimproved; it may be singular."""
         grid = self._grids()[-1].with_correction(x).with_stage(iterations=0)
         return grid, self.solver.solve(grid, x)
 
@@ -270,7 +270,7 @@ class AttitudeSearch:
         return replace(self.best, solver=report)
 
     def _coarsest(self, norm: float = np.inf) -> Grid:
-        """Return the coarsest grid, whose paths minimise a norm of the angles."""
+        """Return the coarsest grid, with a p-norm in place of the largest Euler angle."""
         grid = self._grids()[0]
         return replace(grid, program=replace(grid.program, attitude_norm=norm)).with_stage(
             optimality=_OPTIMALITY,
@@ -285,7 +285,7 @@ class AttitudeSearch:
     def _grids_for(self, objective: Objective) -> list[Grid]:
         """Return the grids, coarse to fine, with another objective.
 
-        None is damped: what damping leads through a singularity would be refused in the end.
+        None is damped: a path that damping leads through a singularity would fail the check.
         """
         away = _AWAY * self.solver.settings.singular_value_threshold
         found = []
@@ -299,5 +299,5 @@ class AttitudeSearch:
 
 
 def _lead(path: PathSolution) -> tuple[bool, float]:
-    """Return a key to sort by, the best first; a small violation can be mended later."""
+    """Return a key to sort by, best first; small violations count as none, to be mended later."""
     return rank(path, SMALL_VIOLATION)

@@ -1,9 +1,9 @@
-"""The plan at the best moment of a range: made as if its duration had been given.
+"""The best plan over a range of durations; each plan is made as if its duration had been given.
 
-`free_moment` says which moments promise a plan. What the search on few points does not know, the
-motion between the points or a torque, may spoil a plan there: then the nearest moment is looked for
-at which there is one. Where the duration has a weight, and few points leave a doubt, shorter ones
-are tried from the plan's own path until there is none.
+`free_moment` finds promising moments: durations, each with a path on a coarse grid. What that grid
+does not show, the motion between the points or a torque, may rule out a plan there; then the
+nearest later moment that has a plan is searched. If the duration has a weight, and the coarse grid
+leaves a doubt, shorter durations are tried from the plan's own path until there is no better plan.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from ff_planner_ros.planning.search.free_search import Moment
 # Plans a problem whose duration is given.
 Planner: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | None], Plan]
 
-# Where there is no plan at a moment, those are tried that are later by these parts of the duration.
+# If a moment has no plan, later ones are tried: by these fractions of the duration.
 _SOON, _LATER = (0.0, 0.02, 0.08), (0.3, 1.0, 4.0, math.inf)
-# Iterations on all points, where only the duration counts.
+# Iteration limit on all points if only the duration has a weight.
 _ENOUGH = 20
-# A shortest duration is known to this part of it.
+# Relative accuracy of the shortest duration.
 _KNOWN = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """What is asked for, and how a plan of a given duration is made."""
+    """The request, and the planner of one duration."""
 
     problem: PlanningProblem  # with a range of durations
     settings: PlannerSettings
@@ -72,7 +72,7 @@ class _Asked:
         return found
 
     def worth(self, plan: Plan) -> float:
-        """Return what a plan is worth, less is better [rad]."""
+        """Return the cost of a plan in the objective of the request [rad]."""
         return plan_cost(self.problem.objective, plan)
 
 
@@ -83,14 +83,15 @@ def plan_at_best_moment(
     first_guess: Array | None,
     plan: Planner,
 ) -> Plan:
-    """Return the best plan that is found in a range of durations.
+    """Return the best plan found over the problem's range of durations.
 
     Args:
-        plan: Makes the plan of a duration that is given.
+        first_guess: As in `free_moment.rounds`.
+        plan: Plans a problem with a given duration.
 
     Raises:
-        InvalidInput: The start violates what the plan must keep.
-        NoPlanFound: At no moment is there a plan.
+        InvalidInput: The start violates a requirement.
+        NoPlanFound: No plan was found at any duration.
         OutOfTime: By the watch.
     """
     effort = Effort()
@@ -120,9 +121,9 @@ def plan_at_best_moment(
 def _better_in_another_family(
     asked: _Asked, best: Plan, moment: Moment | None
 ) -> tuple[Plan, Moment | None]:
-    """Return the plan that another one leads to in the family that can do more, if it is better.
+    """Return the plan that `best` leads to in the more general family, if that is better.
 
-    Where a limit holds the chaser back, or the joint path is a detour, its paths are much shorter.
+    If a limit on the chaser's rotation is active, or the joint path is a detour, it often is.
     """
     other = moment_in_another_family(asked.problem, asked.settings, asked.watch, best, asked.effort)
     found = None if other is None else _near(asked, other, _SOON[:1])
@@ -134,7 +135,7 @@ def _better_in_another_family(
 def _best_of(
     asked: _Asked, promising: Sequence[Moment], parts: Sequence[float]
 ) -> tuple[Plan | None, Moment | None]:
-    """Return the best plan near moments that promise one, and its moment; the best come first.
+    """Return the best plan near promising moments, which are sorted best first, and its moment.
 
     Args:
         parts: See `_near`.
@@ -155,10 +156,10 @@ def _best_of(
 
 
 def _near(asked: _Asked, moment: Moment, parts: Sequence[float]) -> Plan | None:
-    """Return the plan at a moment, or else at the next one that has a plan, if there is any.
+    """Return the plan at a moment, or else at the first later one tried that has a plan.
 
     Args:
-        parts: How much later than the moment those are that are tried, in parts of its duration.
+        parts: How much later to try, as fractions of the moment's duration; the first may be zero.
     """
     window = asked.problem.durations
     plan: Plan | None = None
@@ -187,10 +188,10 @@ def _near(asked: _Asked, moment: Moment, parts: Sequence[float]) -> Plan | None:
 
 
 def _any(asked: _Asked) -> Plan:
-    """Return a plan of a given duration, the shortest first, looked for with all first guesses.
+    """Return the plan of the shortest of `moments_to_begin_at` that has one, with all guesses.
 
     Raises:
-        NoPlanFound: At none of the moments there is one.
+        NoPlanFound: None has a plan.
     """
     refusals = list[NoPlanFound]()
     for duration in moments_to_begin_at(asked.problem):
@@ -202,9 +203,9 @@ def _any(asked: _Asked) -> Plan:
 
 
 def _refusal(asked: _Asked, refusals: Sequence[NoPlanFound]) -> NoPlanFound:
-    """Return the error of a range without a plan: what was searched, and what is hardest to meet.
+    """Return the error of a range without a plan: its durations, and the hardest requirement.
 
-    Of the refusals that is the one, of all durations, whose requirement the fewest candidates met.
+    That is the one of all durations' refusals which the fewest candidates met.
     """
     met = asked.effort.met.copy()
     for one in refusals:
@@ -223,7 +224,7 @@ def _refusal(asked: _Asked, refusals: Sequence[NoPlanFound]) -> NoPlanFound:
 
 
 def _shorten(asked: _Asked, best: Plan) -> Plan:
-    """Return a plan that is better because it is shorter, as long as there are such plans."""
+    """Return the last of ever shorter plans, each better than the one before."""
     window = asked.problem.durations
     while duration_of(best) > window.minimum:
         duration = max((1.0 - SOONER) * duration_of(best), window.minimum)

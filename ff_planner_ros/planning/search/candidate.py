@@ -1,4 +1,4 @@
-"""Candidates: paths that a search found, and the plans along them, measured and not yet judged."""
+"""Candidates: paths that a search found, and the plans along them, measured but not checked."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
-# A path whose own motion is as near as this to what comes of it [m, rad] is published as it is: its
-# end effector's twist is exact at the goal. From 1e-6 on its torques, open loop, led a wrist astray
-# by 0.1 deg.
+# A path whose own motion is this near to the tracked one [m, rad] is published as it is: its end
+# effector's twist is exact at the goal. From 1e-6 on, its torques led a wrist astray by 0.1 deg in
+# open loop.
 _NEAR = 1e-7
 
 
@@ -31,13 +31,13 @@ class Candidate:
 
     at_x: PathLinearisation  # its motion may be singular
     report: SolverReport  # counts are those of the whole search so far
-    followed: FollowedMotion | None = None  # what comes of it; None: not worked out yet
+    followed: FollowedMotion | None = None  # the tracked motion; None: not computed yet
 
 
 def plan_of_path(
     problem: PlanningProblem, settings: PlannerSettings, family: PathFamily, path: Candidate
 ) -> Plan:
-    """Return the plan along a regular path of the family, measured and not yet judged."""
+    """Return the plan along a regular path of the family, measured but not checked."""
     motion = path.at_x.motion
     q, v, acceleration = motion.q, motion.v, path.at_x.acceleration
     driven = path.followed or followed_path(problem, q, v, acceleration)
@@ -56,13 +56,13 @@ def plan_of_path(
 
 
 def _is_near(q: Array, others: Array) -> bool:
-    """Tell whether the base is where it is in other configurations, but for what nobody feels."""
+    """Tell whether base poses differ by less than `_NEAR` from others."""
     turns = rotation_base_to_inertial(q) - rotation_base_to_inertial(others)
     return bool(max(np.abs(q[:, :3] - others[:, :3]).max(), np.abs(turns).max()) <= _NEAR)
 
 
 def _turn_rate_at_rest(problem: PlanningProblem, trajectory: Trajectory) -> float | None:
-    """Return how fast all turns together at the goal, where the joints rest there [rad/s]."""
+    """Return the angular rate of the system at a goal at which the joints rest [rad/s]."""
     posture = problem.posture
     if posture is None or posture.rates.any():
         return None
@@ -77,7 +77,7 @@ def plan_of_motion(
     acceleration: Array,
     solver: SolverReport,
 ) -> Plan:
-    """Return a motion that need not follow a polynomial path, measured and not yet judged.
+    """Return the plan along any motion, measured but not checked.
 
     Args:
         q: Configurations at equal steps of time. Shape (points, 7 + joints).

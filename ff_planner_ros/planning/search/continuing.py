@@ -1,8 +1,8 @@
-"""To plan while a plan runs: where the new plan joins, and what remains of the running one.
+"""Replanning in motion: the state at the handover, and the remainder of the running plan.
 
 The arm's controller tracks the running plan, so that the new plan's joints begin exactly on it:
-position, rate and acceleration. Nobody controls the chaser: it is where it was measured, carried
-forward with the joints of the running plan, and it keeps the momentum that was measured.
+position, velocity and acceleration. The chaser is not controlled: its state is the measured one,
+propagated with the joints of the running plan and the measured momentum.
 """
 
 from __future__ import annotations
@@ -24,35 +24,35 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import base_twist, total_momentum, with_wheel_momenta
 from ff_planner_ros.robot.state import SystemState
 
-# What remains of a plan is looked at at so many times: a path of either family follows them.
+# Number of times at which a remainder is sampled: paths of both families can follow them.
 SAMPLES = 17
-# A path whose joints are never further from the remainder's is one that runs as that does [rad].
+# A path whose joints are never further from the remainder's counts as equal to it [rad].
 NEAR = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class PathNear:
-    """The path of one family that is most like a remainder; it need not be at the goal."""
+    """The path of one family that is nearest to a remainder; it need not meet the goal."""
 
     family: PathFamily
     x: Array  # decision variables
-    off: float  # how far its joints are from the remainder's at most; infinite: singular [rad]
+    off: float  # largest difference of its joints from the remainder's; infinite: singular [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class Remainder:
-    """What remains of a running plan, from where another one joins it to its goal."""
+    """The remainder of a running plan, from the handover to its goal."""
 
-    joints: JointMotion  # the running plan, its time counted from the join
+    joints: JointMotion  # of the running plan, time zero at the handover
     goal: float  # time of its goal, greater than zero [s]
 
     def path_near(self, problem: PlanningProblem, family: PathFamily) -> PathNear:
-        """Return the path of a family that runs as the remainder does.
+        """Return the path of a family that is nearest to the remainder.
 
-        Where the problem has another duration, it is run through faster or slower.
+        If the problem has another duration, time is scaled.
 
         Args:
-            problem: That of the family; its start is where it joins.
+            problem: That of the family; it starts at the handover.
         """
         robot = problem.robot
         start = start_of(robot, *configuration(robot, problem.start))
@@ -66,12 +66,12 @@ class Remainder:
 
 
 def joined(robot: Robot, state: SystemState, ahead: float, running: JointMotion) -> SystemState:
-    """Return where a system will be when another plan takes over from the one that runs.
+    """Return the state of a system at the handover from the running plan to another one.
 
     Args:
         state: As measured.
-        ahead: Time from the measurement to the join [s].
-        running: Its time counted from the measurement; it must not be over at the join.
+        ahead: Time from the measurement to the handover [s].
+        running: Time zero at the measurement; it must not end before the handover.
     """
     (positions,), (rates,), (accelerations,) = running.at(np.array([ahead]))
     # In the system's own frame no digit is lost to where it is.

@@ -1,4 +1,4 @@
-"""What a search has tried until now."""
+"""Counters of what a search has tried."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from ff_planner_ros.planning.motion.plan import SolverReport
 
 @dataclass
 class Effort:
-    """How much was tried until now."""
+    """Counters of a search, over all its attempts so far."""
 
     starts: int = 0  # initial guesses
     iterations: int = 0
     rollouts: int = 0
-    # How many paths that a solve began at met each requirement, by its name
+    # Of the initial paths of all solves, how many met each requirement, by its name
     met: Counter[str] = field(default_factory=Counter)
 
     def add(self, report: SolverReport) -> None:
-        """Count what led to a plan."""
+        """Add the effort that led to a plan."""
         self.starts += report.starts
         self.iterations += report.iterations
         self.rollouts += report.rollouts
 
     def report(self, of_plan: SolverReport) -> SolverReport:
-        """Return the report of the plan that was chosen, with all the effort."""
+        """Return the report of the chosen plan, with the effort of the whole search."""
         return replace(
             of_plan, starts=self.starts, iterations=self.iterations, rollouts=self.rollouts
         )

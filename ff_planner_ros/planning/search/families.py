@@ -1,4 +1,4 @@
-"""Which path families a plan is looked for in, by the problem's parametrisation."""
+"""The path families that are searched for a problem, by its trajectory parameterisation."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from ff_planner_ros.planning.requirements.singular_values import is_regular
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base
 
-# A plan is held back by a limit from which it is no further away than so many times the margin.
+# A limit is active for a plan that is no further from it than so many times the margin.
 _AT_LIMIT = 2.0
-# A joint path that is so many times as long as the straight way between its ends is a detour.
+# A joint path longer than so many times the straight line between its ends is a detour.
 _DETOUR = 1.3
 
 
@@ -36,12 +36,13 @@ _DETOUR = 1.3
 def path_families(
     problem: PlanningProblem, settings: PlannerSettings
 ) -> tuple[Sequence[PathFamily], ...]:
-    """Return families in the order in which they are tried, each as its ways round.
+    """Return path families in the order of trial, each as its ways round to the goal.
 
-    A library asks for them before the planner does.
+    There are two ways for half a turn of the end effector. Cached, as the library of plans needs
+    the families before the planner does.
 
     Raises:
-        InvalidInput: The paper's is asked for, but not made for the arm, its base or the target.
+        InvalidInput: The paper's family is requested, but not defined for arm, base or goal.
     """
     asked = problem.parametrisation
     if asked is Parametrisation.END_EFFECTOR_POLYNOMIAL:
@@ -58,14 +59,14 @@ def path_families(
 
 
 def require_papers_paths(problem: PlanningProblem, field: str, value: str, advice: str) -> None:
-    """Refuse what the paper's paths are not defined for.
+    """Refuse a problem that the paper's paths are not defined for.
 
     Args:
-        field: Whose value asks for them.
-        advice: What to choose instead.
+        field: Field whose value requests them.
+        advice: Words on what to choose instead.
 
     Raises:
-        InvalidInput: The arm, its base or the target is such.
+        InvalidInput: They are not defined for the arm, its base or the goal.
     """
     robot = problem.robot
     reasons = {
@@ -83,7 +84,7 @@ def require_papers_paths(problem: PlanningProblem, field: str, value: str, advic
 
 
 def is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> bool:
-    """Tell whether a plan would turn the chaser further if it might."""
+    """Tell whether a limit on the chaser's rotation is active for a plan."""
     limits, metrics = problem.limits, plan.metrics
     return any(
         limit - reached <= _AT_LIMIT * required.margin(problem, settings)
@@ -96,6 +97,6 @@ def is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> 
 
 
 def is_detour(plan: Plan, weights: Array | float = 1.0) -> bool:
-    """Tell whether a plan's joints, of some weights each, go far round."""
+    """Tell whether a plan's joint path is a detour, with these weights of the joints."""
     direct = straight_way(plan.trajectory.joint_positions[[0, -1]], weights)
     return plan.metrics.joint_path_length > _DETOUR * direct

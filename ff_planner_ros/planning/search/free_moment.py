@@ -1,12 +1,13 @@
-"""When to arrive, where the planner chooses the duration: moments that promise a plan, best first.
+"""The choice of the duration from a range: promising moments, best first.
 
-Paths are looked for from several moments of the range on few points, with the duration as one more
-variable (`free_program`). A plan is then made at the moment that was found, as if its duration had
-been given: nothing that is said of such a plan, nor the check, depends on how the moment was found.
+Paths are optimised from several durations of the range on coarse grids, with the duration as one
+more variable (`free_program`); a moment is the duration that was found, with its path. A plan is
+then made for it as if the duration had been given: neither the plan's promises nor the check depend
+on how it was found.
 
-Where nothing but the duration counts, one moment is enough to begin with. From then on each first
-guess only has to show that there may be a path which arrives a step sooner; hardly any does, and a
-few iterations tell.
+If nothing but the duration has a weight, one moment is enough to begin with. From then on each
+initial guess only has to show that there may be a path which arrives a step sooner; hardly any
+does, and a few iterations show that.
 """
 
 from __future__ import annotations
@@ -40,28 +41,28 @@ from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 
 
 class RaceStage(NamedTuple):
-    """How many iterations each entrant takes, and how many of them go on."""
+    """One stage of successive halving: iterations of each entrant, and how many go on."""
 
     iterations: int
     go_on: int
 
 
-# Splines have their goal to find first.
+# Joint splines take more iterations: they do not meet the goal by construction.
 RACES = {
     Parametrisation.END_EFFECTOR_POLYNOMIAL: (RaceStage(6, 4), RaceStage(10, 2)),
     Parametrisation.JOINT_SPLINE: (RaceStage(12, 3), RaceStage(12, 2)),
 }
-# Entrants whose duration and objective differ by less than these parts are one.
+# Entrants whose duration and objective differ by less than this fraction count as one.
 _ALIKE = 1e-2
-# Moments of the range that the search begins at, as parts of it: the shortest first.
+# Durations that the search begins at, as fractions of the range: the shortest first.
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-# So many moments that are promising are enough to choose from.
+# So many promising moments are enough to choose from.
 _ENOUGH = 3
-# A capture that is sooner by less than this part of the duration is the same.
+# Durations that are shorter by less than this fraction count as equal.
 SOONER = 0.02
-# Towards a capture that is sooner, the part of all first guesses to begin at.
+# Fraction of the initial guesses that are tried for a shorter duration.
 _GLANCED_AT = 0.6
-# First guesses of one duration are good for others down to this part of it.
+# Initial guesses of one duration are good for others down to this fraction of it.
 _ANOTHER = 0.9
 
 
@@ -72,17 +73,18 @@ def rounds(
     first_guess: Array | None,
     effort: Effort,
 ) -> Iterator[list[Moment]]:
-    """Yield moments of the range that promise a plan, round by round, the best of a round first.
+    """Yield promising moments of the range, round by round, the best of a round first.
 
-    Where only the duration counts there is one round: all that is found.
+    If only the duration has a weight, there is one round.
 
     Args:
-        first_guess: Tried at every moment, in the family that has as many variables.
-        effort: Is told what was tried.
+        first_guess: Tried at every duration to begin at, in families with as many variables.
+        effort: Counts what is tried.
 
     Raises:
-        InvalidInput: The start violates what the plan must keep.
-        NoPlanFound: At no moment is the goal within reach.
+        InvalidInput: The start violates a requirement.
+        NoPlanFound: The longest duration is too short for the joints, or the goal is out of reach,
+            or in an obstacle, at all durations to begin at.
         OutOfTime: By the watch.
     """
     begun = _plannable(problem, settings)
@@ -100,9 +102,9 @@ def rounds(
 def moment_in_another_family(
     problem: PlanningProblem, settings: PlannerSettings, watch: Watch, plan: Plan, effort: Effort
 ) -> Moment | None:
-    """Return where a plan's path and duration lead to in the family that can do the most.
+    """Return the optimum of path and duration near a plan in the most general family.
 
-    None: nowhere, or it is the plan's own.
+    None: the optimum does not promise a plan, or the family is the plan's own.
 
     Raises:
         OutOfTime: By the watch.
@@ -120,7 +122,7 @@ def moment_in_another_family(
 
 
 class _Lane:
-    """Searches of one family from all moments to begin at, and the first guesses of each."""
+    """Searches of one family from all durations to begin at, with their initial guesses."""
 
     def __init__(
         self,
@@ -139,7 +141,7 @@ class _Lane:
         self.turns = max(1, settings.starts // max(len(searches), 1))
 
     def entrants(self) -> list[Entrant]:
-        """Return the next first guess of each search."""
+        """Return the next initial guess of each search, as an entrant."""
         return [
             search.entrant(guess)
             for search, guesses in self._guesses
@@ -148,9 +150,9 @@ class _Lane:
 
 
 def _race(entrants: Sequence[Entrant], watch: Watch, effort: Effort) -> Iterator[list[Moment]]:
-    """Yield what promises a plan of those that lead after a few iterations each, the best first.
+    """Yield promising moments by successive halving of entrants, the best first.
 
-    Those behind the first are only looked at if the caller asks for another one.
+    Later ones are only optimised if the caller asks for another one.
 
     Raises:
         OutOfTime: By the watch.
@@ -167,7 +169,7 @@ def _race(entrants: Sequence[Entrant], watch: Watch, effort: Effort) -> Iterator
 
 
 def _lead(entrant: Entrant) -> tuple[bool, float]:
-    """Return a key to sort by, the best first; what nearly keeps all counts as keeping it."""
+    """Return a key to sort by, best first; a small violation counts as none."""
     at_x = entrant.at_x
     if at_x is None:
         return True, math.inf
@@ -176,7 +178,7 @@ def _lead(entrant: Entrant) -> tuple[bool, float]:
 
 
 def _unlike(entrants: Sequence[Entrant]) -> list[Entrant]:
-    """Return entrants without those that are on the way of one before them."""
+    """Return entrants without those that are like one before them."""
     found = list[Entrant]()
     for one in entrants:
         if not any(_are_alike(one, other) for other in found):
@@ -203,9 +205,9 @@ def _fastest(
     first_guess: Array | None,
     effort: Effort,
 ) -> list[Moment]:
-    """Return moments that promise a plan, the soonest first."""
+    """Return promising moments, the soonest first."""
     found = list[Moment]()
-    # The later a family comes, the more it can do: begin there, and give the others one chance.
+    # Later families are more general: begin with the last, and give the others one guess.
     for number in reversed(range(len(path_families(begun[0], settings)))):
         few = replace(settings, starts=1) if found else settings
         in_family = _in_family(problem, begun, number, few, watch, first_guess, effort)
@@ -223,16 +225,16 @@ def _worth(moment: Moment) -> float:
 
 
 def moments_to_begin_at(problem: PlanningProblem) -> list[float]:
-    """Return durations all over the range, the shortest first [s]."""
+    """Return evenly spaced durations of the range, the shortest first [s]."""
     window = problem.durations
     wide = window.maximum - window.minimum
     return [window.minimum + part * wide for part in (_PARTS if wide > 0.0 else _PARTS[:1])]
 
 
 def _plannable(problem: PlanningProblem, settings: PlannerSettings) -> list[PlanningProblem]:
-    """Return the problem at the moments to begin at, those at which it is not hopeless."""
+    """Return the problem at the durations to begin at, without those that are impossible."""
     begun, refusals = list[PlanningProblem](), list[NoPlanFound]()
-    # What is too short to end at is good to begin at: it leads to the shortest that is not.
+    # A duration too short for the joints is good to begin at: it leads to the shortest that is not.
     require_time(lasting(problem, problem.durations.maximum))
     for duration in moments_to_begin_at(problem):
         fixed = lasting(problem, duration)
@@ -256,7 +258,7 @@ def _in_family(
     first_guess: Array | None,
     effort: Effort,
 ) -> Iterator[Moment]:
-    """Yield what is found in one family, from first guesses at all moments in turn."""
+    """Yield moments found in one family, from initial guesses at all durations in turn."""
     searches = [
         FreeSearch(problem, fixed, way, settings)
         for fixed in begun
@@ -289,7 +291,7 @@ def _earlier(
     watch: Watch,
     effort: Effort,
 ) -> Iterator[Moment]:
-    """Yield moments that are sooner than one that is known, and than each that is certain."""
+    """Yield moments sooner than a known one, and than each certain one before."""
     bounded = _before(problem, known)
     if bounded is None or not _joints_allow(bounded, known, settings, watch, effort):
         return
@@ -312,7 +314,7 @@ def _earlier(
                 earlier = _before(problem, moment)
                 if earlier is None:
                     return
-                if moment.duration < _ANOTHER * fixed.duration:  # first guesses are others then
+                if moment.duration < _ANOTHER * fixed.duration:  # initial guesses differ then
                     yield from _earlier(problem, moment, settings, watch, effort)
                     return
                 bounded, guess = earlier, moment.x
@@ -321,10 +323,10 @@ def _earlier(
 def _joints_allow(
     bounded: PlanningProblem, known: Moment, settings: PlannerSettings, watch: Watch, effort: Effort
 ) -> bool:
-    """Tell whether a path may arrive sooner than a known moment, by the joints' limits alone.
+    """Tell whether a path to a posture may arrive sooner, by the joints' limits alone.
 
     Args:
-        bounded: With the durations that are sooner.
+        bounded: The problem with the shorter durations only.
     """
     if bounded.posture is None:
         return True
@@ -335,7 +337,7 @@ def _joints_allow(
 
 
 def _before(problem: PlanningProblem, known: Moment) -> PlanningProblem | None:
-    """Return a problem whose durations are shorter than a moment's; None: none is."""
+    """Return the problem with only durations shorter than a moment's; None: there are none."""
     window, longest = problem.durations, (1.0 - SOONER) * known.duration
     if longest <= window.minimum:
         return None

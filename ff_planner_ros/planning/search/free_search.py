@@ -1,6 +1,6 @@
-"""The search for path and duration together, on few points: from one first guess.
+"""Optimisation of path and duration together, on coarse grids, from one initial guess.
 
-It goes on to where both are at their best, or gives up as soon as it is unlikely to come anywhere.
+It runs to the optimum of both, or stops as soon as it is unlikely to lead to a plan.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.grid import COARSE, Stage
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 
-# A bold first step changes the duration by this part of the range.
+# The first trust region lets the duration change by this fraction of the range.
 _STRIDE = 0.1
-# The solver stays a little inside the range: so near to its end it means the end [s].
+# The solver stays a little inside the range: a duration this near to an end means the end [s].
 _AT_END = 1e-4
-# One that violates less is where path and duration together are at their best.
+# A moment that violates less is feasible on its grid.
 _KEPT = 1e-4
-# So much later than as soon as possible, in parts of the duration: else there is a single path, and
-# none that keeps accelerations between the points, too.
+# Fraction of a shortest duration that is added to it: at the shortest itself there is one path
+# only, and none that keeps accelerations between the points, too.
 _ROOM = 2e-3
-# Towards a path that nearly keeps every requirement: iterations, and what it may violate after so
-# many; after twice as many it shall be promising. Of 16 guesses that led to a plan, 15 were.
+# A glance: iterations, and the largest violation after so many; after twice as many the path must
+# be promising. Of 16 guesses that led to a plan, 15 were.
 _GLANCE, _FAR = 4, 4e-2
-# Requirements that only tell of the joints.
+# Requirements on the joints alone.
 _OF_JOINTS = {JointPositions.name, JointRates.name, JointAccelerations.name}
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """A duration, and a path that nearly arrives then."""
+    """A duration, and a path of it that is optimal, and feasible or nearly so, on a coarse grid."""
 
     duration: float  # [s]
     family: Parametrisation
@@ -57,34 +57,34 @@ class Moment:
 
     @property
     def is_certain(self) -> bool:
-        """Whether few points leave no doubt: else more of them may allow a shorter duration."""
+        """Whether the path is feasible on the coarse grid: else more points may allow less time."""
         return self.violation <= _KEPT
 
     def is_like(self, other: Moment, part: float) -> bool:
-        """Tell whether there is no need to try it beside another, so near in duration."""
+        """Tell whether it adds nothing to another moment: durations differ by less than `part`."""
         near = abs(self.duration - other.duration) < part * other.duration
         return near and self.family is other.family and self.is_certain
 
 
 @dataclass(frozen=True, eq=False)
 class Entrant:
-    """A path and a duration on their way from a first guess to where both are at their best."""
+    """A path and a duration between an initial guess and the optimum of both."""
 
     search: FreeSearch
-    along: Array  # of path and duration, as the solver sees them
+    along: Array  # the solver's variables: those of the path, then the duration in its unit
     radius: float  # of the trust region, to go on with
-    curvature: Array | None = None  # that the solver knows until then
-    at_x: PathLinearisation | None = None  # None: not looked at yet
+    curvature: Array | None = None  # SR1 approximation so far
+    at_x: PathLinearisation | None = None  # None: not evaluated yet
 
     @property
     def duration(self) -> float:
-        """The duration until then [s]."""
+        """The duration so far [s]."""
         return self.search.duration(self.along)
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSearch:
-    """The search for path and duration together, from one duration and in one family."""
+    """Optimisation of path and duration together, from one duration and in one family."""
 
     problem: PlanningProblem  # with a range of durations
     fixed: PlanningProblem  # of the duration to begin with
@@ -107,7 +107,7 @@ class FreeSearch:
         return float(np.clip(along[-1] * self._unit, window.minimum, window.maximum))
 
     def guesses(self) -> Iterator[Array]:
-        """Yield first guesses without end."""
+        """Yield the family's initial guesses, without end."""
         stage = COARSE[0]
         return self.family.first_guesses(self.fixed.obstacles, stage.points, stage.damping)
 
@@ -126,14 +126,11 @@ class FreeSearch:
     def glance(
         self, guess: Array, watch: Watch, effort: Effort, *, joints_alone: bool = False
     ) -> Array | None:
-        """Return a path on few points that nearly keeps every requirement; None: there is none.
-
-        Only what a few steps lead to is known.
+        """Return a path that is nearly feasible on a coarse grid; None: a few steps reach none.
 
         Args:
-            joints_alone: Only the joints' own limits are kept. They are linear in a spline's
-                control points at a given duration: where no path near a known one keeps them, none
-                does.
+            joints_alone: Only the joints' own limits count. They are linear in a spline's control
+                points at a given duration: if no path near a known one keeps them, none does.
         """
         program, stage = self._program(), COARSE[0]
         if joints_alone:
@@ -153,17 +150,17 @@ class FreeSearch:
         return along[:-1]
 
     def entrant(self, guess: Array) -> Entrant:
-        """Return a first guess on its way."""
+        """Return an initial guess, with the duration to begin at, as an entrant."""
         return Entrant(self, self._along(guess), self._radius)
 
     def optimum(self, guess: Array, watch: Watch, effort: Effort) -> Moment | None:
-        """Return where path and duration together lead to from a first guess; None: nowhere."""
+        """Return the optimum from an initial guess; None: the path became singular."""
         return self.optimum_ahead_of(self.entrant(guess), watch, effort)
 
     def further(
         self, entrant: Entrant, iterations: int, watch: Watch, effort: Effort
     ) -> Entrant | None:
-        """Return where a few iterations on the fewest points lead to; None: nowhere."""
+        """Return the entrant after some iterations on the coarsest grid; None: it is singular."""
         stage, free = COARSE[0], self._free(self._program(), COARSE[0])
         solution = minimise(
             _watched(free, watch, effort),
@@ -180,7 +177,7 @@ class FreeSearch:
         return Entrant(self, solution.x, solution.radius, solution.curvature, solution.at_x)
 
     def optimum_ahead_of(self, entrant: Entrant, watch: Watch, effort: Effort) -> Moment | None:
-        """Return where path and duration together lead to; None: nowhere."""
+        """Return the optimum that an entrant leads to; None: the path became singular."""
         along, program = entrant.along, self._program()
         stages = self._stages(program)
         radius, curvature = entrant.radius, entrant.curvature
@@ -216,7 +213,7 @@ class FreeSearch:
 
     @property
     def _is_of_joints(self) -> bool:
-        """Whether joints shall be somewhere as soon as possible: accelerations decide when."""
+        """Whether joints must reach a posture as soon as possible: accelerations decide when."""
         return self.problem.objective.only_duration and self.problem.posture is not None
 
     def _stages(self, program: PathProgram) -> list[Stage]:
@@ -231,7 +228,7 @@ class FreeSearch:
 def _watched(
     free: FreeProgram, watch: Watch, effort: Effort
 ) -> Callable[[Array], PathLinearisation]:
-    """Return what linearises while the watch looks on."""
+    """Return a function that linearises, counts the effort and reports to the watch."""
     is_initial = True
 
     def linearise(along: Array) -> PathLinearisation:
@@ -251,10 +248,10 @@ def _watched(
 
 
 def _chosen(window: DurationRange, duration: float, room: float) -> float:
-    """Return the duration that the solver means, or one with some room behind it [s].
+    """Return an end of the range if the solver is at it, or else a duration with some room [s].
 
     Args:
-        room: In parts of the duration.
+        room: As a fraction of the duration.
     """
     ends = (window.minimum, window.maximum)
     later = min((1.0 + room) * duration, window.maximum)

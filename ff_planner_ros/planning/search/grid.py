@@ -26,21 +26,21 @@ class Stage:
 
     points: int
     optimality: float
-    progress: float  # part of the objective that another step must predict
+    progress: float  # fraction of the objective that another step must predict
     iterations: int
-    damping: float = 0.0  # where a singularity in the way shall not stop the search
+    damping: float = 0.0  # of the velocity map, so that no singularity stops the search
     extra_margin: float = 0.0  # of clearance [m]: the gaps between fewer points are wider
-    radius: float = FIRST_RADIUS  # of the first trust region
+    radius: float = FIRST_RADIUS  # of the first trust region, in units of the stride
     tolerated: float = 0.0  # violation that does not stop the solver's steps
 
 
-# The coarsest grid finds the way around the obstacles at a tenth of the price; the next one brings
+# The coarsest grid finds the way around the obstacles at a tenth of the cost; the next one brings
 # the path so near its optimum that on all points a few iterations remain.
 COARSE = (
     Stage(13, 1e-2, 2e-3, 40, damping=0.005, extra_margin=0.001),
     Stage(25, 3e-3, 2e-4, 40),
 )
-# On all points. So small a part of a joint path or of an angle makes no difference to a user.
+# Progress on all points: so small a fraction of a joint path or an angle means nothing to a user.
 _FINE_PROGRESS = 2e-5
 
 
@@ -50,23 +50,23 @@ class Grid:
 
     stage: Stage
     program: PathProgram
-    stride: float  # how long a step of the solver along one of its variables is bold
-    # In which the solver steps, a column each; None: it changes one decision variable each
+    stride: float  # a bold step along one of the solver's variables
+    # Basis of the solver's variables, a column each; None: the decision variables themselves
     directions: Array | None = None
 
     @property
     def radius(self) -> float:
-        """First trust region."""
+        """Radius of the first trust region."""
         return self.stage.radius * self.stride
 
     def along(self, x: Array) -> Array:
-        """Return how far a path is along each direction."""
+        """Return the solver's variables of the decision variables x."""
         if self.directions is None:
             return x
         return np.asarray(np.linalg.solve(self.directions, x), np.float64)
 
     def linearise(self, along: Array) -> PathLinearisation:
-        """Return objective and constraints of a path with their derivatives by the directions."""
+        """Return objective and constraints, with derivatives by the solver's variables."""
         if self.directions is None:
             return self.program.linearise(along)
         return self.program.linearise(self.directions @ along).by(self.directions)
@@ -76,9 +76,9 @@ class Grid:
         return replace(self, stage=replace(self.stage, **changes))
 
     def with_correction(self, x: Array) -> Grid:
-        """Return a grid that knows what a controller makes of a path, if points are left out.
+        """Return the grid corrected for the tracked motion near x, if the plan skips grid points.
 
-        Where the plan holds every point of the grid, that hardly differs from the path.
+        If the plan holds every point of the grid, tracked motion and path hardly differ.
         """
         program = self.program
         if program.points > program.problem.points:
@@ -89,7 +89,7 @@ class Grid:
 
 
 def grids_of(program: PathProgram, settings: PlannerSettings) -> list[Grid]:
-    """Return the grids of a program on all points, coarse to fine; it is that of the last one."""
+    """Return the grids to solve a program on, coarse to fine; the last is the program's own."""
     fine = Stage(
         program.points, settings.optimality_tolerance, _FINE_PROGRESS, settings.max_iterations
     )
@@ -99,10 +99,10 @@ def grids_of(program: PathProgram, settings: PlannerSettings) -> list[Grid]:
 
 
 def _is_smooth_in_splines(program: PathProgram) -> bool:
-    """Tell whether few points show the optimum so well that a grid between brings nothing.
+    """Tell whether the coarsest grid shows the optimum so well that a middle grid gains nothing.
 
-    That is the least joint path of splines: of 140 problems none has one longer by 0.1 %, and each
-    takes a sixth less time. What wheels give is not known as well on few points.
+    That holds for minimum joint paths of splines: without it, none of 140 problems had a path
+    longer by 0.1 %, and each took a sixth less time. Torques of wheels need more points.
     """
     asked = program.objective
     is_smooth = not (asked.chaser_attitude or asked.wheel_momentum or program.problem.robot.wheels)

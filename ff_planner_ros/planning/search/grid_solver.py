@@ -1,4 +1,4 @@
-"""The solver on the grids of a program, and what it has done there until now."""
+"""The solver of a path program on its grids, with the effort and the best paths so far."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from ff_planner_ros.planning.search.grid import Grid, grids_of
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
 
-# Rounds of constraint tightening; each leaves a tenth or less of what is missing between points.
+# Rounds of constraint tightening; each leaves a tenth or less of the violation between points.
 _ROUNDS = 6
-# Of what the check allows at the goal, the part that a motion may miss.
+# Fraction of the check's tolerances at the goal that the tracked motion may miss.
 _MISS = 0.1
-# The nearest path that keeps all constraints is at most this many steps away from one that violates
-# them by less than this [unit of the constraint].
+# From a violation below this [unit of the constraint], restoration reaches a feasible path in at
+# most this many steps.
 SMALL_VIOLATION, _RESTORATION_ITERATIONS = 3e-2, 6
 
 
@@ -46,10 +46,10 @@ class GridSolver:
         watch: Watch,
         effort: Effort | None = None,
     ) -> None:
-        """Prepare to solve a program on all points, and on coarser grids.
+        """Prepare the grids of a program.
 
         Args:
-            effort: Is told what is tried. None: nothing was until now.
+            effort: Counts what is tried. None: from zero.
         """
         self.program, self.settings, self._watch = program, settings, watch
         self.grids = grids_of(program, settings)
@@ -60,7 +60,7 @@ class GridSolver:
 
     @property
     def problem(self) -> PlanningProblem:
-        """What is to be planned."""
+        """The planning problem."""
         return self.program.problem
 
     def initial_guesses(self) -> Iterator[Array]:
@@ -69,7 +69,7 @@ class GridSolver:
         return self.program.family.first_guesses(obstacles, stage.points, stage.damping)
 
     def evaluate(self, grid: Grid, x: Array) -> PathLinearisation:
-        """Return objective and constraints of a path, with their derivatives by the directions."""
+        """Return objective and constraints of x, with derivatives by the solver's variables."""
         return self._watched(grid)(grid.along(x))
 
     def solve(
@@ -79,7 +79,7 @@ class GridSolver:
         curvature: Array | None = None,
         at_start: PathLinearisation | None = None,
     ) -> PathSolution:
-        """Minimise from a start; the arguments are those of `minimise`."""
+        """Minimise on a grid from decision variables; see `minimise`."""
         stage = grid.stage
         solution = minimise(
             self._watched(grid),
@@ -95,10 +95,9 @@ class GridSolver:
         return self._record(solution)
 
     def solve_coarsely(self, guess: Array) -> PathSolution:
-        """Minimise on the coarsest grid; once more within the limits of wheels if it exceeds them.
+        """Minimise on the coarsest grid, again with limits of wheels if the result exceeds them.
 
-        They are seldom far from what the arm does, and on all points each step takes four times as
-        long.
+        It often does, and to find that out on all points costs four times as much a step.
         """
         grid, wheels = self.grids[0], frozenset({WheelLimits.name})
         coarse = self.solve(grid, guess)
@@ -114,12 +113,12 @@ class GridSolver:
     def nearest(
         self, grid: Grid, x: Array, at_x: PathLinearisation, iterations: int
     ) -> PathSolution:
-        """Return the nearest path that keeps the constraints, as far as a few steps lead there."""
+        """Return the nearest feasible path, as far as so many steps lead there."""
         along = grid.along(x)
         return self._record(nearest_feasible(self._watched(grid), along, at_x, iterations))
 
     def restore(self, grid: Grid, solution: PathSolution, iterations: int) -> PathSolution:
-        """Return a solution whose violations are mended, where they can be (restoration)."""
+        """Return a solution with its violations mended, as far as possible (restoration)."""
         if solution.feasible or not solution.at_x.is_defined:
             return solution
         nearest = self.nearest(grid, solution.x, solution.at_x, iterations)
@@ -149,14 +148,14 @@ class GridSolver:
     def tighten(
         self, grid: Grid, solution: PathSolution, solve: Callable[[Grid, Array], PathSolution]
     ) -> tuple[PathSolution, FollowedMotion | None]:
-        """Tighten constraints until what a controller makes of the plan keeps them at all times.
+        """Tighten constraints until the tracked motion keeps them between the points, too.
 
         Args:
-            solution: Of the grid's program, to begin with.
-            solve: Returns the solution of a tighter program from a path that hardly misses it.
+            solution: Solution of the grid's program, to begin with.
+            solve: Solves a tighter program from a path that is nearly feasible.
 
         Returns:
-            The path, and what comes of it, where that is sound.
+            The solution, and its tracked motion if that keeps all requirements, else None.
         """
         program = grid.program
         for _ in range(_ROUNDS):
@@ -167,7 +166,7 @@ class GridSolver:
             is_sound = min(slacks.values()) >= 0.0
             if is_sound and self._is_at_goal(motion):
                 return solution, motion
-            # Beside what is missing, half the margin that the search began with.
+            # More than the violation, by half of the first margin: the next motion differs.
             margins = {
                 name: margin + (self.program.margins[name] / 2 - slacks[name])
                 if slacks[name] < 0.0 and name not in program.on_demand
@@ -176,14 +175,14 @@ class GridSolver:
             }
             violated = frozenset(name for name, slack in slacks.items() if slack < 0.0)
             if violated and violated <= program.on_demand:
-                # If that turns out to be impossible, this path says best what stands in the way.
+                # If no path keeps those, this one is the best attempt to report.
                 self._on_all_points.append(solution)
             self._keep(violated)
             program = program.with_correction(solution.at_x.motion, motion).with_requirements(
                 violated
             )
             program = replace(program, margins=margins)
-            if is_sound:  # a better aim is all that is missing, and no reason to optimise again
+            if is_sound:  # only the aim must be corrected: that needs no new optimum
                 aimed = program.linearise(solution.x)
                 if aimed.violation <= FEASIBILITY_TOLERANCE:
                     solution = replace(solution, at_x=aimed)
@@ -194,10 +193,10 @@ class GridSolver:
     def sound_plans(
         self, solution: PathSolution, followed: FollowedMotion | None
     ) -> Iterator[Plan]:
-        """Yield the plan along a path on all points, if that is regular and passes the check.
+        """Yield the plan along a path on all points, if it is regular and passes the check.
 
         Args:
-            followed: What comes of the path; None: not worked out yet.
+            followed: Its tracked motion; None: not computed yet.
         """
         if solution.at_x.is_defined:
             self._watch.require_time(CHECKING)
@@ -208,7 +207,7 @@ class GridSolver:
                 yield plan
 
     def keep_attempt(self, found: PathSolution) -> None:
-        """Keep a path on all points that is not a plan: a refusal tells of the best of them."""
+        """Keep a path on all points that failed, for a refusal to report the best of them."""
         if found.at_x.is_defined:
             self._on_all_points.append(found)
 
@@ -216,9 +215,9 @@ class GridSolver:
         """Return the plan along the best path so far, and what it violates.
 
         Returns:
-            The plan, None where there is no path yet or all are singular; its failures with the
-            names of their requirements, first what the fewest initial paths met; and the time at
-            which the best path is singular [s].
+            The plan, None if there is no path yet or the best is singular; its failures with the
+            names of their requirements, those first that the fewest initial paths met; and the time
+            at which the best path is singular [s].
         """
         attempts = self._on_all_points or self._solved
         if not attempts:
@@ -232,7 +231,7 @@ class GridSolver:
         return plan, hardest_first, 0.0
 
     def report(self, solution: PathSolution) -> SolverReport:
-        """Return how a solution was found, with the effort of all until now."""
+        """Return the report of a solution, with the effort of the whole search so far."""
         found = SolverReport(0, 0, 0, solution.optimality, solution.stop_reason)
         return self.effort.report(found)
 
@@ -241,7 +240,7 @@ class GridSolver:
         return plan_of_path(self.problem, self.settings, self.program.family, path)
 
     def _keep(self, violated: frozenset[str]) -> None:
-        """Keep what a path has violated, on all grids from now on."""
+        """Add requirements that a path has violated to all grids from now on."""
         self.program = self.program.with_requirements(violated)
         self.grids = [
             replace(grid, program=grid.program.with_requirements(violated)) for grid in self.grids
@@ -249,7 +248,7 @@ class GridSolver:
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
         problem, settings = self.problem, self.settings
-        if problem.posture is not None:  # the last point has the goal's own joints
+        if problem.posture is not None:  # met by construction at the last point
             return True
         position, turn = np.linalg.norm(miss(problem.robot, motion.q[-1], problem.target), axis=1)
         return bool(
@@ -258,14 +257,14 @@ class GridSolver:
         )
 
     def _record(self, solution: PathSolution) -> PathSolution:
-        """Return a solution in terms of the decision variables, and keep it."""
+        """Convert a solution to decision variables, and keep it."""
         solution = replace(solution, x=solution.at_x.motion.x)
         self._solved.append(solution)
         self.effort.iterations += solution.iterations
         return solution
 
     def _watched(self, grid: Grid) -> Callable[[Array], PathLinearisation]:
-        """Return what linearises a path of the grid's program while the watch looks on."""
+        """Return a function that linearises on a grid, counts effort and reports to the watch."""
         phase = REFINING if grid.stage is self.grids[-1].stage else SEARCHING
         is_initial = True
 
@@ -298,7 +297,7 @@ def rank(solution: PathSolution, tolerated: float = FEASIBILITY_TOLERANCE) -> tu
     """Return a key to sort by: feasible before infeasible, then by objective or by violation.
 
     Args:
-        tolerated: A smaller violation counts as feasible.
+        tolerated: Largest violation that counts as feasible.
     """
     at_x = solution.at_x
     is_infeasible = not at_x.violation <= tolerated

@@ -1,4 +1,4 @@
-"""A search from one initial guess: another problem's path, or what remains of a running plan."""
+"""Search from one initial guess: another problem's path, or the remainder of a running plan."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from ff_planner_ros.planning.search.grid import CLEARANCES, Grid
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution
 from ff_planner_ros.planning.search.multi_start import is_promising
 
-# Near a guess: the part of the objective that another step must predict, the first trust region,
-# and steps to the nearest path that keeps all.
+# Near a guess: the fraction of the objective that another step must predict, the first trust
+# region, and steps of restoration.
 _PROGRESS, _RADIUS, _RESTORATION_ITERATIONS = 1e-3, 0.1, 8
-# Iterations on the coarsest grid, where most guesses that lead anywhere are there after eight, and
-# on all points after them; and near a remainder, which was optimal when its plan was made.
+# Iterations on the coarsest grid, where most guesses that lead to an optimum take eight; then on
+# all points; and near a remainder, which was optimal when its plan was made.
 _COARSE_ITERATIONS, _FINE_ITERATIONS, _ITERATIONS_NEAR_REMAINDER = 15, 2, 4
-# A path may be a long way round that is so many times as long as the straight way of its joints,
-# and as the path that the family would begin with.
+# A path may be a detour if it is longer than so many times the straight line of its joints, and
+# than so many times the family's own first guess.
 _DIRECT, _LONG = 1.2, 1.5
 _ENOUGH = "good enough: at its optimum on few points, and two steps further on all of them"
 _NEAREST = "good enough: the nearest to what remains of the running plan that keeps the constraints"
-# A guess that leads to a plan takes 6 to 70 looks at a path; three to four times as many where the
-# duration is free, too.
+# A guess that leads to a plan takes 6 to 70 evaluations of a path; three to four times as many if
+# the duration is free, too.
 _LOOKS, _LOOKS_WITH_DURATION = 120, 480
 
 
 class Allowance(PassingOn):
-    """What a guess may take of a search: so many looks, so that others keep their time.
+    """A watch that limits the evaluations of a guess, to leave time for other guesses.
 
     They are counted, not timed: whether a guess is given up must not depend on the clock.
     """
 
     def __init__(self, watch: Watch, has_range: bool) -> None:
-        """Hand on to the watch of the search."""
+        """Limit a search by counts; other calls go to its watch."""
         super().__init__(watch)
         self._left = _LOOKS_WITH_DURATION if has_range else _LOOKS
 
     @property
     def used_up(self) -> bool:
-        """Whether that ended the search, rather than the watch."""
+        """Whether the count ended the search, rather than the watch."""
         return self._left < 0
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
-        """Count a look; raises OutOfTime after the last."""
+        """Count an evaluation; raises OutOfTime after the last."""
         self._watch.require_time(phase)
         self._left -= phase != CHECKING
         if self.used_up:
@@ -57,11 +57,11 @@ class Allowance(PassingOn):
 
 
 def plans_from(solver: GridSolver, guess: Array) -> Iterator[Plan]:
-    """Yield the sound plan to which a guess leads, where it leads to an optimum.
+    """Yield the plan to which a guess leads, if that is an optimum and passes the check.
 
-    On the coarsest grid the path goes all the way to its optimum: one that is only mended
-    around the obstacles would stay as long as it is. Where it is long, the path that the
-    family's own initial guess leads to is looked at, too, and the better one is taken.
+    On the coarsest grid the path is optimised to the end: one that is only mended around the
+    obstacles would stay as long as it is. If it is long, the family's own first guess is optimised,
+    too, and the better of both is taken.
 
     Raises:
         OutOfTime: By the watch.
@@ -78,11 +78,10 @@ def plans_from(solver: GridSolver, guess: Array) -> Iterator[Plan]:
 
 
 def plans_near(solver: GridSolver, guess: Array) -> Iterator[Plan]:
-    """Yield sound plans to which a guess leads in a few steps.
+    """Yield plans that pass the check and to which a guess leads in a few steps.
 
-    The first is the nearest that keeps all, the second is better by the objective. A joint
-    path is as long however late it is run: an objective that were improved again and again on
-    the way would put the motion off to the end.
+    The first is the nearest feasible one, the second is better by the objective. Joint path length
+    does not depend on timing: optimising it at every replan would postpone the motion to the end.
 
     Raises:
         OutOfTime: By the watch.
@@ -108,7 +107,7 @@ def plans_near(solver: GridSolver, guess: Array) -> Iterator[Plan]:
 
 
 def _restoration(solver: GridSolver, grid: Grid, start: Array) -> PathSolution:
-    """Return the nearest path to a start that keeps what the grid's program demands."""
+    """Return the nearest path to a start that is feasible for the grid's program."""
     at_start = solver.evaluate(grid, start)
     if not at_start.is_defined:
         return solver.solve(grid, start, at_start=at_start)
@@ -116,7 +115,7 @@ def _restoration(solver: GridSolver, grid: Grid, start: Array) -> PathSolution:
 
 
 def _is_long(solver: GridSolver, at_x: PathLinearisation) -> bool:
-    """Tell whether a path may be a long way round."""
+    """Tell whether a path may be a detour."""
     length = at_x.objective / solver.program.objective.joint_path_length
     robot = solver.problem.robot
     if length <= _DIRECT * straight_way(at_x.motion.q[[0, -1], 7:], robot.joint_weights):
@@ -130,12 +129,12 @@ def _is_long(solver: GridSolver, at_x: PathLinearisation) -> bool:
 
 
 def _own(solver: GridSolver) -> Array:
-    """Return what the family would begin with."""
+    """Return the family's own first guess."""
     return next(solver.initial_guesses())
 
 
 def _coarse_optimum(solver: GridSolver, guess: Array) -> PathSolution | None:
-    """Return the better one of the paths that the guess and the family's own lead to."""
+    """Return the optimum of a guess or, if that is long, the better of it and the family's own."""
     solver.effort.starts += 1
     coarse, geometry = solver.grids[0], solver.problem.robot.geometry
     at_guess = solver.evaluate(coarse, guess)

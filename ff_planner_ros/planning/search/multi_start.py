@@ -1,4 +1,4 @@
-"""Multi-start: from one initial guess after the other, on the coarse grids, then on all points."""
+"""Multi-start: from initial guesses in turn, on the coarse grids, then on all points."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution, rank
 from ff_planner_ros.robot.collision.geometry import Geometry
 
-# More points need not meet an obstacle that few points run into by less [m].
+# A path that violates obstacles by less on few points [m] may be feasible on more points.
 PROMISING_VIOLATION = 5e-3
-# A feasible path that is further from its optimum runs along a singularity.
+# A feasible path with a larger first-order optimality runs along a singularity.
 _PROMISING_OPTIMALITY = 0.1
-# Bodies have edges, and where one follows another the multipliers are off for long, however good
-# the path is: of 60 problems 9 looked for others first, and 4 of them ended with a longer path.
+# Where an edge of a body slides along another, multipliers converge slowly however good the path:
+# without this, 9 of 60 problems went on to other guesses, and 4 of them ended with a longer path.
 _PROMISING_OPTIMALITY_OF_BODIES = 1.0
 # On few points the solver gives up early: after this many guesses, go on from the best failure.
 _RECONSIDER = 5
 
 
 def plans(solver: GridSolver, first_guess: Array | None) -> Iterator[Plan]:
-    """Yield plans that pass the check.
+    """Yield plans that pass the check, one for each initial guess that leads to one.
 
     Args:
-        first_guess: Tried before the family's own.
+        first_guess: Tried before the family's own guesses.
 
     Raises:
         OutOfTime: By the watch.
@@ -44,7 +44,7 @@ def plans(solver: GridSolver, first_guess: Array | None) -> Iterator[Plan]:
 
 
 def _coarse_paths(solver: GridSolver, first_guess: Array | None) -> Iterator[PathSolution]:
-    """Yield paths on the coarsest grid that deserve to be solved on finer ones."""
+    """Yield paths on the coarsest grid that are worth solving on finer grids."""
     starts, geometry = solver.settings.starts, solver.problem.robot.geometry
     given = [] if first_guess is None else [first_guess]
     postponed: list[PathSolution] = []
@@ -63,7 +63,7 @@ def _coarse_paths(solver: GridSolver, first_guess: Array | None) -> Iterator[Pat
 
 
 def is_promising(coarse: PathSolution, geometry: Geometry) -> bool:
-    """Tell whether finer grids may make a path of it."""
+    """Tell whether a solution on the coarsest grid is worth solving on finer grids."""
     if coarse.feasible:
         has_edges = geometry is Geometry.SHAPES
         most = _PROMISING_OPTIMALITY_OF_BODIES if has_edges else _PROMISING_OPTIMALITY

@@ -39,7 +39,7 @@ from ff_planner_ros.planning.search.warm_start import (
     plan_near_remainder,
 )
 
-# Coefficients of a path, or what remains of a plan.
+# Decision variables of a path, or the remainder of a running plan.
 FirstGuess: TypeAlias = Array | Remainder
 
 NOBODY = Watch()
@@ -56,32 +56,32 @@ def plan(
 ) -> Plan:
     """Plan a trajectory: optimal, collision-free, checked.
 
-    Where the chaser's attitude has a weight, the search begins at the plan of least joint path and
-    never answers one that is worse. Where there is no such plan, it searches for any.
+    If the chaser's attitude has a weight, the search begins at the plan of minimum joint path and
+    never returns a worse one. If there is no such plan, it searches for any.
 
-    Where a range of durations is given, it chooses one of them (`best_moment`); what remains of a
-    plan keeps that plan's moment, or the nearest of the range, as long as there is a plan then.
+    From a range of durations it chooses one (`best_moment`). A remainder keeps the goal time of its
+    plan, or the nearest in the range, if there is a plan for that.
 
-    Where the parametrisation is left to the planner, the paper's paths come first, if they apply,
-    and joint splines if there is no plan among those, or from them on where the chaser's attitude
-    has a weight or a limit, or where the joint path is a detour.
+    With parametrisation `auto`, the paper's paths are searched first, if they apply. Joint splines
+    are searched if those have no plan, and from their plan if the chaser's attitude has a weight or
+    an active limit, or if the joint path is a detour.
 
-    The same problem, settings and first guess give the same plan. Where the watch ends the search,
-    the best plan until then is the answer.
+    The same problem, settings and first guess give the same plan. If the watch ends the search, the
+    best plan so far is returned.
 
     Args:
-        watch: May end the search, and is told how far it has come.
-        first_guess: Coefficients of a path, as in `Plan.coefficients`: tried first in the family
-            that has as many. A remainder: the plan near it, if there is one, is the answer; only
-            else are others looked for. None: the families' own guesses alone.
+        watch: May end the search, and hears of its progress.
+        first_guess: Decision variables of a path, as in `Plan.coefficients`: tried first, in the
+            family that has as many. A remainder: a plan near it, if there is one, is the answer;
+            otherwise the search goes on without it. None: the families' own guesses only.
 
     Raises:
-        InvalidInput: The start violates what the plan must keep, the first guess is no path, or
-            there is no plan and the arm cannot meet all conditions of the goal at once.
+        InvalidInput: The start violates a requirement, the first guess fits no family, or there is
+            no plan and the arm cannot meet all conditions of the goal at once.
         NoPlanFound: The goal is out of reach, the search found no feasible path, or the check
             refused the path that it found.
-        OutOfTime: By the watch, before there was a plan; it holds the refusal that says how far
-            the search came.
+        OutOfTime: The watch ended the search before there was a plan; `refusal` says how far it
+            came.
     """
     best = _Best(watch, problem.objective)
     try:
@@ -100,7 +100,7 @@ def plan(
 
 
 class _Best(PassingOn):
-    """Keeps the best plan that is offered."""
+    """A watch that keeps the best plan that is offered."""
 
     def __init__(self, watch: Watch, objective: Objective) -> None:
         super().__init__(watch)
@@ -121,7 +121,7 @@ def _plan(
     watch: Watch,
     first_guess: FirstGuess | None,
 ) -> Plan:
-    """Return a plan whose search came to its end; `plan` says the rest."""
+    """Return the plan of a search that came to its end; see `plan`."""
     window = problem.duration_range
     if window is not None and window.minimum == window.maximum:
         problem, window = lasting(problem, window.minimum), None
@@ -139,10 +139,10 @@ def _plan(
 def _plan_beside_guess(
     problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array
 ) -> Plan:
-    """Return the plan that a guess leads to, or else the one that is found without it.
+    """Return the plan that a guess leads to, or else the plan without a guess.
 
-    What is found without it is the same to the last bit: a guess never costs a plan. Nor does it
-    cost more than its allowance of the time.
+    The latter is the same to the last bit as if there had been none, and a guess takes no more than
+    its allowance of evaluations.
     """
     allowance = Allowance(watch, problem.duration_range is not None)
     try:
@@ -164,7 +164,7 @@ def _plan_in_time(
     watch: Watch,
     first_guess: FirstGuess | None,
 ) -> Plan:
-    """Return a plan whose duration is given; `plan` says the rest."""
+    """Return the plan of a problem whose duration is given; see `plan`."""
     require_plannable(problem, settings)
     require_time(problem)
     groups = path_families(problem, settings)
@@ -175,7 +175,7 @@ def _plan_in_time(
     conditions = conditions_of(problem.robot, problem.target)
     met = steered(problem.robot, problem.target)
     too_many = problem.posture is None and met < sum(conditions.values())
-    if too_many:  # a goal that happens to be one of those that it can meet is found soon
+    if too_many:  # a goal that the arm happens to be able to meet is found soon
         settings = replace(settings, starts=min(settings.starts, _STARTS_OF_A_POOR_ARM))
     refusals: list[NoPlanFound] = []
     for ways in groups:
@@ -195,7 +195,7 @@ def _plan_in_time(
     if too_many:
         why = f"and as its axes lie the arm meets no more than {met} of them at once"
         raise too_many_conditions(problem.target, conditions, why, met)
-    # That one family meets a singularity is no reason why there is no plan.
+    # A singularity of one family does not explain why there is no plan.
     others = [refused for refused in refusals if refused.status is not Status.SINGULAR]
     raise (others or refusals)[0]
 
@@ -216,7 +216,8 @@ def _ways_round(
 ) -> list[_Found]:
     """Return the plan of each way round that has one.
 
-    Where the attitude has a weight, it is that of least joint path, or any where there is none.
+    If the attitude has a weight, plans are of minimum joint path, or of the objective itself if
+    there are none.
 
     Raises:
         NoPlanFound: There is none.
@@ -239,7 +240,7 @@ def _ways_round(
 
 
 def _first_plan(solver: GridSolver, first_guess: Array | None) -> Plan:
-    """Return the first plan that multi-start finds; `_ways_round` says the rest."""
+    """Return the first plan that multi-start finds; see `_ways_round`."""
     if first_guess is not None:
         first_guess = finite_vector("first_guess", first_guess, solver.program.family.variables)
     try:
@@ -263,10 +264,10 @@ def _first_plan(solver: GridSolver, first_guess: Array | None) -> Plan:
 def _for_family_of_more(
     problem: PlanningProblem, settings: PlannerSettings, found: Sequence[_Found]
 ) -> Sequence[_Found]:
-    """Return the plans to begin with in a family that can do more.
+    """Return the plans to begin with in a more general family.
 
-    Where a limit holds the chaser back, all; where the best one's path is a detour, that one: there
-    its paths are much shorter. Else they hardly are, and take as long again to find.
+    All, if a limit on the chaser's rotation is active; the best one, if its path is a detour: then
+    that family has much shorter paths. Else they are hardly shorter, and double the time.
     """
     if any(is_held(problem, settings, one.plan) for one in found):
         return found
@@ -281,7 +282,7 @@ def _in_family_of_more(
     watch: Watch,
     found: Sequence[_Found],
 ) -> Iterator[_Found]:
-    """Yield plans of another family to which plans lead that are found."""
+    """Yield plans of another family to which found plans lead."""
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     for one in found:
         effort = Effort()
@@ -292,7 +293,7 @@ def _in_family_of_more(
 
 
 def _seed(family: PathFamily, found: _Found) -> Array:
-    """Return the path of a family that is most like a plan."""
+    """Return the path of a family that is nearest to a plan."""
     if family is found.family:
         return found.plan.coefficients
     return family.near(found.family.motion(found.plan.coefficients, SAMPLES).q)
@@ -306,11 +307,11 @@ def _least_attitude(
     first_guess: Array | None,
     found: Sequence[_Found],
 ) -> Plan:
-    """Return the best plan that weighs the attitude: of these, or of those looked for from them.
+    """Return the best plan by an objective that weighs the attitude, searched from other plans.
 
     Args:
-        ways: The last of the families that the problem allows, which can do the most.
-        found: Plans of least joint path.
+        ways: The most general family that the problem allows.
+        found: Plans of minimum joint path.
     """
     first = min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics))
     family = next((way for way in ways if way is first.family), ways[0])

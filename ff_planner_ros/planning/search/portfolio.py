@@ -1,6 +1,6 @@
-"""How far the search for the attitude goes: rounds of initial guesses and hops, as a table.
+"""The depth of the attitude search: its rounds of initial guesses and basin hops, as a table.
 
-A deeper search begins with the rounds of the one before, so that it never answers a worse plan.
+A deeper search begins with the rounds of the shallower one, so that its plan is never worse.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from ff_planner_ros.planning.problem.settings import SearchDepth
 
 
 class Round(NamedTuple):
-    """Initial guesses that race, and hops from the best path after them."""
+    """Number of initial guesses for successive halving, and of basin hops after it."""
 
     guesses: int
     hops: int
@@ -23,18 +23,18 @@ ROUNDS = {
     SearchDepth.NORMAL: (_QUICK, _MORE),
     SearchDepth.THOROUGH: (_QUICK, _MORE, _MOST),
 }
-# The paper's paths have fewer variables than joint splines: a hop among them costs half as much and
-# finds less.
+# Factor on the hops: the paper's paths have fewer variables than joint splines, so that a hop costs
+# half as much and finds less.
 HOPS_OF_PAPERS_PATHS = 3
-# Where the attitude is but a minor part of the cost, the first round is the optimum nearest to the
-# plan of least joint path.
+# First round if the attitude is a minor part of the cost: the optimum nearest to the plan of
+# minimum joint path.
 NEAREST = Round(1, 0)
 
 
 class RaceStage(NamedTuple):
-    """What the paths of a race minimise on the coarsest grid, and how many of them go on.
+    """One stage of successive halving on the coarsest grid.
 
-    The largest of many angles has kinks, a norm of them has not: its first steps lead much further.
+    The largest of many angles has kinks, a p-norm has none: first steps on it lead much further.
     """
 
     norm: float  # p of the p-norm that stands for the largest angle

@@ -1,4 +1,4 @@
-"""Plans from a warm start: a path that is given, or what remains of a running plan."""
+"""Plans from a warm start: a given path, or the remainder of a running plan."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from ff_planner_ros.planning.search.guided_search import plans_from, plans_near
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import accelerations
 
-# Weights of the plan at which a search for a better attitude begins.
+# Objective of the plan from which the attitude is searched: minimum joint path.
 SHORTEST = Objective(1.0, 0.0)
 
 
 def plan_near_guess(
     problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array | None
 ) -> Plan:
-    """Return the plan of a given duration that a guess leads to by itself.
+    """Return the plan of a given duration that a guess leads to, without other guesses.
 
     Raises:
-        InvalidInput: No family has so many variables.
-        NoPlanFound: It leads to none; where the attitude has a weight, to none that is better than
-            the one of least joint path.
+        InvalidInput: The start violates a requirement, or no family has so many variables.
+        NoPlanFound: The guess is None or leads to no plan; if the attitude has a weight, to none
+            better than that of minimum joint path. Or the goal is out of reach.
         OutOfTime: By the watch.
     """
     if guess is None:
@@ -59,7 +59,7 @@ def plan_near_guess(
         at_x = path_program(problem, family, settings).linearise(guess)
         return (max(at_x.violation, 0.0), at_x.objective) if at_x.is_defined else (np.inf, np.inf)
 
-    # Of several ways round, the same numbers are a good path in one alone.
+    # Decision variables are a good path in one of several ways round only.
     for family in sorted(ways, key=promise) if len(ways) > 1 else ways:
         plan = _plan_in_family(problem, settings, family, watch, guess)
         if plan is not None:
@@ -74,7 +74,7 @@ def _plan_in_family(
     watch: Watch,
     guess: Array,
 ) -> Plan | None:
-    """Return the plan of one family that a guess leads to in a few steps, if there is one."""
+    """Return the plan of one family that a guess leads to, if there is one."""
     guess = finite_vector("first_guess", guess, family.variables)
     asked = problem.objective
     turns_count = asked.chaser_attitude > 0.0
@@ -94,11 +94,14 @@ def plan_near_remainder(
     groups: Sequence[Sequence[PathFamily]],
     rest: Remainder,
 ) -> tuple[Plan | None, Array]:
-    """Return the plan near what remains of another one, if there is one, and a guess for others.
+    """Return the plan near a remainder, if there is one, and a guess for a search without it.
 
-    It is a path of the first family that has one as near as it takes, or of the nearest. Before
-    anything is searched for, the remainder itself is offered, where it keeps everything: that
-    is the answer if the time is used up, or if no path is near enough.
+    The plan is of the first family with a path within `NEAR` of the remainder, or of the one with
+    the nearest. The remainder itself, if it passes the check, is offered to the watch before the
+    search: it is the answer if time runs out, or if no plan is found near it.
+
+    Args:
+        groups: Families of `path_families`.
 
     Raises:
         OutOfTime: By the watch.
@@ -122,7 +125,7 @@ def plan_near_remainder(
 
 
 def _unchanged(problem: PlanningProblem, settings: PlannerSettings, rest: Remainder) -> Plan | None:
-    """Return what remains of a running plan as it is, where that keeps every requirement."""
+    """Return the remainder of a running plan as a plan, if it passes the check unchanged."""
     robot = problem.robot
     time = np.linspace(0.0, 1.0, problem.points) * problem.duration
     joints = JointMotion(time, *rest.joints.at(time))

@@ -17,21 +17,21 @@ from ff_planner_ros.robot.impact import impact, largest_impulses
 
 
 class CaptureImpulse(Requirement):
-    """The impulse of contact is small; the search does not see it."""
+    """The impulse of the capture stays within its limit; only the check knows it."""
 
     name = "capture impulse"
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a limit for a body whose mass nobody knows."""
+        """Refuse a limit if the mass of the target body is not given."""
         body, limit = problem.target_body, problem.limits.capture_impulse
         if body is not None and np.isfinite(limit) and body.mass == 0.0:
             allowed = f"limits.capture_impulse, {limit:g} N s, needs it, and the inertia in kg m2"
             raise InvalidInput(Status.OUT_OF_RANGE, "target_body.mass", "missing", allowed)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the largest impulses: of what the plan misses, and of the tolerances."""
+        """Return bounds of the impulses [N s, N m s]: of the plan's twist error and tolerances."""
         problem, settings = samples.problem, samples.settings
         body = problem.target_body
         if body is None or body.mass == 0.0:
@@ -48,7 +48,7 @@ class CaptureImpulse(Requirement):
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield that the impulse exceeds its limit."""
+        """Yield a linear impulse that exceeds its limit."""
         found, limit = metrics.capture_impulse, samples.problem.limits.capture_impulse
         if samples.problem.target_body is not None and found > limit:
             yield Failure(

@@ -29,9 +29,9 @@ from ff_planner_ros.robot.dynamics import frame_wrenches, frame_wrenches_by_x
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.urdf.payload import payload_frame
 
-# A part of a limit that is further from it cannot reach it in one step of the solver.
+# A load further from its limit than this fraction of it cannot reach it in one solver step.
 _OF_INTEREST = 0.4
-# Between 50 points a wrench rises above those at the points by less, in parts of its limits.
+# Between 50 points a wrench rises above those at the points by less, as a fraction of its limits.
 _MARGIN = 1e-3
 _NAMES, _UNITS = ("grasp_force", "grasp_torque"), ("N", "N m")
 
@@ -45,7 +45,7 @@ class GraspWrench(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start whose accelerations take too much of the grasp."""
+        """Refuse a start whose joint accelerations load the grasp beyond its limits."""
         frame, limits, start = payload_frame(problem.robot), _limits(problem), problem.start
         if frame is None or start.joint_accelerations is None or not np.isfinite(limits).any():
             return
@@ -62,13 +62,13 @@ class GraspWrench(Requirement):
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return how far from the limits the search stays, in parts of them."""
+        """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of interest to the limits at the points, in parts of them."""
+        """Return the distances to near limits at the points, as fractions of the limits."""
         frame, limits, robot = payload_frame(problem.robot), _limits(problem), problem.robot
         if frame is None or not np.isfinite(limits).any():
             return None
@@ -98,7 +98,7 @@ class GraspWrench(Requirement):
         )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return how far the wrench stays from its limits, in parts of them."""
+        """Return the least distance to a limit, as a fraction of the limit."""
         frame, limits = payload_frame(problem.robot), _limits(problem)
         if frame is None or not np.isfinite(limits).any():
             return np.inf
@@ -106,7 +106,7 @@ class GraspWrench(Requirement):
         return float((1.0 + ALLOWED_EXCESS - peaks.values / limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the largest force and torque."""
+        """Return the largest force [N] and torque [N m], if there is a payload."""
         frame = payload_frame(samples.problem.robot)
         if frame is None:
             return {}
@@ -114,7 +114,7 @@ class GraspWrench(Requirement):
         return {"peak_grasp_force": force, "peak_grasp_torque": torque}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield a force or torque that exceeds its limit."""
+        """Yield the force or torque, whichever exceeds its limit by the larger fraction."""
         frame, limits = payload_frame(samples.problem.robot), _limits(samples.problem)
         peaks = np.array([metrics.peak_grasp_force, metrics.peak_grasp_torque])
         if frame is None or (peaks <= limits * (1.0 + ALLOWED_EXCESS)).all():
@@ -142,7 +142,7 @@ def _norms(wrenches: Array) -> Array:
 
 
 def _peaks(robot: Robot, frame: int, motion: FollowedMotion) -> Peaks:
-    """Return the largest force and torque and when, within 5e-4 of the truth."""
+    """Return the largest force and torque, to 5e-4, and their times."""
     _, _, accelerations = motion.joints.at(motion.time)
     return peaks_of_steps(
         _norms(frame_wrenches(robot, frame, motion.q, motion.v, accelerations)), motion

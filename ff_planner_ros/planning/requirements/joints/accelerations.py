@@ -1,8 +1,8 @@
 """Joint accelerations at the points of a path, as the search sees them.
 
-The search has derivatives of positions and rates. The quintic through both at a point and at its
-neighbours says the acceleration there, exactly for quintics and to the fourth order of the step for
-other motions. It is a sum of positions and rates, and so its derivative is the same sum.
+The search has derivatives of positions and velocities. The acceleration at a point is that of the
+quintic through both there and at its neighbours: exact for quintics, of fourth order in the step
+for other motions. It is linear in positions and velocities, and so its derivative is the same sum.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 
 
 def accelerations_at_points(positions: Array, rates: Array, step: float) -> Array:
-    """Return the second derivatives of positions, or of their derivatives by something.
+    """Return accelerations, or their derivatives by x from those of positions and velocities.
 
     Args:
         positions: At three points or more. Shape (points, ...).
-        rates: Their derivatives by time. Shape (points, ...).
+        rates: Time derivatives of `positions`. Shape (points, ...).
         step: Time from point to point [s].
     """
     way, rate = positions / step**2, rates / step
@@ -32,7 +32,7 @@ def accelerations_at_points(positions: Array, rates: Array, step: float) -> Arra
 
 
 def accelerations_by_x(motion: Motion, sensitivity: Sensitivity, step: float) -> Array:
-    """Return the derivatives of joint accelerations. Shape (points, joints, variables)."""
+    """Return the derivatives of joint accelerations by x. Shape (points, joints, variables)."""
     by_x = accelerations_at_points(sensitivity.q[:, 6:], sensitivity.v[:, 6:], step)
     if sensitivity.goal_motion is not None:  # positions count by 1 / T^2 there, rates by 1 / T
         duration = step * (len(motion.q) - 1)

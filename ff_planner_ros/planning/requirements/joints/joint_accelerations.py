@@ -1,4 +1,4 @@
-"""The joints accelerate within limits, where the problem sets any: a URDF has none."""
+"""Joint accelerations stay within the limits of the problem, if any; a URDF has none."""
 
 from __future__ import annotations
 
@@ -28,22 +28,21 @@ from ff_planner_ros.planning.requirements.requirement import (
     within,
 )
 
-# An acceleration that is further from its limit than this part of it cannot reach it in one step of
-# the solver.
+# An acceleration further from its limit than this fraction of it cannot reach it in one step.
 _OF_INTEREST = 0.4
-# Between 50 points accelerations rise above those at the points by less, in parts of their limits.
+# Between 50 points accelerations rise above those at the points by less, as a fraction of limits.
 _MARGIN = 1e-3
 
 
 class JointAccelerations(Requirement):
-    """The joints stay within the acceleration limits of the problem, between the points too."""
+    """Joint accelerations stay within the limits of the problem, between the points too."""
 
     name = "joint_accelerations"
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start that accelerates a joint too much."""
+        """Refuse a start whose joint accelerations exceed the limits."""
         limits, accelerations = _limits(problem), problem.start.joint_accelerations
         if limits is None or accelerations is None:
             return
@@ -59,13 +58,13 @@ class JointAccelerations(Requirement):
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return how far from the limits the search stays, in parts of them."""
+        """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of interest to the limits at the points, in parts of them."""
+        """Return the distances to near limits at the points, as fractions of the limits."""
         limits = _limits(problem)
         if limits is None:
             return None
@@ -77,7 +76,7 @@ class JointAccelerations(Requirement):
         return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return how far the accelerations stay from their limits, in parts of them."""
+        """Return the least distance to a limit, as a fraction of the limit."""
         limits = _limits(problem)
         if limits is None:
             return np.inf
@@ -88,7 +87,7 @@ class JointAccelerations(Requirement):
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return how near any acceleration comes to its limit, a slide's by its weight."""
+        """Return the least distance to a limit [rad/s2], of prismatic joints by their weight."""
         limits = _limits(samples.problem)
         if limits is None:
             return {}
@@ -97,7 +96,7 @@ class JointAccelerations(Requirement):
         return {"min_acceleration_margin": least}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the joint whose acceleration exceeds its limit by most."""
+        """Yield the joint whose acceleration exceeds its limit by the largest fraction."""
         limits = _limits(samples.problem)
         if limits is None:
             return

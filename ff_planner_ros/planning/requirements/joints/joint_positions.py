@@ -43,7 +43,7 @@ class JointPositions(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a joint outside its limits, or one that cannot stop before them."""
+        """Refuse a joint outside its limits, or too fast to stop before them."""
         robot = problem.robot
         for joint, (position, lower, upper) in enumerate(
             zip(
@@ -70,7 +70,7 @@ class JointPositions(Requirement):
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows:
-        """Return the distances of interest to the limits, at the points and the turns [rad]."""
+        """Return the distances to near limits, at points and turning points [rad, m]."""
         at_start = motion.q[0, 7:]
         lower, upper = _eased_limits(problem.robot, at_start)
         lower = lower + np.clip(at_start - lower, 0.0, margin)
@@ -90,7 +90,7 @@ class JointPositions(Requirement):
         return joined(at_points, at_turns, *at_end)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return how far the joints stay from their limits, or less that is enough [rad]."""
+        """Return the least distance to the limits, or a positive bound below it [rad, m]."""
         lower, upper = _eased_limits(problem.robot, problem.start.joint_positions)
         distances = motion.joints.least_distances(lower, upper)
         if distances.min() < 0.0:
@@ -99,13 +99,13 @@ class JointPositions(Requirement):
         return float(min(distances.min(), at_end.min())) + LIMIT_TOLERANCE
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the distance to the nearest limit; that of a joint that slides by its weight."""
+        """Return the least distance to a limit [rad], of prismatic joints by their weight."""
         robot, joints = samples.problem.robot, samples.followed.joints
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
         return {"min_joint_margin": joints.least_distance(lower, upper, 0, robot.joint_weights)}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the joint that is furthest outside, or cannot stop inside after the last point."""
+        """Yield the joint furthest outside, or one that cannot stop inside after the last point."""
         robot = samples.problem.robot
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
         if metrics.min_joint_margin < 0.0:

@@ -27,10 +27,9 @@ from ff_planner_ros.planning.requirements.requirement import (
 )
 from ff_planner_ros.robot.model import Robot
 
-# A rate that is further from its limit than this part of it cannot reach it in one step of the
-# solver.
+# A velocity below this fraction of its limit cannot reach it in one step of the solver.
 _OF_INTEREST = 0.4
-# Between 50 points the rates of quintics and of the cubics that the search knows differ by less.
+# Between 50 points velocities of quintics and of the search's cubics differ by less, as a fraction.
 _MARGIN = 1e-4
 
 
@@ -42,7 +41,7 @@ class JointRates(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a joint that is too fast, or becomes so whatever a plan does."""
+        """Refuse a joint that exceeds its velocity limit, or will whatever a plan does."""
         if not problem.limits.joint_velocities:
             return
         robot = problem.robot
@@ -76,13 +75,13 @@ class JointRates(Requirement):
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return how far from the limits the search stays, in parts of them."""
+        """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of interest to the limits, at the points and the peaks [rad/s]."""
+        """Return the distances to near limits, at points and peaks between [rad/s, m/s]."""
         if not problem.limits.joint_velocities:
             return None
         limits = problem.robot.velocity_limits
@@ -103,7 +102,7 @@ class JointRates(Requirement):
         return joined(at_points, beyond(between, motion, sensitivity, -limits, limits, interest))
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return how far the rates stay from their limits, or less that is enough, in parts."""
+        """Return the least distance as a fraction of its limit, or a positive bound below it."""
         if not problem.limits.joint_velocities:
             return np.inf
         limits = problem.robot.velocity_limits
@@ -114,13 +113,13 @@ class JointRates(Requirement):
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the distance to the nearest limit; that of a joint that slides by its weight."""
+        """Return the least distance to a limit [rad/s], of prismatic joints by their weight."""
         robot, joints = samples.problem.robot, samples.followed.joints
         limits, weights = robot.velocity_limits, robot.joint_weights
         return {"min_velocity_margin": joints.least_distance(-limits, limits, 1, weights)}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the joint whose rate exceeds its limit by most."""
+        """Yield the joint whose velocity exceeds its limit by the largest fraction."""
         if not samples.problem.limits.joint_velocities or metrics.min_velocity_margin >= 0.0:
             return
         robot, limits = samples.problem.robot, samples.problem.robot.velocity_limits

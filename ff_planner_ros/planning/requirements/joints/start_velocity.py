@@ -1,7 +1,7 @@
-"""The plan begins with the joint rates of the start.
+"""The plan begins with the joint velocities of the start.
 
-The planner's own plans do, by their construction. Other methods have no null-space motion, and a
-jump as large as that of the start.
+The planner's own plans do so by construction. Other methods leave out the null-space motion of the
+start: their joint velocities jump by as much.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from ff_planner_ros.planning.requirements.requirement import (
 
 
 class StartVelocity(Requirement):
-    """The joint rates do not jump at the start."""
+    """Joint velocities do not jump at the start."""
 
     name = "start_velocity"
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the largest jump; that of a joint that slides by its weight."""
+        """Return the largest velocity jump [rad/s], of prismatic joints by their weight."""
         jump = samples.trajectory.joint_velocities[0] - samples.problem.start.joint_velocities
         shares = samples.problem.robot.joint_weights * jump
         return {"start_velocity_jump": float(np.abs(shares).max())}

@@ -1,6 +1,6 @@
-"""The joints' torques stay within the effort limits of the URDF, between the points too.
+"""Joint torques stay within the effort limits of the URDF, between the points too.
 
-Of a joint that slides it is its force.
+Of prismatic joints these are forces.
 """
 
 from __future__ import annotations
@@ -31,18 +31,17 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import joint_torques, joint_torques_by_x
 from ff_planner_ros.robot.model import Robot
 
-# A torque that is further from its limit than this part of it cannot reach it in one step of the
-# solver.
+# A torque further from its limit than this fraction of it cannot reach it in one solver step.
 _OF_INTEREST = 0.4
 # Where torques are below this part of their limits at every fourth step of a motion, they do not
 # become twice as high between these steps.
 _FAR, _GLIMPSE = 0.5, 4
-# Between 50 points torques rise above those at the points by less, in parts of their limits.
+# Between 50 points torques rise above those at the points by less, as a fraction of their limits.
 _MARGIN = 1e-3
 
 
 class Torques(Requirement):
-    """The torques stay within the effort limits."""
+    """Joint torques stay within the effort limits, if the problem limits them."""
 
     name = "torques"
     is_on_demand = True
@@ -50,7 +49,7 @@ class Torques(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start whose accelerations take too much torque."""
+        """Refuse a start whose joint accelerations need more torque than the limits."""
         robot, accelerations = problem.robot, problem.start.joint_accelerations
         if accelerations is None or not problem.limits.joint_torques:
             return
@@ -69,13 +68,13 @@ class Torques(Requirement):
             )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return how far from the limits the search stays, in parts of them."""
+        """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of interest to the limits at the points, in parts of them."""
+        """Return the distances to near limits at the points, as fractions of the limits."""
         if not problem.limits.joint_torques:
             return None
         robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
@@ -98,7 +97,7 @@ class Torques(Requirement):
         return within(parts, by_x, -limits, limits, _OF_INTEREST)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return how far the torques stay from their limits, in parts of them."""
+        """Return the least distance as a fraction of its limit, or 0.5 if torques are far below."""
         if not problem.limits.joint_torques:
             return np.inf
         robot, limits = problem.robot, problem.robot.effort_limits
@@ -111,7 +110,7 @@ class Torques(Requirement):
         return float((1.0 + (LIMIT_TOLERANCE - np.abs(torques)) / limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float | tuple[float, ...]]:
-        """Return the largest torque of each joint, and how near any comes to its limit."""
+        """Return each joint's largest torque [N m, N], and the least distance to a limit [N m]."""
         robot = samples.problem.robot
         torques, _ = _peaks(robot, samples.followed)
         peaks = np.abs(torques)
@@ -142,7 +141,7 @@ class Torques(Requirement):
 
 
 def _peaks(robot: Robot, motion: FollowedMotion) -> Peaks:
-    """Return each joint's largest torque and when, within 5e-4 of the truth."""
+    """Return each joint's largest torque, to 5e-4, and its time."""
     _, _, accelerations = motion.joints.at(motion.time)
     torques = joint_torques(robot, motion.q, motion.v, accelerations, motion.maps)
     return peaks_of_steps(torques, motion)

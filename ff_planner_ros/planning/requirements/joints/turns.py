@@ -1,8 +1,8 @@
-"""Joints between the points, as the search sees them: where they turn back, where they are fastest.
+"""Extremes of joint positions and velocities between the points, as the search sees them.
 
-Between two points the search knows a joint by the cubic through both positions and rates, which are
-what it has derivatives of. At the time of an extreme the cubic's value does not change with the
-time, so that its derivative is that at a fixed time.
+Between two points the search takes the cubic through both positions and velocities, of which it has
+derivatives. The value of an extreme does not change with its time to first order, so that its
+derivative is that at a fixed time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ff_planner_ros.planning.requirements.requirement import Rows
 
 
 class Between(NamedTuple):
-    """Values of joints between the points: weighted sums over both ends of an interval."""
+    """Joint positions or velocities within intervals, as weighted sums of those at both ends."""
 
     interval: Indices  # of each value; shape (values,)
     joint: Indices  # whose value it is; shape (values,)
@@ -28,7 +28,7 @@ class Between(NamedTuple):
 
 
 def turns(motion: Motion, step: float) -> Between:
-    """Return the positions at which the joints turn back between two points.
+    """Return the extreme positions of the joints within the intervals.
 
     Args:
         step: Time from point to point [s].
@@ -50,7 +50,7 @@ def turns(motion: Motion, step: float) -> Between:
 
 
 def peak_rates(motion: Motion, step: float) -> Between:
-    """Return the rates at which the joints are fastest between two points; see `turns`."""
+    """Return the extreme velocities of the joints within the intervals; see `turns`."""
     p, v = motion.q[:, 7:], motion.v[:, 6:]
     way = np.diff(p, axis=0) / step
     curvature, slope = 6 * (v[:-1] + v[1:] - 2 * way), 6 * way - 4 * v[:-1] - 2 * v[1:]
@@ -72,7 +72,7 @@ def beyond(
     upper: Array,
     interest: Array | float,
 ) -> Rows:
-    """Return the distances to both limits that are below the interest; see `within`."""
+    """Return the distances to both limits that are below `interest`, as rows; see `within`."""
     joint, value = between.joint, _weighted(between, motion.q[:, 7:], motion.v[:, 6:])
     margins = np.stack([upper[joint] - value, value - lower[joint]])
     side, row = np.nonzero(margins < np.broadcast_to(interest, lower.shape)[joint])
@@ -92,13 +92,13 @@ def beyond(
 
 
 def joined(*rows: Rows) -> Rows:
-    """Return the rows of several."""
+    """Return several sets of rows as one."""
     values, jacobians, names = zip(*rows, strict=True)
     return Rows(np.concatenate(values), np.concatenate(jacobians), np.concatenate(names))
 
 
 def _weighted(between: Between, positions: Array, rates: Array) -> Array:
-    """Return the values of what positions and rates of the joints, or their derivatives, are."""
+    """Return the weighted sums of joint positions and velocities, or of their derivatives."""
     begin = between.interval, between.joint
     end = between.interval + 1, between.joint
     terms = positions[begin], positions[end], rates[begin], rates[end]
