@@ -67,7 +67,7 @@ def main(
             "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace",
             BAD_INPUT,
         )
-    except Exception as error:  # whatever nobody thought of, so that a script can go on
+    except Exception as error:  # unexpected: a script can still go on
         if sys.flags.dev_mode or isinstance(error, ImportError):  # the latter is no file's fault
             raise
         defect = f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}"
@@ -80,7 +80,7 @@ def _is_of_reader(error: Exception) -> bool:
         return False
     printed = sys.stdout.fileno()
     poll = select.poll()
-    poll.register(printed, 0)  # a pipe that nobody reads is told as an error
+    poll.register(printed, 0)  # a pipe without a reader is reported as an error
     if not poll.poll(0):
         return False
     os.dup2(os.open(os.devnull, os.O_WRONLY), printed)
