@@ -37,10 +37,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"  # of JSON Schema
 
 @dataclass(frozen=True)
 class Form:
-    """What a value may be, and how it is converted. Readers take the field's name for errors.
-
-    All conversions from outside raise InvalidInput.
-    """
+    """What a value may be, and how it is converted; errors, InvalidInput, name its field."""
 
     read: Callable[[str, object], Any]  # from a file's value
     schema: Callable[[], Schema]  # of a file's value
@@ -154,11 +151,7 @@ def a_vector(size: int | None = 3) -> Form:
 
 
 def by_name(of: str) -> Form:
-    """Return the form of a mapping from names to numbers.
-
-    Args:
-        of: Says in errors whose names they are.
-    """
+    """Return the form of a mapping from names to numbers; of: whose names, in errors."""
 
     def read(field: str, value: object) -> dict[str, float]:
         if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
@@ -208,11 +201,7 @@ def each(of: Form, least: int = 0, unique: str = "id") -> Form:
 
 
 def or_none(form: Form, none: Any = None) -> Form:
-    """Return the form of a value of `form` or the word `none`.
-
-    Args:
-        none: Value that the word stands for.
-    """
+    """Return the form of a value of `form` or the word `none`, which stands for `none`."""
 
     def read(field: str, value: Any) -> Any:
         if value == "none":

@@ -35,7 +35,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def yaml_document(written: str | bytes, field: str, value: object) -> Any:
-    """Return a YAML document.
+    """Parse a YAML document.
 
     Args:
         written: YAML, UTF-8 if it is bytes.
