@@ -106,7 +106,7 @@ class QosParameters:
     predicted_chaser_pose: PublisherQos
 
     def __post_init__(self) -> None:
-        """Check every word."""
+        """Check every reliability and durability."""
         for name, topic in vars(self).items():
             a_word(RELIABILITIES).read(f"qos.{name}.reliability", topic.reliability)
             a_word(DURABILITIES).read(f"qos.{name}.durability", topic.durability)

@@ -1,4 +1,4 @@
-"""Parameters of published plans: how far the system may be off, and when one takes over."""
+"""Parameters of published plans: allowed deviations of the system, and handover to a new plan."""
 
 from __future__ import annotations
 
