@@ -4,11 +4,10 @@ Problems of one kind differ by numbers alone. Their distance d is Euclidean, in 
 are made in (`system_frame`), so that it does not depend on the user's frame. With differences D,
 duration T and the arm's reach R,
 
-    d^2 = sum (D angle)^2 + (D rate T)^2 + (D length / R)^2 + (D speed T / R)^2 + (D log T)^2.
+    d^2 = sum (D angle)^2 + (D(rate T))^2 + (D length / R)^2 + (D(speed T) / R)^2 + (D log T)^2.
 
-Its unit is 1 rad of a joint. A joint that turns by 1 rad moves the end effector by at most R. In a
-motion that is run slower, joints are off by the relative change of T, times their path of about
-1 rad.
+Its unit is 1 rad of a joint, which moves the end effector by at most R. In a slower motion, joints
+are off by the relative change of T times their path of about 1 rad.
 
 The planner solves from the initial guess and checks the plan: a bad neighbour only costs time.
 """

@@ -56,7 +56,7 @@ class Phase:
     duration: float | DurationRange = of_problem("duration")
     # Where the target is when the phase ends, as in a problem of its own; None: a body's grasp
     target: Target | Posture | None = of_problem("target", default=None)
-    # As it is at the first point of the whole sequence
+    # In its state at the first point of the whole sequence
     target_body: TargetBody | None = of_problem("target_body", default=None)
     # None: as in the phase before
     objective: Objective | None = of_problem("objective", default=None)

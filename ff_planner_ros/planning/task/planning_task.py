@@ -67,7 +67,7 @@ class PlanningTask:
         since="0.3",
         default=None,
     )
-    # It begins exactly on that motion, and is looked for near what remains of it
+    # The plan begins exactly on that motion, and is searched for near its remainder
     running_goal: float | None = declare(
         a_number(),
         "time at which that motion reaches its goal: the plan takes over from it; default: a plan "

@@ -129,7 +129,7 @@ def _first(ways: Iterator[PlanningTask], watch: Watch, method: Method) -> Plan:
     """Return the plan of the first task that has one.
 
     Raises:
-        InvalidInput, NoPlanFound: None has one; it is that of the phase as it is.
+        InvalidInput, NoPlanFound: No task has one; the error is that of the phase as it is.
     """
     refused = list[FfPlannerError]()
     for task in ways:
