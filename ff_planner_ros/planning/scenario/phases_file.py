@@ -85,7 +85,7 @@ def split(document: object, faults: Faults) -> tuple[object, list[dict[str, Any]
 
 
 def first_named(document: object) -> AbstractContextManager[None]:
-    """Prefix the keys of the first phase in errors with `phases[0]`, where that gives them."""
+    """Prefix keys in errors with `phases[0]` if the first phase of a scenario gives them."""
     given = document.get(KEY) if isinstance(document, dict) else None
     first = given[0] if isinstance(given, list) and given else None
     heads = first.keys() if isinstance(first, dict) else ()

@@ -238,7 +238,7 @@ def _built_of(whole: object, path: Path, points: int, build: _Build[Built]) -> B
 
 
 def _read_meshes(read: dict[str, Any], place: str, directory: Path, faults: Faults) -> None:
-    """Read the files of what is in the way: meshes, and the URDF of the target body."""
+    """Read the mesh files of obstacles and target body, and the target body's URDF."""
 
     def loaded(told: str, entries: Sequence[InTheWay]) -> tuple[InTheWay, ...]:
         found = list[InTheWay]()
