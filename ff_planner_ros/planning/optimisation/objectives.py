@@ -70,8 +70,7 @@ def terms(
         momenta = weights.wheel_momentum * loads.momenta.ravel()
         by_x = weights.wheel_momentum * loads.momenta_by_x.reshape(-1, variables)
         max_terms, jacobian = np.append(momenta, -momenta), np.concatenate([by_x, -by_x])
-        # The attitude is held: it has no term.
-        return [*found, Term(0.0, nothing[0], nothing, max_terms, jacobian)]
+        return [*found, Term(0.0, nothing[0], nothing, max_terms, jacobian)]  # attitude is held
     weight = weights.chaser_attitude
     if weight > 0.0:
         # The Euler angles whose largest modulus is J_Theta.
@@ -112,10 +111,7 @@ def power_mean(values: Array, jacobian: Array, p: float) -> tuple[float, Array, 
 
 
 def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:
-    """Return the objective with a small joint path weight if it is a largest value alone.
-
-    For a given duration: a weight of the duration alone becomes one of the joint path.
-    """
+    """Return the objective for a given duration, with a small joint path weight if it has none."""
     if objective.joint_path_length > 0.0:
         return objective
     if objective.only_duration:  # which is decided
