@@ -61,7 +61,7 @@ def steps_of(joints: JointMotion, v_start: Array, multiple: int) -> tuple[int, A
         multiple: Divides the number of steps.
     """
     count, steps = len(joints.time) - 1, np.diff(joints.time)
-    # What the arm's motion adds to the chaser's turn is less than what its joints turn.
+    # The arm's motion adds less to the chaser's rotation than its joints rotate.
     rates = np.linalg.norm(v_start[3:6]) + np.abs(joints.velocities).sum(axis=1).max()
     turn = min(float(rates), _FASTEST) * steps.max()
     pieces = max(_STEPS / count, turn / _STEP_TURN)

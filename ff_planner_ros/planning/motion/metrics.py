@@ -108,7 +108,8 @@ class Metrics:
     momentum_error: float = _metric("", "momentum error", _ONE, "relative", ".1e")
     # Of the generalised Jacobian J_D at the points; zero in a dynamic singularity.
     min_singular_value: float = _metric("", "smallest singular value", _ONE, "", ".3g")
-    # Between the start state's joint rates and the plan's first: Eq. (31) has no null-space motion.
+    # From the start state's joint velocities to the plan's first: methods without null-space motion
+    # jump
     start_velocity_jump: float = _metric("rad/s", "jump of joint rates", _RAD_S, "deg/s", ".2f")
     # Of any body from any other that can move relative to it, at any time; infinite: no bodies.
     min_self_clearance: float = _metric("m", "self-clearance", _METRE, "mm", ".1f", np.inf)

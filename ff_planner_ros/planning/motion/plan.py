@@ -64,16 +64,13 @@ class Trajectory:
 
 
 def begins_of(motions: Iterable[Trajectory]) -> list[float]:
-    """Return the begin of each of consecutive motions, the first at zero [s]."""
+    """Return the start time of each of consecutive motions, the first at zero [s]."""
     ends: list[float] = np.cumsum([motion.time[-1] for motion in motions]).tolist()
     return [0.0, *ends[:-1]]
 
 
 class BodyMotion(NamedTuple):
-    """Motion of a body's frame, origin at its centre of mass, in the inertial frame.
-
-    One row per point.
-    """
+    """Motion of a body's frame at its centre of mass, in the inertial frame; one row per point."""
 
     positions: Array  # shape (points, 3) [m]
     quaternions_xyzw: Array  # body axes to inertial axes; shape (points, 4)
@@ -202,7 +199,7 @@ class Plan:
 
     @property
     def begins(self) -> list[float]:
-        """Begin of each phase, the first at zero [s]."""
+        """Start time of each phase, the first at zero [s]."""
         return begins_of(phase.trajectory for phase in self.phases)
 
     @property

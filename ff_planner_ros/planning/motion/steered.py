@@ -22,10 +22,7 @@ _LEAST_PART = 0.003
 
 
 def steered(robot: Robot, target: Target) -> int:
-    """Return the rank of the target's conditions by joint velocities, in the best of some postures.
-
-    A rank below the number of conditions means that the arm cannot meet all of them at once.
-    """
+    """Return how many of a target's conditions the joint velocities can meet at once: a rank."""
     data = robot.model.createData()
     asked = [
         twist_conditions(robot, data, target, q) @ of_rates for q, of_rates in _postures(robot)

@@ -19,7 +19,7 @@ SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
 class Budget(NamedTuple):
     """Wall-clock time that a search may take."""
 
-    seconds: float  # until there is a plan, or a refusal
+    seconds: float  # until there is a plan, or a refusal [s]
     with_plan: float = math.inf  # in all, once there is a plan [s]
 
 
@@ -61,15 +61,15 @@ class PassingOn(Watch):
         self._watch = watch
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
-        """Pass it on."""
+        """Forward the call."""
         self._watch.require_time(phase)
 
     def report(self, progress: Progress) -> None:
-        """Pass it on."""
+        """Forward the call."""
         self._watch.report(progress)
 
     def offer(self, plan: Plan) -> None:
-        """Pass it on."""
+        """Forward the call."""
         self._watch.offer(plan)
 
     def share(self, searches: int) -> Watch:
@@ -83,11 +83,7 @@ class Steps(PassingOn):
     """Counts the steps of a search, which do not depend on the clock, and ends it at a step."""
 
     def __init__(self, watch: Watch, last: int = 0) -> None:
-        """Begin to count.
-
-        Args:
-            last: Step at which the search ends; zero: no limit.
-        """
+        """Count from 1; last: the step at which the search ends, zero: no limit."""
         super().__init__(watch)
         self._last, self._step = last, 1
         self.ended_at = 0  # the step at which the search was ended; zero: it was not
