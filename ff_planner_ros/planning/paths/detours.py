@@ -37,10 +37,7 @@ def scattered() -> Iterator[Array]:
 def detours(
     robot: Robot, straight: Motion, duration: float, obstacles: Sequence[Obstacle]
 ) -> Iterator[Array]:
-    """Yield coefficients of four paths around the obstacle that the straight path enters deepest.
-
-    None if the straight path is free. Each has the shape (18,).
-    """
+    """Yield coefficients, shape (18,), of four detours around the obstacle that is hit deepest."""
     points = len(straight.q)
     of_spheres = _around_sphere(robot, straight, duration, spheres_in(obstacles))
     of_bodies = around_body(robot, straight, duration, bodies_in(obstacles))

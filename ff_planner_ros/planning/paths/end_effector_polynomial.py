@@ -111,10 +111,7 @@ class EndEffectorPaths:
     def lasting(
         self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
     ) -> EndEffectorPaths:
-        """Return the motions of this problem with another duration; the Euler angles stay defined.
-
-        With `goal_motion`, the duration is one more variable of the sensitivities.
-        """
+        """Return the motions of this problem with another duration, with the same A and B."""
         duration, null_space = problem.duration, self.null_space
         if null_space is not None:
             seconds = null_space.seconds * duration / self.polynomial.duration
@@ -176,7 +173,7 @@ class EndEffectorPaths:
         )
 
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
-        """Return the derivatives of a regular motion of this family, which it brings with it."""
+        """Return the derivatives of a regular motion of this family, computed with the motion."""
         return cast(Rollout, motion).sensitivity
 
 

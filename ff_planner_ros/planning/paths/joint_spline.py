@@ -36,7 +36,7 @@ Derivatives: TypeAlias = tuple[Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SplineMotion(Motion):
-    """A motion with what its derivatives need."""
+    """A motion with the compiled one that its derivatives are computed from."""
 
     compiled: compiled.DrivenMotion
 
@@ -113,7 +113,7 @@ class JointSplines:
         return contributed
 
     def decision_variables(self, x: Array) -> Array:
-        """Return nothing: the paper has no such variables."""
+        """Return an empty array: the paper's xi describes no splines."""
         return np.empty(0)
 
     def first_guesses(
@@ -135,10 +135,7 @@ class JointSplines:
     def lasting(
         self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
     ) -> JointSplines:
-        """Return the motions of this problem with another duration.
-
-        With `goal_motion`, the duration is one more variable of the sensitivities.
-        """
+        """Return the motions of this problem with another duration."""
         basis = replace(self.basis, duration=problem.duration)
         return replace(self, problem=problem, basis=basis, goal_motion=goal_motion)
 

@@ -25,7 +25,7 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 BESIDE = 0.1
 # A thin plate may be crossed between samples: at a sample, this distance counts as a hit [m].
 _NEAR = 0.03
-# Directions across the relative motion among which the nearest outline is looked for.
+# Directions across the relative motion among which the nearest outline is searched.
 _DIRECTIONS = 16
 
 

@@ -69,7 +69,7 @@ class Sensitivity:
         return int(self.q.shape[2])
 
     def times_by_last(self, times: Array, duration: float) -> Array:
-        """Return derivatives of times [s] by the duration; empty if it is no variable."""
+        """Return derivatives of times [s] by the duration; empty if that is given."""
         return times[:0] if self.goal_motion is None else times / duration
 
 
@@ -90,9 +90,9 @@ class PathFamily(Protocol):
 
     @property
     def directions(self) -> Array | None:
-        """Orthogonal changes of the path by the same mean square, as columns of changes of x.
+        """Directions in x, as columns, that change the path orthogonally and about equally far.
 
-        Shape (variables, variables). None: the variables themselves are nearly such.
+        Shape (variables, variables). None: the variables themselves do.
         """
 
     @property
@@ -102,8 +102,7 @@ class PathFamily(Protocol):
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Return the motion of one path on two points or more.
 
-        With damping, a motion that meets a singularity does not end there, but deviates from its
-        path.
+        With damping, a motion that meets a singularity leaves its path instead of ending there.
         """
 
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
