@@ -69,7 +69,7 @@ class Robot:
 
     model: pin.Model  # never changed after loading
     urdf: str  # the checked XML that the model was built from
-    # The same with shapes of its links, hulls of meshes, and links that may touch, for readers
+    # As recorded: the same with shapes of links, hulls of meshes, and links that may touch
     drawn_urdf: str
     joint_names: tuple[str, ...]  # from base to tip
     base_link: str  # URDF link that carries the arm; its axes are the chaser's axes

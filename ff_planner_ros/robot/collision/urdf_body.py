@@ -42,7 +42,7 @@ class UrdfBody:
 
 
 def urdf_body(text: str, told: str, directory: Path | None = None) -> UrdfBody:
-    """Return a URDF as one body.
+    """Return the rigid body that the links of a URDF form together.
 
     Args:
         told: Name of the URDF in errors.

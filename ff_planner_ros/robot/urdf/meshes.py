@@ -143,7 +143,7 @@ def _path(name: str, directory: Path | None) -> Path:
         above = [
             parent / package
             for parent in (directory, *directory.parents)
-            if package.strip(".")  # neither nothing nor a way up
+            if package.strip(".")  # neither empty nor a parent directory
         ]
         for share in filter(None, (package_directory(package), *above)):
             if (share / inside).is_file():

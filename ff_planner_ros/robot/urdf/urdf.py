@@ -30,7 +30,7 @@ NOTHING_HELD: Mapping[str, float] = MappingProxyType({})
 
 
 class CheckedUrdf(NamedTuple):
-    """A URDF that can be planned with."""
+    """A URDF that passed the check, with its base and tip link."""
 
     xml: str  # links and joints, without shapes, transmissions and simulator tags
     base_link: str
@@ -67,7 +67,7 @@ def checked_urdf(
     if tree.links:
         broken = len(faults) > 0
         if base_link is None:
-            base_link = next(iter(tree.roots), None)  # none: a loop, which is told
+            base_link = next(iter(tree.roots), None)  # none: a loop, which is a fault already
         if tip_link is None:
             tip_link = _only_leaf(tree, faults)
         chain = _chain(tree, base_link, tip_link, broken, faults)

@@ -63,7 +63,7 @@ class Faults:
             raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", count, _told(self._found))
 
     def number(self, kind: str, name: str, part: str, element: Element | None, key: str) -> float:
-        """Return an attribute's number, NaN if faulty, and rewrite it so that all read the same."""
+        """Return an attribute's number, NaN if it is faulty, and write it back as it was read."""
         text = None if element is None else element.get(key)
         if element is None or text is None:
             self.add(kind, name, part, "missing", "it must be a number")
