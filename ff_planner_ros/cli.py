@@ -17,7 +17,7 @@ from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.common.shown import in_log, shortened
 from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput, NoPlanFound
 
-# Of an input that are told one by one: a screen, where thousands of obstacles may be wrong alike.
+# Faults of one input that are printed: a screen, where thousands of obstacles may be wrong alike.
 _MOST_FAULTS = 20
 DEFECT = "this is a defect of ff-planner, please report it"
 
@@ -26,10 +26,15 @@ def main(
     arguments: Sequence[str] | None = None,
     make_parser: Callable[[], ArgumentParser] = command_parser,
 ) -> int:
-    """Run one command, of another parser's program where one is given, and return its exit code.
+    """Run one command and return its exit code.
 
-    0: done; 2: bad input; 3: no plan found, or one that does not come true. A defect of ours ends
-    with 2 and one line, too; `python -X dev -m ff_planner_ros.cli` shows its traceback.
+    0: done; 2: bad input; 3: no plan found, or a plan that the simulation does not reproduce. An
+    unexpected exception is printed in one line and returns 2, too; `python -X dev -m
+    ff_planner_ros.cli` shows its traceback.
+
+    Args:
+        arguments: Without the program's name; None: those of the process.
+        make_parser: Builds the parser of the program: `ff-planner`, or another one.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
@@ -62,7 +67,7 @@ def main(
             "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace",
             BAD_INPUT,
         )
-    except Exception as error:  # whatever nobody thought of, so that a script can go on
+    except Exception as error:  # unexpected: a script can still go on
         if sys.flags.dev_mode or isinstance(error, ImportError):  # the latter is no file's fault
             raise
         defect = f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}"
@@ -70,12 +75,12 @@ def main(
 
 
 def _is_of_reader(error: Exception) -> bool:
-    """Tell whether nobody reads what is printed any more, as behind `| head`; it goes nowhere."""
+    """Tell whether the reader of stdout has gone, as behind `| head`; further output is dropped."""
     if not isinstance(error, BrokenPipeError):
         return False
     printed = sys.stdout.fileno()
     poll = select.poll()
-    poll.register(printed, 0)  # a pipe that nobody reads is told as an error
+    poll.register(printed, 0)  # a pipe without a reader is reported as an error
     if not poll.poll(0):
         return False
     os.dup2(os.open(os.devnull, os.O_WRONLY), printed)

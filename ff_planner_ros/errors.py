@@ -12,7 +12,7 @@ from ff_planner_ros.common.shown import shortened, shown
 
 
 class Status(IntEnum):
-    """Why a request was answered the way it was; the codes of `ff_planner_msgs/PlanStatus`."""
+    """Status of the answer to a planning request; the codes of `ff_planner_msgs/PlanStatus`."""
 
     SOLVED = 0
 
@@ -73,12 +73,12 @@ class Status(IntEnum):
 
     @property
     def is_no_plan(self) -> bool:
-        """Whether a request that could be read has no plan, or none any more."""
+        """Whether the request was valid but has no plan, or none that still applies: codes 3xx."""
         return Status.GOAL_OUT_OF_REACH <= self < Status.INTERNAL_ERROR
 
 
 class Retry(IntEnum):
-    """Whether it makes sense to ask again after an answer; as in `ff_planner_msgs/PlanStatus`."""
+    """Whether repeating a request can help; the codes of `ff_planner_msgs/PlanStatus.retry`."""
 
     NOTHING = 0  # there is a plan
     LATER = 1  # the same request may be answered otherwise a little later
@@ -87,12 +87,12 @@ class Retry(IntEnum):
 
 
 class Remedy(NamedTuple):
-    """What a program learns of a refusal by its code alone, where the error says no more."""
+    """Machine-readable details of a status, used where the error itself carries none."""
 
     retry: Retry
     field: str = ""  # of the request, or a topic or parameter; empty: the error always names it
-    value: str = ""  # that it has
-    allowed: str = ""  # or what may help
+    value: str = ""  # of the field
+    allowed: str = ""  # for the field, or what may help
 
 
 _NOTHING, _LATER, _CHANGED, _NEVER = Retry
@@ -156,12 +156,12 @@ REMEDIES: Mapping[Status, Remedy] = {
 
 
 def retry_after(status: Status) -> Retry:
-    """Return whether it makes sense to ask again after an answer of a status."""
+    """Return whether repeating a request can help after an answer with this status."""
     return REMEDIES[status].retry
 
 
-# Of what is wrong with an input [characters], so that a line with a command's name and a remark
-# that something is cut off is not longer than a thousand.
+# Of a message [characters]: with a command's name and the remark that something is cut off, a line
+# is not longer than a thousand.
 LONGEST_MESSAGE = 950
 _LONGEST_FIELD = 150
 
@@ -197,10 +197,10 @@ class InvalidInput(FfPlannerError):
 
 
 class InvalidInputs(InvalidInput):
-    """Several values that cannot be planned with; its message tells of the first."""
+    """Several invalid values in one error; its message names the first."""
 
     def __init__(self, faults: Sequence[InvalidInput]) -> None:
-        """Keep them all."""
+        """Keep all errors; the first gives status, field, value and message."""
         first = faults[0]
         super().__init__(first.status, first.field, first.value, first.allowed)
         self._faults = tuple(faults)
@@ -216,10 +216,10 @@ class InvalidInputs(InvalidInput):
 
 
 class Faults:
-    """What is wrong with an input, gathered to be told at once."""
+    """Collects the invalid values of an input, to report all of them in one error."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without any fault."""
         self.found: list[InvalidInput] = []
 
     def add(self, field: str, value: object, allowed: str) -> None:
@@ -228,17 +228,17 @@ class Faults:
 
     @contextmanager
     def gathered(self) -> Iterator[None]:
-        """Gather what the block refuses, and go on after it."""
+        """Catch and collect an InvalidInput of the `with` block; execution continues after it."""
         try:
             yield
         except InvalidInput as error:
             self.found += error.faults
 
     def refuse(self) -> None:
-        """Refuse the input if anything is wrong with it.
+        """Raise one error for all collected faults, if there are any.
 
         Raises:
-            InvalidInput: Holds all that was gathered.
+            InvalidInput: At least one fault was collected; `faults` holds all of them.
         """
         if self.found:
             raise self.found[0] if len(self.found) == 1 else InvalidInputs(self.found)
@@ -249,7 +249,7 @@ class Failure:
     """A requirement that a plan does not meet."""
 
     status: Status
-    finding: str  # what is where, and by how much too far
+    finding: str  # what is violated, where, and by how much
     advice: tuple[str, ...]  # what may help
 
 
@@ -269,14 +269,14 @@ class NoPlanFound(FfPlannerError):
         self.constraint = constraint  # what is violated, where, by how much, and what to try
         self.attempt = attempt  # the best, a `Plan` that is not to be executed; None: none
         self.failures = tuple(failures)  # of the best attempt; empty where they are not known
-        self.effort = effort  # the step of the search that was ended; zero: it came to its end
-        # Within a search: how many candidates met each requirement, and the one that the refusal
-        # begins with, by name; empty: not known
+        self.effort = effort  # the step at which the search was stopped; zero: it ran to its end
+        # Within a search: how many candidates met each requirement, by name, and the name of the
+        # requirement that the message begins with; empty: not known
         self.met: Mapping[str, int] = {}
         self.requirement = ""
         # Of a sequence: the plans of the phases before the one that has none, a `Plan`
         self.found: object | None = None
-        self.cause: InvalidInput | None = None  # of a sequence: why that one cannot be planned for
+        self.cause: InvalidInput | None = None  # of a sequence: why that phase cannot be planned
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by constructor arguments, so that the error crosses processes."""
@@ -290,26 +290,26 @@ class EndedBy(StrEnum):
     CONVERGED = "converged"  # the best plan is at an optimum
     EXHAUSTED = "exhausted"  # everything was tried that is to be tried
     DEADLINE = "deadline"
-    EFFORT = "effort"  # the step that was asked for as the last
+    EFFORT = "effort"  # the last step that the request allows
     CANCEL = "cancel"
 
 
 class OutOfTime(FfPlannerError):
-    """A search is ended before its end; `perform` turns it into a NoPlanFound."""
+    """A watch stopped the search before its end; `perform` turns it into a NoPlanFound."""
 
     def __init__(self, message: str, ended_by: EndedBy = EndedBy.DEADLINE) -> None:
-        """Only one status fits."""
+        """Store what stopped the search; the status is TIMED_OUT."""
         super().__init__(Status.TIMED_OUT, message)
         self.ended_by = ended_by
         self.used_for = ""  # what used the time, in words; empty: not known
-        self.refusal: NoPlanFound | None = None  # with how far the search came, where it knows
+        self.refusal: NoPlanFound | None = None  # says how far the search came; None: not known
 
 
 class Interrupted(FfPlannerError):
-    """A plan that is no longer wanted."""
+    """The planning was called off: its plan is no longer wanted."""
 
     def __init__(self) -> None:
-        """Only one status and one message fit."""
+        """Set the one status, CANCELLED, and the one message."""
         super().__init__(Status.CANCELLED, "the plan was given up")
 
 
@@ -323,7 +323,7 @@ class BagError(FfPlannerError):
 
 @contextmanager
 def fields_renamed(renamed: Callable[[str], str]) -> Iterator[None]:
-    """Make every refused value's error name the field that its own is renamed to."""
+    """Rename the fields in every InvalidInput that the `with` block raises."""
     try:
         yield
     except InvalidInput as error:
@@ -335,7 +335,7 @@ def fields_renamed(renamed: Callable[[str], str]) -> Iterator[None]:
 
 
 def fields_named(named_as: Mapping[str, str]) -> AbstractContextManager[None]:
-    """Make errors name other fields, and their entries: a message's, say, instead of ours."""
+    """Rename fields and their indexed entries in errors: scenario keys to message fields, say."""
 
     def renamed(field: str) -> str:
         name, bracket, entry = field.partition("[")
@@ -345,5 +345,5 @@ def fields_named(named_as: Mapping[str, str]) -> AbstractContextManager[None]:
 
 
 def fields_placed(place: str) -> AbstractContextManager[None]:
-    """Make errors name fields as those of a place: `phases[1]`, say."""
+    """Prefix the fields in errors with a place: `phases[1]`, say."""
     return fields_renamed(lambda field: f"{place}.{field}")

@@ -1,4 +1,4 @@
-"""The wall clock, which says when a search ends."""
+"""The time budget of a search, by the wall clock."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, Budget, Wa
 if TYPE_CHECKING:
     from ff_planner_ros.planning.motion.plan import Plan
 
-# A step is taken to last as long as the longest of so many before it of the same phase.
+# A step is predicted to last as long as the longest of the last so many of the same phase.
 _REMEMBERED = 5
-# The first check, which goes between the points, is taken to last as long as so many of the steps
+# The first check, which goes between the points, is predicted to last as long as so many steps
 # before it: of four arms, with lines and with shapes, it was 4 to 10. By the median, since a step
-# that waited for the processor foretells nothing; and the first step alone, which loads what the
+# that waited for the processor predicts nothing; and the first step alone, which loads what the
 # others find loaded, counts once.
 _STEPS_OF_A_CHECK = 8.0
 
 
 class TimeBudget(Watch):
-    """A watch that ends a search before a step for which the time will not do."""
+    """A watch that ends a search before a step that would exceed the time budget."""
 
     def __init__(self, budget: Budget, begun: float | None = None, reserved: float = 0.0) -> None:
         """Count from `begun`, a `time.monotonic()` of any process of this host, or from now on.
 
         Args:
-            reserved: Of the budget, for what comes after the search [s].
+            reserved: Part of the budget that is kept for the time after the search [s].
         """
         now = time.monotonic()
         self._begun = now if begun is None else begun
@@ -40,12 +40,14 @@ class TimeBudget(Watch):
         self._lasted = defaultdict[str, deque[float]](lambda: deque(maxlen=_REMEMBERED))
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
-        """Raise OutOfTime once the budget is used up, or would be after this step and the answer.
+        """Called before every step of a search; raises OutOfTime if the time left is too short.
 
-        The answer, plan or refusal, takes another check. What has just been checked needs none.
+        The time left must suffice for a check, and for the step before it unless the step is the
+        check itself: every answer, plan or refusal, needs one. Durations are predicted from past
+        steps.
 
         Raises:
-            OutOfTime: It is.
+            OutOfTime: The budget is used up, or would be.
         """
         now = time.monotonic()
         if self._last is not None:
@@ -72,7 +74,7 @@ class TimeBudget(Watch):
         return _STEPS_OF_A_CHECK * statistics.median_low(steps)
 
     def share(self, searches: int) -> TimeBudget:
-        """Return the budget of one search of several that follow each other: an equal share."""
+        """Return the budget of the next of so many searches: an equal share of the time left."""
         if searches == 1:
             return self
         used = time.monotonic() - self._begun
@@ -81,7 +83,7 @@ class TimeBudget(Watch):
         return TimeBudget(budget, self._begun)
 
     def offer(self, plan: Plan) -> None:  # noqa: ARG002 (that there is one is enough)
-        """Allow no more than what counts once there is a plan."""
+        """Reduce the budget to the one that applies once there is a plan."""
         self._seconds = min(self._budget)
 
     def _used_for(self, foreseen: float) -> str:

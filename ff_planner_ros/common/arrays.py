@@ -1,7 +1,4 @@
-"""Arrays that cross between rooms: checked, copied, read-only.
-
-What is wrong is refused by the name of its field.
-"""
+"""Arrays that cross between packages: checked, copied, read-only; errors name the field."""
 
 from __future__ import annotations
 
@@ -28,7 +25,7 @@ _SCALES = ((2.0**-48, 4096), (2.0**-27, 60_000))
 
 
 def zero_vector() -> Array:
-    """Return the vector of zero length. Shape (3,)."""
+    """Return the zero vector. Shape (3,)."""
     return np.zeros(3)
 
 
@@ -81,10 +78,10 @@ def finite_number(field: str, value: float, *, above: float | None = None) -> fl
 
 
 def unit_quaternion(field: str, values: ArrayLike) -> Array:
-    """Return a read-only unit quaternion (x, y, z, w), checked.
+    """Return `values` as a read-only quaternion (x, y, z, w), checked and normalised.
 
     Raises:
-        InvalidInput: Wrong size, not finite, or not of unit length.
+        InvalidInput: Wrong size, not finite, or the norm differs from 1 by more than 1e-3.
     """
     quaternion = finite_vector(field, values, 4)
     norm = float(np.linalg.norm(quaternion))
@@ -99,10 +96,10 @@ def unit_quaternion(field: str, values: ArrayLike) -> Array:
 
 
 def unit_vector(field: str, values: ArrayLike) -> Array:
-    """Return a read-only vector of unit length in the direction of three numbers, checked.
+    """Return `values`, shape (3,), as a read-only vector of unit length, checked.
 
     Raises:
-        InvalidInput: Wrong size, not finite, or too short to have a direction.
+        InvalidInput: Wrong size, not finite, or no entry reaches 1e-6: no direction.
     """
     vector = finite_vector(field, values, 3)
     # First by its largest entry: the square of a length may be zero or infinite.

@@ -1,7 +1,7 @@
 """Fields that are declared once, beside the class that they belong to.
 
-From the declarations follow what reads a mapping of a file, or a message, and what writes it, the
-checks of the class itself, and the JSON Schema of the file.
+The readers and writers of files and messages, the checks of the class and the JSON Schema of the
+file all derive from these declarations.
 """
 
 from __future__ import annotations
@@ -29,38 +29,38 @@ from ff_planner_ros.errors import Faults, InvalidInput
 
 @dataclass(frozen=True)
 class DeclaredField:
-    """What is declared of a field."""
+    """The declaration of a field: its form, description, and place in files and messages."""
 
     form: Form
-    sentence: str  # what it is, in one
+    sentence: str  # the description
     key: str = ""  # in files, dotted within its class's mapping; empty: the field's name
     unit: str = ""
-    frame: str = ""  # that a vector is in
-    since: str = ""  # the version that it came with; empty: that of its class
-    # Where it is in the message of its class, dotted; `name[0]` is the entry of an array that has
-    # one at most; None: nowhere
+    frame: str = ""  # of a vector
+    since: str = ""  # the version that introduced it; empty: that of its class
+    # Path in the message of the class, dotted; `name[0]` is the entry of an array that has one at
+    # most; None: not in messages
     message: str | None = None
-    optional: bool = False  # whether a file may leave it out although the class has no default
-    brief: bool = False  # whether a file leaves it out where it is the default
-    late: bool = False  # and so do digests: there were some before it came
+    optional: bool = False  # whether a file may omit it although the class has no default
+    brief: bool = False  # whether files that are written omit the default
+    late: bool = False  # whether digests omit the default: some are older than the field
     formerly: str = ""  # its key, of one level, until version 0.3: deprecated
-    # Key and form of what may be given instead of it
-    instead: tuple[str, Form, str] | None = None  # and its sentence
-    # Another key, the value with which it may be left out, and what it is then
+    # An alternative key, its form and its description
+    instead: tuple[str, Form, str] | None = None
+    # Another key, its value with which this field may be omitted, and the field's value then
     unless: tuple[str, str, Any] | None = None
     strictness: Any = None  # of a tunable: which values let fewer plans pass
-    name: str = ""  # of the field
+    name: str = ""  # the dataclass field's
     default: Any = field(default_factory=lambda: MISSING)
 
     @property
     def empties(self) -> bool:
-        """Whether a message that is empty there says what its default says."""
+        """Whether an empty value in a message stands for the default, which is not empty itself."""
         usual = self.default
         return usual is None or (usual is not MISSING and bool(np.any(usual)))
 
     @property
     def required(self) -> bool:
-        """Whether every file must have it, and nothing can be given instead."""
+        """Whether every file must give it: it has neither a default nor an alternative key."""
         return not (self.optional or self.instead)
 
 
@@ -68,18 +68,22 @@ DeclaredFields: TypeAlias = Mapping[str, DeclaredField]  # by key
 
 
 def declare(form: Form, sentence: str, **more: Any) -> Any:
-    """Declare a field of a dataclass, whose `default` or `default_factory` is given as usual."""
+    """Declare a field of a dataclass, whose `default` or `default_factory` is given as usual.
+
+    Args:
+        **more: Further attributes of `DeclaredField`.
+    """
     usual = {name: more[name] for name in ("default", "default_factory") if name in more}
     more.pop("default_factory", None)
     return field(metadata={"declared": DeclaredField(form, sentence, **more)}, **usual)
 
 
 def declared(kind: Any) -> DeclaredFields:
-    """Return what is declared of a dataclass's fields, by key, in the order of files.
+    """Return the declarations of a dataclass's fields by key, in the order of files.
 
-    A class attribute `BESIDE` holds, by key, what files say beside the fields; `FIRST` the keys
-    that files begin with, where that is not the order of the fields; `SINCE` the version that the
-    class came with, 0.1 where there is none.
+    Class attributes: `BESIDE` holds declarations of keys that are not fields; `FIRST` the keys that
+    files begin with, if not in the order of the fields; `SINCE` the version that introduced the
+    class, 0.1 by default.
     """
     return _declared(kind)
 
@@ -121,15 +125,15 @@ def _tunable(kind: Any, metadata: Mapping[str, Any]) -> DeclaredField:
 
 @cache
 def declared_by_name(kind: Any) -> Mapping[str, DeclaredField]:
-    """Return what is declared of a dataclass's fields, by their names."""
+    """Return the declarations of a dataclass's fields by field name."""
     return {one.name: one for one in declared(kind).values()}
 
 
 def check_declared(self: Any, block: str) -> None:
-    """Check every declared field of a frozen dataclass, and keep what its form makes of it.
+    """Check every declared field of a frozen dataclass, and store the values as checked.
 
     Args:
-        block: In front of the keys in errors.
+        block: Prefix of the keys in errors.
 
     Raises:
         InvalidInput: A value is not allowed.
@@ -143,12 +147,12 @@ def check_declared(self: Any, block: str) -> None:
 def read_keys(
     known: DeclaredFields, field: str, value: object, faults: Faults, named: str = ""
 ) -> dict[str, Any]:
-    """Return what a file's mapping says, by dotted key; what it leaves out is not there.
+    """Return the values of a file's mapping by dotted key; keys that it omits are absent.
 
     Args:
-        field: Where it is.
-        faults: Gather every key that is unknown or missing, and every value that is wrong.
-        named: As errors of values call it; empty: as `field`.
+        field: Name of the mapping in errors.
+        faults: Collects every key that is unknown or missing, and every wrong value.
+        named: Name of the mapping in errors of values that were read; empty: `field`.
     """
     read = dict[str, Any]()
     value = _with_present_keys(known, field, value, faults)
@@ -251,18 +255,21 @@ def _must(known: DeclaredFields, key: str, one: DeclaredField | None) -> bool:
 
 
 def fields_of(kind: type[Any], read: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what was read of a class's fields, by their names."""
+    """Return the values that were read for a class's fields, by field name instead of key."""
     return {one.name: read[key] for key, one in declared(kind).items() if one.name and key in read}
 
 
 def written_object(value: Any) -> dict[str, Any]:
-    """Return an object with declared fields as a file has it."""
+    """Return the mapping that a file holds for an object with declared fields."""
     known = declared(type(value))
     return written(known, {key: getattr(value, one.name, None) for key, one in known.items()})
 
 
 def written(known: DeclaredFields, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by their dotted keys as a file has them; what is None is left out."""
+    """Return the mapping that a file holds for values by dotted key; None is omitted.
+
+    A form with a word for None (`spells_none`) writes the word instead.
+    """
     document: dict[str, Any] = {}
     for key, one in known.items():
         value = values.get(key) if one.name else one.default

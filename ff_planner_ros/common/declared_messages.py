@@ -1,4 +1,4 @@
-"""Declared fields in messages: where they are, and their values in and out of messages."""
+"""Declared fields in messages: their paths, and how their values are read and written."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ _ENTRY = "[0]"
 
 
 def value_at(message: Any, path: str, lacking: Any = MISSING) -> Any:
-    """Return what is at a dotted place of a message, or else what an older one that lacks it says.
+    """Return the value at a dotted path of a message, or `lacking` if there is none.
+
+    Messages of older versions lack fields; an array that holds `name[0]` may be empty.
 
     Raises:
-        AttributeError: The message lacks it, and `lacking` is not given.
+        AttributeError: There is none, and `lacking` is not given.
     """
     try:
         return _getter(path)(message) if path else message
@@ -51,15 +53,15 @@ def _getter(path: str) -> Callable[[Any], Any]:
 def values_in(
     kind: Any, message: Any, field: str = "", names: Container[str] | None = None
 ) -> dict[str, Any]:
-    """Return what a message says of a class's fields, by their names.
+    """Return the values of a class's declared fields in a message, by field name.
 
-    A field with a default is left out where the message lacks it, as those of older versions do,
-    and where it is empty there although the default is not: a number or vector of zero, no text, no
+    A field with a default is omitted where the message lacks it, as those of older versions do, and
+    where it is empty there although the default is not: a number or vector of zero, no text, no
     entries.
 
     Args:
-        field: In front of the keys in errors.
-        names: Of the fields; None: all.
+        field: Prefix of the keys in errors.
+        names: Fields to read; None: all.
 
     Raises:
         AttributeError: The message lacks a field that has no default.
@@ -100,11 +102,11 @@ def _says_something(one: DeclaredField, part: Any) -> bool:
 def places_in(
     kind: Any, block: str = "", place: str = ""
 ) -> Iterator[tuple[str, str, DeclaredField]]:
-    """Yield the key of each declared value, where it is in messages, and its declaration.
+    """Yield key, message path and declaration of each declared value, those of parts included.
 
     Args:
-        block: In front of the keys.
-        place: Of the class's message in its own.
+        block: Prefix of the keys.
+        place: Path of the class's message within the outer message.
     """
     for key, one in declared(kind).items():
         if one.message is not None:
@@ -116,7 +118,12 @@ def places_in(
 
 
 def names_in(kind: Any, block: str = "", place: str = "") -> dict[str, str]:
-    """Return how messages name what files and errors name otherwise, as `fields_named` takes it."""
+    """Return the message path of each file key, as `fields_named` takes it, to rename errors.
+
+    Args:
+        block: Prefix of the keys.
+        place: Prefix of the paths.
+    """
     places = {key: there for key, there, _ in places_in(kind, block)}
     for key, one in declared(kind).items():
         if one.message is not None and one.form.of is not None:
@@ -128,12 +135,12 @@ def names_in(kind: Any, block: str = "", place: str = "") -> dict[str, str]:
     }
 
 
-# Makes the message of an entry of a message's array, by the array's name.
+# Makes a new entry for an array of a message, given the message and the array's name.
 Entry: TypeAlias = Callable[[Any, str], Any]
 
 
 def write_object(value: Any, message: Any, entry: Entry) -> Any:
-    """Write an object's declared fields into a message, and return it; None says nothing."""
+    """Write an object's declared fields into a message, and return it; None is not written."""
     for one in declared(type(value)).values():
         given = None if one.message is None else value_at(value, one.name)
         if given is None or one.message is None:
@@ -153,9 +160,9 @@ def _same(given: Any, usual: Any) -> bool:
 
 
 def write_value(message: Any, one: DeclaredField, plain: Any, entry: Entry, path: str = "") -> None:
-    """Put a value, as a file has it, into its place of a message.
+    """Write a value, as a file has it, to its path in a message.
 
-    Where the message can leave it out, `none` does; elsewhere that is zero or empty.
+    The word `none` empties an array of at most one entry; elsewhere it is written as zero or empty.
     """
     path = path or one.message or ""
     place, _, name = path.rpartition(".")

@@ -1,4 +1,4 @@
-"""The forms of mappings that are objects of classes with declared fields."""
+"""Forms of nested mappings: each stands for an object of a class with declared fields."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def part(kind: type[Any]) -> Form:
 
 
 def changes(kind: type[Any]) -> Form:
-    """Return the form of a mapping of some fields of a class: by name, what is to be changed."""
+    """Return the form of a mapping with some of a class's fields, read as values by field name."""
 
     def read(field: str, value: object) -> dict[str, Any]:
         name = value.get("id") if isinstance(value, dict) else None
@@ -45,9 +45,13 @@ def changes(kind: type[Any]) -> Form:
 
 
 def one_of_parts(key: str, with_key: Form, without: Form) -> Form:
-    """Return the form of an object of one of two classes; key: that files of the first have.
+    """Return the form of an object of one of two classes.
 
-    In messages both are in arrays of their own: the form reads entries of the second.
+    Args:
+        key: Key by which files tell the first class from the second.
+        with_key: Form of the first class.
+        without: Form of the second class. Messages hold the classes in separate arrays: only its
+            entries are read.
     """
 
     def of(value: Any) -> Form:

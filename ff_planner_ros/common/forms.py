@@ -37,31 +37,31 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"  # of JSON Schema
 
 @dataclass(frozen=True)
 class Form:
-    """What a value may be. All readers name the field of a value in errors, `InvalidInput`."""
+    """What a value may be, and how it is converted; errors, InvalidInput, name its field."""
 
-    read: Callable[[str, object], Any]  # what a file's value stands for
-    schema: Callable[[], Schema]  # of what a file may have
-    checked: Callable[[str, Any], Any] = lambda _field, value: value  # as its class keeps it
+    read: Callable[[str, object], Any]  # from a file's value
+    schema: Callable[[], Schema]  # of a file's value
+    checked: Callable[[str, Any], Any] = lambda _field, value: value  # as its class stores it
     written: Callable[[Any], Any] = lambda value: value  # as a file has it
-    absent: Status = Status.OUT_OF_RANGE  # what it is to leave the value out
+    absent: Status = Status.OUT_OF_RANGE  # of the error if the value is missing
     spells_none: bool = False  # whether a file has a word for None
     # Fields of the part of a message that holds it; none: a number, text or list of the message
     slots: tuple[str, ...] = ()
-    # What a message's value stands for, or its slots' values
+    # From a message's value, or from its slots' values
     from_message: Callable[[str, Any], Any] = lambda _field, value: value
-    # What a message has of what a file has
+    # From a value as a file has it
     to_message: Callable[[Any], Any] = lambda plain: plain
-    of: type[Any] | None = None  # whose declared fields it holds
+    of: type[Any] | None = None  # class whose declared fields it holds
 
 
 def of_numbers(size: int | None = None) -> Schema:
-    """Return the schema of a list of numbers; size: None: any."""
+    """Return the JSON Schema of a list of `size` numbers; None: of any number."""
     bounds = {} if size is None else {"minItems": size, "maxItems": size}
     return {"type": "array", "items": {"type": "number"}} | bounds
 
 
 def of_mapping(properties: Mapping[str, Schema]) -> Schema:
-    """Return the schema of a mapping that has all of these keys and no other one."""
+    """Return the JSON Schema of a mapping that has all of these keys and no others."""
     schema = {"type": "object", "properties": dict(properties), "required": list(properties)}
     return schema | {"additionalProperties": False}
 
@@ -102,10 +102,10 @@ def a_whole_number(least: int, most: int | None = None) -> Form:
 
 
 def a_word(words: Iterable[str], formerly: Mapping[str, str] | None = None) -> Form:
-    """Return the form of one of some words, or of an enumeration.
+    """Return the form of a choice between words, or between the members of an enumeration.
 
     Args:
-        formerly: Deprecated words, and what stands in their place.
+        formerly: Deprecated words and their replacements.
     """
 
     def read(field: str, value: object) -> str:
@@ -127,7 +127,7 @@ def a_word(words: Iterable[str], formerly: Mapping[str, str] | None = None) -> F
 
 
 def a_numbered_word(words: type[StrEnum]) -> Form:
-    """Return the form of one of an enumeration's words, which messages number in their order."""
+    """Return the form of an enumeration's words; messages hold their index."""
     form, numbered = a_word(words), tuple(words)
 
     def from_message(field: str, value: int) -> str:
@@ -140,7 +140,7 @@ def a_numbered_word(words: type[StrEnum]) -> Form:
 
 
 def a_vector(size: int | None = 3) -> Form:
-    """Return the form of a list of finite numbers; size: None: that of what they belong to."""
+    """Return the form of a list of `size` finite numbers; None: of any number."""
 
     def checked(field: str, value: Any) -> Array:
         given = len(value) if isinstance(value, Sized) else 1
@@ -151,7 +151,7 @@ def a_vector(size: int | None = 3) -> Form:
 
 
 def by_name(of: str) -> Form:
-    """Return the form of numbers by names; of: what has the names, in words."""
+    """Return the form of a mapping from names to numbers; of: whose names, in errors."""
 
     def read(field: str, value: object) -> dict[str, float]:
         if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
@@ -167,8 +167,8 @@ def each(of: Form, least: int = 0, unique: str = "id") -> Form:
     """Return the form of a tuple of values of one form.
 
     Args:
-        least: Number of values.
-        unique: Key of what must be another for each, where they are mappings that have it.
+        least: Smallest number of values, 0 or 1.
+        unique: Key whose value must differ between mappings that have it.
     """
 
     def read(field: str, value: object) -> tuple[Any, ...]:
@@ -201,7 +201,7 @@ def each(of: Form, least: int = 0, unique: str = "id") -> Form:
 
 
 def or_none(form: Form, none: Any = None) -> Form:
-    """Return a form that the word `none` has, too; none: what it stands for."""
+    """Return the form of a value of `form` or the word `none`, which stands for `none`."""
 
     def read(field: str, value: Any) -> Any:
         if value == "none":
@@ -231,7 +231,7 @@ def or_none(form: Form, none: Any = None) -> Form:
 
 
 def or_part(form: Form, whole: Form) -> Form:
-    """Return a form that a mapping has, too; whole: of the object that it stands for."""
+    """Return the form of a value of `form`, or of an object of `whole`, a mapping in files."""
 
     def of(value: object) -> Form:
         return whole if isinstance(value, dict | whole.of) else form
@@ -245,7 +245,7 @@ def or_part(form: Form, whole: Form) -> Form:
 
 
 def a_source(*words: str) -> Form:
-    """Return the form of whether limits are those of the URDF: the first of the words says so."""
+    """Return the form of whether limits are those of the URDF: true for the first word."""
 
     def read(field: str, value: object) -> bool:
         if value not in words:
@@ -296,7 +296,7 @@ def _one_or_each(field: str, value: object) -> tuple[float, ...]:
     return (finite_number(field, number(field, value), above=0.0),)
 
 
-# A limit that no motion keeps is none [rad/s2].
+# No motion keeps a smaller limit of an acceleration [rad/s2].
 _of_joint = a_number(above=0.0, at_least=1e-9)
 
 

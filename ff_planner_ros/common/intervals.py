@@ -1,4 +1,4 @@
-"""The confidence interval of a rate that was seen, the same wherever a rate is told."""
+"""The confidence interval of an observed rate, the same in every report."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ CONFIDENCE = 0.95
 
 
 def exact_interval(count: int, total: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the interval of Clopper and Pearson for a rate, by the beta distribution.
+    """Return the Clopper-Pearson interval of the rate of `count` events in `total` trials.
 
-    It holds the true rate at least as often as `confidence` says, whatever that rate is. Wilson's
-    is narrower and right on average, but holds less than it says for some rates near 0 and 1:
-    those of violations and of successes, on which a mission relies.
+    Its coverage is at least `confidence` for every true rate. Wilson's interval is narrower and
+    right on average, but covers less for some rates near 0 and 1: those of violations and of
+    successes, on which a mission relies.
     """
-    from scipy.special import betaincinv  # slow to load, and most readers of bags tell no rate
+    from scipy.special import betaincinv  # slow to load, and most readers of bags need no rate
 
     outside = (1.0 - confidence) / 2
     low = 0.0 if count == 0 else float(betaincinv(count, total - count + 1, outside))

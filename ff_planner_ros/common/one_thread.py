@@ -1,4 +1,4 @@
-"""What tells the libraries of linear algebra to use one thread; they read it when they are loaded.
+"""Environment variables that limit linear algebra libraries to one thread; read when they load.
 
 Matrices of some dozens of rows gain nothing from several. On a machine with other work these wait
 for each other: with two, joint splines took six times as long. And where several share a sum, its

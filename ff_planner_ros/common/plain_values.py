@@ -1,4 +1,4 @@
-"""Values as YAML and JSON files have them, read strictly: what is wrong is refused by its key."""
+"""Strict readers of values in YAML and JSON files; errors name the key."""
 
 from __future__ import annotations
 

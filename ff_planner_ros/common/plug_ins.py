@@ -1,4 +1,4 @@
-"""What other distributions bring along, by the names of their entry points."""
+"""Plug-ins of other distributions, by the names of their entry points."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ff_planner_ros.errors import InvalidInput, Status
 
 
 def plug_in(group: str, name: str, field: str) -> Any:
-    """Return what the entry point of a name stands for.
+    """Load the object behind an entry point.
 
     Args:
-        group: Of entry points.
-        field: That names it, for a refusal.
+        group: Group of entry points.
+        field: Field that holds the name, for errors.
 
     Raises:
-        InvalidInput: There is none of this name, or it cannot be imported.
+        InvalidInput: There is no entry point of this name, or it cannot be imported.
     """
     installed = entry_points(group=group)
     for one in installed:

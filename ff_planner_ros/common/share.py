@@ -38,7 +38,8 @@ def resolve_uri(uri: str, relative_to: Path, field: str = "robot.urdf") -> Path:
 
     Args:
         uri: `package://PACKAGE/PATH`, or a path; `~` is the home directory.
-        field: That gives it, for a refusal.
+        relative_to: Directory that a relative path starts from.
+        field: Field that holds the URI, for errors.
 
     Raises:
         InvalidInput: There is no such package or no such file.
@@ -56,7 +57,7 @@ def resolve_uri(uri: str, relative_to: Path, field: str = "robot.urdf") -> Path:
 
 
 def installation_prefixes() -> list[Path]:
-    """List what packages are installed below, in the order of search.
+    """List the prefixes that packages are installed below, in the order of search.
 
     The sourced workspaces come first, then the environment of this Python: pip installs into it,
     and the ament path does not hold it. Last come packages that stand in for missing ones.

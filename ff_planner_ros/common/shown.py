@@ -1,4 +1,4 @@
-"""Values and texts as messages show them: short before they are formatted, whatever they are."""
+"""Values and texts as messages show them, shortened before they are formatted."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def shortened(text: str, longest: int) -> str:
 
 
 def in_log(text: str) -> str:
-    """Return a text as a log tells it: no line of it can be taken for one of the log's own.
+    """Return a text for a log: printable, with all lines but the first indented.
 
-    Names from outside may hold line breaks, and what looks like the beginning of a line.
+    Names from outside may hold line breaks, and what looks like a line of the log's own.
     """
     return "\n    ".join(printable(line, len(line)) for line in text.splitlines())
 

@@ -1,4 +1,4 @@
-"""Files from outside: how large they are and what they are is known before they are read."""
+"""Files from outside: what is no regular file is refused unread, and the size is limited."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ def read_text(
     """Return the text in a file.
 
     Args:
-        path: Of the file.
         most_bytes: A larger file is refused.
-        field: As the message names the file.
-        status: Of the refusal.
+        field: Name of the file's field in errors.
+        status: Status of errors.
 
     Raises:
         InvalidInput: There is no such file, it is too large or not UTF-8, or it cannot be read.
@@ -34,7 +33,7 @@ def read_text(
 def read_bytes(
     path: Path, most_bytes: int, field: str = "file", status: Status = Status.OUT_OF_RANGE
 ) -> bytes:
-    """Return what is in a file, as `read_text` does.
+    """Return the bytes in a file; arguments as of `read_text`.
 
     Raises:
         InvalidInput: There is no such file, it is too large, or it cannot be read.
@@ -54,10 +53,10 @@ def read_bytes(
 
 
 def not_a_file(path: Path) -> str | None:
-    """Return why a path, links followed, is no file that holds anything; None: it is one.
+    """Return why a path, links followed, is no regular file with content; None: it is one.
 
     Raises:
-        OSError: There is nothing of this name, or it cannot be looked at.
+        OSError: The path does not exist, or its status cannot be read.
         ValueError: It has a character that no path can have.
     """
     found = path.stat()

@@ -26,7 +26,7 @@ def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]
 def table_lines(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
     """Yield the lines of a table: the title, the header and the rows.
 
-    A name from outside, with line breaks and a terminal's own commands, is one cell like others.
+    Line breaks and control characters in cells are replaced: names come from outside.
     """
     table = [[printable(cell, len(cell)) for cell in row] for row in (header, *rows)]
     columns = list(zip(*table, strict=True))

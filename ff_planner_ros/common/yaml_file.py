@@ -35,12 +35,12 @@ def read_yaml(path: Path) -> Any:
 
 
 def yaml_document(written: str | bytes, field: str, value: object) -> Any:
-    """Return a YAML document.
+    """Parse a YAML document.
 
     Args:
         written: YAML, UTF-8 if it is bytes.
-        field: As the message names the document.
-        value: As the message shows it.
+        field: Name of the document in errors.
+        value: What errors show in its place.
 
     Raises:
         InvalidInput: It is not YAML, or too large or too deep to be one of ours.

@@ -14,13 +14,13 @@ from ff_planner_ros.planning.problem.settings import (
 )
 from ff_planner_ros.planning.task.controller_rules import Controller
 
-# In a goal of the controller: there is no such tolerance.
+# A tolerance in a goal of the controller: no limit.
 ERASED = -1.0
 _TOLERANCES = ("path_tolerance", "goal_tolerance", "goal_time_tolerance")
 
 
 class HandOver(StrEnum):
-    """How a plan comes to the controller."""
+    """How a plan reaches the controller."""
 
     TOPIC = "topic"
     ACTION = "action"
@@ -28,11 +28,10 @@ class HandOver(StrEnum):
 
 @dataclass(frozen=True)
 class ControllerParameters:
-    """How the arm's joint_trajectory_controller is set up: it must take every plan.
+    """Setup of the arm's joint_trajectory_controller, which must accept every published plan.
 
     Raises:
-        InvalidInput: A word that is not known, or a tolerance for which the controller would take
-            none of a goal's.
+        InvalidInput: `hand_over` is unknown, or a tolerance is negative and not -1.0.
     """
 
     allow_nonzero_velocity_at_trajectory_end: bool = tunable(
@@ -91,7 +90,7 @@ class ControllerParameters:
     )
 
     def __post_init__(self) -> None:
-        """Check the word."""
+        """Check `hand_over` and the tolerances."""
         a_word(HandOver).read("controller.hand_over", self.hand_over)
         for name in _TOLERANCES:
             given = getattr(self, name)
@@ -100,7 +99,7 @@ class ControllerParameters:
                 raise InvalidInput(Status.OUT_OF_RANGE, f"controller.{name}", given, allowed)
 
     def of(self, joints: tuple[str, ...]) -> Controller:
-        """Return the controller of an arm."""
+        """Return the controller's setup for plans of an arm's joints, as its rules need it."""
         allowed = self.allow_nonzero_velocity_at_trajectory_end
         on_topic = self.hand_over == HandOver.TOPIC
         slowest = self.stopped_velocity_tolerance if on_topic else 0.0

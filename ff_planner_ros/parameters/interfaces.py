@@ -1,4 +1,4 @@
-"""Parameters of what the node hears, says and records."""
+"""Parameters of the node's subscriptions, publications and bags."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class OdometryParameters:
     """The sensor that odometry describes, and how its messages are paired with joint states.
 
     Raises:
-        InvalidInput: A position or a quaternion that is none.
+        InvalidInput: The position has not three finite entries, or the quaternion no unit norm.
     """
 
     child_frame_id: str = tunable(
@@ -55,7 +55,7 @@ class OdometryParameters:
 
 @dataclass(frozen=True)
 class SubscriptionQos:
-    """What the node asks of publishers."""
+    """Quality of service that the node requests from publishers."""
 
     reliability: str = tunable(
         "best_effort hears every publisher; reliable does not connect to publishers that "
@@ -71,7 +71,7 @@ class SubscriptionQos:
 
 @dataclass(frozen=True)
 class PublisherQos:
-    """What the node offers to subscribers."""
+    """Quality of service that the node offers to subscribers."""
 
     reliability: str = tunable(
         "reliable is heard by every subscriber; best_effort does not connect to subscribers that "
@@ -92,7 +92,7 @@ class QosParameters:
     """Quality of service of every topic.
 
     Raises:
-        InvalidInput: A word that is not known.
+        InvalidInput: A reliability or durability is unknown.
     """
 
     chaser_state: SubscriptionQos
@@ -106,7 +106,7 @@ class QosParameters:
     predicted_chaser_pose: PublisherQos
 
     def __post_init__(self) -> None:
-        """Check every word."""
+        """Check every reliability and durability."""
         for name, topic in vars(self).items():
             a_word(RELIABILITIES).read(f"qos.{name}.reliability", topic.reliability)
             a_word(DURABILITIES).read(f"qos.{name}.durability", topic.durability)
@@ -114,7 +114,7 @@ class QosParameters:
 
 @dataclass(frozen=True)
 class RateParameters:
-    """How often the node publishes by itself."""
+    """Rates of the node's periodic publications."""
 
     predicted_pose: float = tunable(
         "Rate of predicted_chaser_pose and tracking_error while a plan runs", 0.1, 1000.0, "Hz"
@@ -144,10 +144,10 @@ class TransformParameters:
 
 @dataclass(frozen=True)
 class BagParameters:
-    """Where everything is recorded, and how.
+    """Where the node records its bag, and how.
 
     Raises:
-        InvalidInput: A size that is too small for the definitions alone.
+        InvalidInput: `max_size` is neither 0 nor large enough for a file's definitions.
     """
 
     directory: str = tunable("Directory in which every start makes a new bag")

@@ -30,7 +30,7 @@ from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import Defaults
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour
 
-# What a request does that meets another one: parameter when_busy.
+# Values of when_busy: what happens if a request arrives during another one.
 REJECT, PREEMPT = "reject", "preempt"
 # Obstacles may be so old that their age does not matter, as it did not until version 0.3 [s].
 ANY_AGE = 1e10
@@ -39,10 +39,10 @@ STATE_SOURCES = ("chaser_state", "odometry")
 
 @dataclass(frozen=True)
 class NodeParameters:
-    """Every parameter; the name of a group and a dot stand in front of the names of its fields.
+    """Every parameter of the node; full names of grouped ones are GROUP.FIELD.
 
     Raises:
-        InvalidInput: A word that is not known.
+        InvalidInput: A word is unknown, or a plug-in's requirement is refused.
     """
 
     robot: RobotParameters
@@ -157,7 +157,7 @@ class NodeParameters:
     )
 
     def __post_init__(self) -> None:
-        """Check the words."""
+        """Check the words and the plug-ins' requirements."""
         a_word(STATE_SOURCES).read("state_source", self.state_source)
         a_word((REJECT, PREEMPT)).read("when_busy", self.when_busy)
         _ = self.requirements  # refused here, not with the first request
@@ -166,10 +166,10 @@ class NodeParameters:
 
     @cached_property
     def requirements(self) -> tuple[Requirement, ...]:
-        """Return what plans must keep beside the planner's own requirements.
+        """Requirements of plug-ins that plans must keep beside the planner's own.
 
         Raises:
-            InvalidInput: The parameter is no YAML, or a plug-in is not installed or refuses it.
+            InvalidInput: `plug_ins` is no YAML, or a plug-in is not installed or refuses its part.
         """
         if not self.plug_ins.strip():
             return ()
@@ -177,11 +177,15 @@ class NodeParameters:
         return requirements_read("planner.plugins", document)
 
     def budget(self, attitude_counts: bool) -> Budget:
-        """Return the wall clock of a search for which nobody gives another."""
+        """Return the time budget of a request that gives none.
+
+        Args:
+            attitude_counts: Whether the chaser's attitude has a weight in the objective.
+        """
         return Budget(self.time_budget, self.attitude_time_budget if attitude_counts else math.inf)
 
     def of_scenarios(self) -> Defaults:
-        """Return what holds for a scenario that does not say."""
+        """Return the defaults of scenarios, for values that their files omit."""
         return Defaults(
             settings=self.planner,
             limits=self.limits.limits(),

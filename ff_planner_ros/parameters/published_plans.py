@@ -1,4 +1,4 @@
-"""Parameters of published plans: how far the system may be off, and when one takes over."""
+"""Parameters of published plans: allowed deviations of the system, and handover to a new plan."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class TrackingParameters:
 
 @dataclass(frozen=True)
 class PublicationParameters:
-    """How far from a plan's first point the system may be then, if the plan is published later.
+    """Allowed deviations from a plan's first point at its start, if it is published on request.
 
     Raises:
-        InvalidInput: Tolerances of joints that are none.
+        InvalidInput: The tolerances of single joints are malformed or negative.
     """
 
     max_position: float = tunable(
@@ -102,14 +102,14 @@ class PublicationParameters:
                     raise InvalidInput(Status.OUT_OF_RANGE, f"publication.{name}", value, allowed)
 
     def of_joints(self, name: str) -> dict[str, float]:
-        """Return the tolerances of some joints, by the name of their parameter."""
+        """Return the tolerances by joint name in `joint_positions` or `joint_velocities`."""
         return of_joints(f"publication.{name}", getattr(self, name))
 
     def require_joints(self, joints: Sequence[str]) -> None:
-        """Refuse a tolerance of a joint that the robot does not have.
+        """Refuse tolerances of joints that the robot does not have.
 
         Raises:
-            InvalidInput: The joint is named.
+            InvalidInput: There is such a joint; the error names it.
         """
         for name in ("joint_positions", "joint_velocities"):
             for joint in self.of_joints(name):

@@ -23,13 +23,17 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import SLIDE_WEIGHTS, Base, Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.wheels import Wheels
 
-# Parameter robot.geometry: what the URDF has.
+# Of robot.geometry: shapes if the arm has any, else lines.
 AUTO = "auto"
 
 
 @dataclass(frozen=True)
 class WheelParameters:
-    """The wheels of a robot whose base is attitude_held; what they hold is in the state."""
+    """Reaction wheels of a robot whose base is attitude_held; their momenta are in the state.
+
+    Raises:
+        InvalidInput: The axes are not three numbers each, or a value is refused by `Wheels`.
+    """
 
     axes: tuple[float, ...] = tunable(
         "Axes of the wheels, three numbers each, one after the other, in axes of the base link"
@@ -48,7 +52,7 @@ class WheelParameters:
         self.wheels()
 
     def wheels(self) -> Wheels:
-        """Return the wheels."""
+        """Return the wheels of the robot, axes in shape (wheels, 3)."""
         if len(self.axes) % 3:
             allowed = "it must have three numbers for each wheel"
             raise InvalidInput(Status.WRONG_SIZE, "robot.wheels.axes", list(self.axes), allowed)
@@ -62,10 +66,10 @@ OWN_WHEELS = WheelParameters(tuple(np.eye(3).ravel().tolist()), (0.0,), (0.0,))
 
 @dataclass(frozen=True)
 class RobotParameters:
-    """Which robot to plan for.
+    """The robot to plan for.
 
     Raises:
-        InvalidInput: A word that is not known, or a list of held joints that is none.
+        InvalidInput: `base` or `geometry` is unknown, or `locked_joints` is malformed.
     """
 
     wheels: WheelParameters
@@ -103,10 +107,11 @@ class RobotParameters:
         locked_joints_of(self.locked_joints)
 
     def load(self, description: str, directory: Path | None = None) -> Robot:
-        """Return the robot of a URDF's text.
+        """Build the robot from the text of a URDF.
 
         Args:
-            directory: Of the URDF; None: it was recorded, and neither meshes nor SRDF are read.
+            directory: Directory of the URDF; None: the text was recorded, and neither meshes nor
+                SRDF are read.
 
         Raises:
             InvalidInput: URDF or SRDF is refused.
@@ -130,19 +135,19 @@ class RobotParameters:
 
 
 def locked_joints_of(text: str) -> dict[str, float]:
-    """Return where joints are held, from a text with commas.
+    """Return the positions of locked joints [rad or m] in a text: `rail: 0.2, hand: -1.0`.
 
     Raises:
-        InvalidInput: It is no such text.
+        InvalidInput: The text is malformed.
     """
     return of_joints("robot.locked_joints", text)
 
 
 def of_joints(field: str, text: str) -> dict[str, float]:
-    """Return a number for each of some joints, from a text with commas.
+    """Return the numbers by joint name in a text: `rail: 0.2, hand: -1.0`.
 
     Raises:
-        InvalidInput: It is no such text; the error names the field.
+        InvalidInput: The text is malformed; the error names the field.
     """
     found: dict[str, float] = {}
     for word in filter(None, map(str.strip, text.split(","))):
@@ -157,10 +162,10 @@ def of_joints(field: str, text: str) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class LimitParameters:
-    """Which limits to keep beside the joint positions'.
+    """Limits that plans keep beside those of the joint positions.
 
     Raises:
-        InvalidInput: A word that is not known, or an acceleration that is none.
+        InvalidInput: A word is unknown, or a limit is not allowed.
     """
 
     velocity: str = tunable(
@@ -218,7 +223,7 @@ class LimitParameters:
 
     @property
     def accelerations(self) -> tuple[float, ...] | None:
-        """Limits of the joint accelerations [rad/s2]; None: any."""
+        """Limits of the joint accelerations [rad/s2, m/s2], one a joint or for all; None: any."""
         return self.acceleration if any(self.acceleration) else None
 
     def limits(self) -> Limits:

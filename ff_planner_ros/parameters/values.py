@@ -46,7 +46,7 @@ FORMER_NAMES: Mapping[str, str] = {
 
 
 def present_name(name: str) -> str:
-    """Return a parameter's name of today, and warn of one that is deprecated."""
+    """Return the present name of a parameter; warn if the given name is deprecated."""
     if name not in FORMER_NAMES:
         return name
     present = FORMER_NAMES[name]
@@ -54,7 +54,7 @@ def present_name(name: str) -> str:
     return present
 
 
-# Fields of NodeParameters that are called otherwise, and what.
+# Full names of fields of NodeParameters that differ from the field's name.
 _FULL_NAMES = {"library": "planner.library", "plug_ins": "planner.plugins"}
 _FIELDS = {full: name for name, full in _FULL_NAMES.items()}
 
@@ -96,7 +96,7 @@ def load_parameters(path: Path | None = None) -> NodeParameters:
 
 
 def unknown_parameter(name: str) -> InvalidInput:
-    """Return the refusal of a name that is no parameter's; it tells those that are most like it."""
+    """Return the error for an unknown parameter name; it lists the most similar names."""
     near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
     known = f"known are {', '.join(near)} and others: see config/planner.yaml"
     return InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
@@ -112,7 +112,8 @@ def flattened(document: Any) -> dict[str, Any]:
     """Return the values in a document of ROS parameters by full name, not checked.
 
     Raises:
-        InvalidInput: It is not as ROS expects.
+        InvalidInput: The document has not the structure that ROS expects, or gives a parameter by
+            its former and its present name.
     """
     nodes = mapping("", document, required=(), optional=("/**", "ff_planner", "/ff_planner"))
     values: dict[str, Any] = {}
@@ -162,10 +163,10 @@ def allowed_values(name: str) -> str:
 
 
 def parameters_of(values: Mapping[str, Any]) -> NodeParameters:
-    """Return the parameters with these values: every one, by full name.
+    """Return the parameters with these values, one of every parameter, by full name.
 
     Raises:
-        InvalidInput: A value that makes no sense.
+        InvalidInput: A value is not allowed.
     """
     return _group(NodeParameters, values, "")
 
@@ -183,10 +184,10 @@ def _group(group: type[Group], values: Mapping[str, Any], prefix: str) -> Group:
 
 
 def replaced(group: Group, name: str, value: Any) -> Group:
-    """Return parameters with one value replaced; a name that is not ours is left out.
+    """Return parameters with one value replaced; an unknown name changes nothing.
 
     Raises:
-        InvalidInput: A value that makes no sense.
+        InvalidInput: A value is not allowed.
     """
     first, _, rest = _FIELDS.get(name, name).partition(".")
     if first not in {item.name for item in fields(group)}:
@@ -196,7 +197,7 @@ def replaced(group: Group, name: str, value: Any) -> Group:
 
 
 def value_of(parameters: NodeParameters, name: str) -> Any:
-    """Return a parameter by its full name; None where it is not ours."""
+    """Return the value of a parameter by its full name; None: there is no such parameter."""
     value: Any = parameters
     for part in _FIELDS.get(name, name).split("."):
         value = getattr(value, part, None)
@@ -204,7 +205,7 @@ def value_of(parameters: NodeParameters, name: str) -> Any:
 
 
 def document_of(parameters: NodeParameters) -> dict[str, Any]:
-    """Return every parameter as a parameters file has them: by group, arrays as lists."""
+    """Return every parameter in the structure of a parameters file: by group, arrays as lists."""
     document: dict[str, Any] = {}
     for name in DECLARATIONS:
         *groups, last = name.split(".")

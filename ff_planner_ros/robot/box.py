@@ -1,4 +1,4 @@
-"""A box that stands for the chaser: a URDF may not say what it looks like, but how heavy it is."""
+"""A box in place of the chaser's shape, which a URDF may omit, from its mass and inertia."""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
 """Chaser state to Pinocchio configuration and back.
 
-Pinocchio's free-flyer sits at the root of the URDF; a user speaks of the chaser frame, whose
-origin is the chaser's centre of mass. Both are fixed to the same body.
+Pinocchio's free-flyer is at the root of the URDF; a state describes the chaser frame, whose origin
+is the chaser's centre of mass. Both are fixed to the same body.
 
 A configuration q, shape (7 + joints,), holds base position, quaternion xyzw and joint positions; a
-tangent velocity v, shape (6 + joints,), holds the base twist in the base frame and joint rates.
+tangent velocity v, shape (6 + joints,), holds the base twist in the base frame and joint
+velocities.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Inverse dynamics of the free-floating system, Eq. (20): which torques make a motion.
+"""Inverse dynamics of the free-floating system, Eq. (20): the torques of a motion.
 
 Throughout, `data` is scratch space of the robot's model, q a configuration, shape (7 + joints,), v
 a tangent velocity and `acceleration` dv/dt, each of shape (6 + joints,).
@@ -21,8 +21,8 @@ def inverse_dynamics(
 ) -> Array:
     """Return the generalised forces Q = M dv/dt + C v of Eq. (20). Shape (6 + joints,).
 
-    The wrench on the base, force [N] first, about the base frame's origin and in its axes: zero
-    where only the joints move the system. Then the joint torques [N m].
+    First the wrench on the base, force [N] before torque [N m], about the base frame's origin and
+    in its axes: zero if only the joints move the system. Then the joint torques [N m, N].
     """
     return np.array(pin.rnea(robot.model, data, q, v, acceleration))
 
@@ -30,13 +30,13 @@ def inverse_dynamics(
 def joint_torques(
     robot: Robot, q: Array, v: Array, joint_accelerations: Array, maps: Array | None = None
 ) -> Array:
-    """Return the torques that accelerate the joints while nothing pushes the base [N m].
+    """Return the joint torques of a motion without a wrench on the base [N m, N].
 
-    Like the joint accelerations [rad/s2] they have the shape (points, joints); q and v hold a row a
-    point, too.
+    Torques and joint accelerations [rad/s2, m/s2] have the shape (points, joints); q and v hold one
+    row per point, too.
 
     Args:
-        maps: Of `momentum_maps`. None: they are worked out.
+        maps: The result of `momentum_maps`. None: they are computed.
     """
     of_base, forces, coupling = _pushed_by_nothing(robot, q, v, joint_accelerations, maps)
     torques: Array = forces[:, 6:] + (of_base[:, None] @ coupling)[:, 0]
@@ -52,10 +52,10 @@ def joint_torques_by_x(
     v_by_x: Array,
     joint_accelerations_by_x: Array,
 ) -> Array:
-    """Return the exact derivatives of `joint_torques` by what q, v and the accelerations depend on.
+    """Return the exact derivatives of `joint_torques` by variables x of a motion.
 
-    dQ = dQ/dq dq + dQ/dv dv + M d(dv/dt), and the base's part of the last is such that nothing
-    pushes the base: the first six rows of dQ are zero.
+    dQ = dQ/dq dq + dQ/dv dv + M d(dv/dt), where the base's part of d(dv/dt) follows from a zero
+    wrench on the base: the first six rows of dQ are zero.
 
     Args:
         q_by_x: In the tangent space. Shape (points, 6 + joints, variables).
@@ -74,9 +74,9 @@ def joint_torques_by_x(
 
 
 def torques_on_base(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
-    """Return the torques that keep a base from turning which nothing else pushes [N m].
+    """Return the pure torques that hold the attitude of the base, without any force on it [N m].
 
-    In axes of the base frame, about any point: no force comes with them. Shape (points, 3).
+    In axes of the base frame. Shape (points, 3).
     """
     maps = momentum_maps(robot, robot.model.createData(), q)
     of_base, forces, _ = _pushed_by_nothing(robot, q, v, joint_accelerations, maps)
@@ -87,13 +87,13 @@ def torques_on_base(robot: Robot, q: Array, v: Array, joint_accelerations: Array
 def frame_wrenches(
     robot: Robot, frame: int, q: Array, v: Array, joint_accelerations: Array
 ) -> Array:
-    """Return the wrench that moves what is fixed to a frame while nothing pushes the base.
+    """Return the wrench that a fixed joint transmits to its link in a free-floating motion.
 
-    By Newton and Euler of that body alone: F = I a + v x* I v. Forces first, then torques about the
+    Newton-Euler of that link alone: F = I a + v x* I v. Forces first, then torques about the
     frame's origin, in its axes. Shape (points, 6) [N, N m].
 
     Args:
-        frame: Of a fixed joint; it has the inertia of the link that it holds.
+        frame: Index of the fixed joint's frame, which has the inertia of the link that it holds.
     """
     model, data = robot.model, robot.model.createData()
     inertia, wrenches = model.frames[frame].inertia, np.empty((len(q), 6))
@@ -143,7 +143,7 @@ def frame_wrenches_by_x(
 
 
 def _dual_cross(twist: pin.Motion) -> Array:
-    """Return v x* as a matrix: of forces. Shape (6, 6)."""
+    """Return the matrix of v x*, the cross product with spatial forces. Shape (6, 6)."""
     return -np.asarray(twist.action.T, np.float64)
 
 
@@ -180,9 +180,9 @@ def _base_by_x(
     v_by_x: Array,
     joint_accelerations_by_x: Array,
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield, for each sample, the derivatives of the forces that a base at rest would take.
+    """Yield, for each sample, the derivatives of the forces with the base's acceleration constant.
 
-    With them the mass matrix, and the derivatives of the base's acceleration that takes none.
+    With them the mass matrix, and the derivatives of the base's acceleration at zero wrench.
     """
     model, data, rows = robot.model, robot.model.createData(), robot.base.rows
     for i, sample in enumerate(zip(q, v, moved, strict=True)):
@@ -192,9 +192,9 @@ def _base_by_x(
 
 
 def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
-    """Return dv/dt of samples while nothing pushes the base. Shape (points, 6 + joints).
+    """Return dv/dt of samples without a wrench on the base. Shape (points, 6 + joints).
 
-    Like the joint accelerations [rad/s2], q and v hold a row a point.
+    Like the joint accelerations [rad/s2, m/s2], q and v hold one row per point.
     """
     of_base, _, _ = _pushed_by_nothing(robot, q, v, joint_accelerations)
     return np.hstack([of_base, joint_accelerations])
@@ -203,11 +203,11 @@ def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
 def _pushed_by_nothing(
     robot: Robot, q: Array, v: Array, joint_accelerations: Array, maps: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return the accelerations of `base_acceleration`, and what Eq. (20) makes torques of them.
+    """Return the results of `base_acceleration` at all samples, and terms of Eq. (20) for torques.
 
     Returns:
-        Accelerations, shape (points, 6); forces that the joints' accelerations take by themselves,
-        shape (points, 6 + joints); and the mass matrix's part between base and joints, shape
+        Accelerations of the base, shape (points, 6); generalised forces at zero acceleration of the
+        base, shape (points, 6 + joints); and the mass matrix's block between base and joints, shape
         (points, 6, joints).
     """
     model, data, rows = robot.model, robot.model.createData(), robot.base.rows
@@ -225,10 +225,10 @@ def _pushed_by_nothing(
 def base_acceleration(
     robot: Robot, data: pin.Data, q: Array, v: Array, joint_acceleration: Array
 ) -> Array:
-    """Return the acceleration that joint accelerations [rad/s2] give a base that nothing pushes.
+    """Return the base's acceleration by joint accelerations [rad/s2, m/s2], without a wrench on it.
 
     The first six entries of dv/dt: the solution of the first six rows of Eq. (20) with zero on
-    their right-hand side. On a planar base three of the rows: the table bears the other three.
+    their right-hand side. Only the base's `rows`: table or wheels bear the others. Shape (6,).
     """
     rows = robot.base.rows
     base_at_rest = np.concatenate([np.zeros(6), joint_acceleration])

@@ -1,4 +1,4 @@
-"""The joint rates that hold the end effector still while the chaser drifts."""
+"""The joint velocities that hold the end effector at rest while the chaser drifts."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import generalised_jacobian
 from ff_planner_ros.robot.state import SystemState
 
-# Beyond this the rates that hold the end effector still are those of a singular arm.
+# Largest condition number of the linear system for y; beyond it the arm is singular.
 MAX_CONDITION = 1e8
 
 
 def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
-    """Return the joint rates of Eq. (31) that hold the end effector at rest [rad/s].
+    """Return the joint velocities of Eq. (31) that hold the end effector at rest [rad/s, m/s].
 
-    Rest means J_ch w_ch + J_m theta_dot = 0. Of these rates, those of Eq. (31) lie in the row
+    Rest means J_ch w_ch + J_m theta_dot = 0. Of these velocities, those of Eq. (31) lie in the row
     space of J_D, theta_dot = J_D^T y, so that (J_m J_D^T) y = -J_ch w_ch; no iteration over
     the momentum, which depends on theta_dot, is needed.
 
-    The joint rates of the state do not matter. Where the chaser is at rest, so are the joints of
-    any arm in any posture.
+    The joint velocities of the state do not matter. If the chaser is at rest, they are zero for any
+    arm in any posture.
 
     Raises:
         InvalidInput: The chaser moves, and the arm is in a singular posture or has too few joints.

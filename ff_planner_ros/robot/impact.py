@@ -1,13 +1,12 @@
-"""What a grasp does to chaser, arm and body that do not move alike at contact.
+"""The impact of a grasp on chaser, arm and a body whose twist differs from the end effector's.
 
-Before it, with mass matrix M, the system moves at v and the body has momentum h. After it both move
-as one, and the joints carry no torque in that instant. The impulses between tool and body do no
-work along any motion of the two together, so with J the end effector's Jacobian and I the body's
-inertia there,
+Before contact, with mass matrix M, the system moves at v- and the body has momentum h. After it
+both move as one, and the joints transmit no impulsive torque. The impulses between tool and body do
+no work in any common motion, so with J the end effector's Jacobian and I the body's inertia there,
 
     (M + J^T I J) v+ = M v- + J^T h,    impulse on the body: I J v+ - h.
 
-On a table, or where wheels hold the chaser, the rows that are held are left out.
+On a table, or if wheels hold the chaser, the rows that are held are left out.
 """
 
 from __future__ import annotations
@@ -34,21 +33,21 @@ _STEPS = 100
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """What contact does between the end effector and a body that it grasps."""
+    """State and impulse after the end effector has grasped a body."""
 
-    after: SystemState  # of chaser and arm, which hold the body
-    twist_body_in_ee: Array  # of the body then, at the end effector, in its axes; shape (6,)
+    after: SystemState  # of chaser and arm
+    twist_body_in_ee: Array  # after contact, at the end effector's origin, in its axes; shape (6,)
     impulse_in_ee: Array  # on the body there: linear [N s], then angular [N m s]; shape (6,)
 
 
 def impact(robot: Robot, inertia: pin.Inertia, before: SystemState, twist_body: Array) -> Impact:
-    """Return what a grasp does.
+    """Return state and impulse after a rigid grasp; with wheels, they take up the lost momentum.
 
     Args:
-        inertia: Of the body, in the end effector's frame.
-        before: State of chaser and arm.
-        twist_body: Of the body before, at the end effector's origin, in inertial axes, linear
-            first. Shape (6,) [m/s, rad/s].
+        inertia: Inertia of the body, in the end effector's frame.
+        before: State of chaser and arm before contact.
+        twist_body: Twist of the body before contact, at the end effector's origin, in inertial
+            axes, linear first. Shape (6,) [m/s, rad/s].
     """
     contact = _Contact(robot, inertia, before)
     momentum = contact.inertia @ contact.in_ee(twist_body)
@@ -62,7 +61,7 @@ def impact(robot: Robot, inertia: pin.Inertia, before: SystemState, twist_body: 
         system_state(robot, contact.q, after), joint_accelerations=before.joint_accelerations
     )
     if robot.wheels is not None:
-        # What the bodies lose about axes that do not turn, the wheels take.
+        # The wheels take the angular momentum that the bodies lose about axes that are held.
         lost = (known - both @ after)[3:6] @ robot.rotation_chaser_to_base
         stored = momenta_of(robot.wheels, before) + robot.wheels.shares @ lost
         state = replace(state, wheel_momenta=stored)
@@ -73,13 +72,13 @@ def impact(robot: Robot, inertia: pin.Inertia, before: SystemState, twist_body: 
 def largest_impulses(
     robot: Robot, inertia: pin.Inertia, before: SystemState, errors: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the largest impulses that errors of a twist cause: linear [N s], angular [N m s].
+    """Return the largest impulses by errors of the body's twist: linear [N s], angular [N m s].
 
     Args:
-        inertia: Of the body, in the end effector's frame.
-        before: State of chaser and arm; the body would move as the end effector does.
-        errors: The body has another velocity there, by at most so much [m/s], and another turn
-            rate, by at most so much [rad/s], in any direction that the base can move in.
+        inertia: Inertia of the body, in the end effector's frame.
+        before: State of chaser and arm; without errors the body moves as the end effector does.
+        errors: Largest errors of the body's velocity there [m/s] and angular velocity [rad/s], in
+            any direction in which the end effector can move (`tip_rows`).
     """
     contact = _Contact(robot, inertia, before)
     free = contact.free
@@ -95,10 +94,10 @@ def largest_impulses(
 def _largest(first: Array, second: Array) -> float:
     """Return max |A x + B y| over |x| and |y| of at most one; A, B of shape (3, any).
 
-    It is the largest of |A^T u| + |B^T u| over unit vectors u, which is convex in u: the direction
+    It is the maximum of |A^T u| + |B^T u| over unit vectors u, which is convex in u: the direction
     of its gradient is never worse.
     """
-    # The best directions of each alone, too.
+    # The start directions include the best ones of A and B alone.
     u = np.vstack([_DIRECTIONS, np.linalg.svd(first)[0].T, np.linalg.svd(second)[0].T])
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     tiny = np.finfo(float).tiny
@@ -129,5 +128,5 @@ class _Contact:
         self.free = np.array([*robot.base.rows, *range(6, model.nv)])
 
     def in_ee(self, twist: Array) -> Array:
-        """Return a twist of inertial axes in those of the end effector."""
+        """Return a twist in inertial axes in the axes of the end effector."""
         return np.concatenate([twist[:3] @ self.rotation, twist[3:] @ self.rotation])

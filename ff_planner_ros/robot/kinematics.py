@@ -1,7 +1,7 @@
-"""How the arm's frames follow one another, for many configurations at once.
+"""Forward kinematics of the arm for many configurations at once.
 
-Pinocchio's forward kinematics takes one configuration a call. Reading every joint's origin from
-it costs more than to follow the chain here, in one go for all points of a motion.
+Pinocchio's takes one configuration a call: reading every joint's origin from it costs more than
+following the chain here, in one go for all points of a motion.
 """
 
 from __future__ import annotations
@@ -17,15 +17,14 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 def joint_rotations(robot: Robot, angles: Array) -> Array:
-    """Return how each joint's frame is turned in the one before, by Rodrigues' formula.
+    """Return the rotation of each joint's frame to the frame before, by Rodrigues' formula.
 
-    One that slides does not turn: its K is zero.
-
-    R = P (I + sin K + (1 - cos) K^2), with the joint's own placement P and its axis as the matrix
-    of a cross product K.
+    R = P (I + sin K + (1 - cos) K^2), with the joint's own placement P and the cross-product matrix
+    K of its axis, which is zero for prismatic joints.
 
     Args:
-        angles: Shape (points, joints) [rad].
+        angles: Joint positions; those of prismatic joints do not matter. Shape (points, joints)
+            [rad].
 
     Returns:
         Shape (points, joints, 3, 3).
@@ -61,9 +60,9 @@ def joint_frames(robot: Robot, q: Array) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=8)
 def joint_offsets(robot: Robot) -> Array:
-    """Return each joint's origin, then the end effector's, in the frame before: (joints + 1, 3).
+    """Return each joint's origin, then the end effector's, in the frame before.
 
-    Of joints that slide where they are at zero.
+    Prismatic joints are at zero. Shape (joints + 1, 3) [m].
     """
     model = robot.model
     placements = [*model.jointPlacements[2:], model.frames[robot.tip_frame_id].placement]
@@ -71,7 +70,7 @@ def joint_offsets(robot: Robot) -> Array:
 
 
 def rotation_base_to_inertial(q: Array) -> Array:
-    """Return the attitude of the base at each configuration. Shape (configurations, 3, 3)."""
+    """Return the rotation from base to inertial axes at each configuration. Shape (..., 3, 3)."""
     return rotation_from_quaternion(q[:, 3:7])
 
 

@@ -33,12 +33,12 @@ class Base(enum.StrEnum):
     """How the chaser can move."""
 
     FREE_FLYER = "free_flyer"
-    PLANAR = "planar"  # on an air-bearing table: x, y and the turn about z, inertial axes
-    ATTITUDE_HELD = "attitude_held"  # reaction wheels keep it from turning; it drifts
+    PLANAR = "planar"  # on an air-bearing table: x, y and rotation about z, inertial axes
+    ATTITUDE_HELD = "attitude_held"  # reaction wheels hold its attitude; it drifts
 
     @property
     def rows(self) -> list[int]:
-        """Entries of a twist, linear first, in which the chaser can move and nothing pushes it.
+        """Indices into a twist, linear first, in which the chaser moves freely.
 
         They are the same in base axes and in inertial axes: on a table both have z in common.
         """
@@ -48,17 +48,17 @@ class Base(enum.StrEnum):
 
     @property
     def tip_rows(self) -> list[int]:
-        """Entries of a twist in which the end effector can move; see `rows`."""
+        """Indices into a twist, linear first, in which the end effector can move."""
         return [0, 1, 5] if self is Base.PLANAR else [0, 1, 2, 3, 4, 5]
 
 
-# Share of a joint that slides in the joint path [rad/m]: to turn by 1 rad and to slide by 1 m move
-# what is 1 m beyond the joint equally far.
+# Default weight of prismatic joints in the joint path [rad/m]: 1 rad of a revolute joint and 1 m of
+# a prismatic one move a point 1 m beyond the joint equally far.
 SLIDE_WEIGHT = 1.0
-# Least and greatest: others leave no digits to joints that turn, or to those that slide.
+# Smallest and largest: others leave no digits to revolute, or to prismatic, joints.
 SLIDE_WEIGHTS = (1e-3, 1e3)
 
-# An axis in the plane's normal as URDFs write it: rpy="1.57 0 0" is a right angle.
+# Tolerance of axes on a planar base [rad]: in URDFs, rpy="1.57 0 0" is a right angle.
 MAX_AXIS_TILT = 1e-3
 _ROBOT = "robot.urdf"
 
@@ -69,7 +69,7 @@ class Robot:
 
     model: pin.Model  # never changed after loading
     urdf: str  # the checked XML that the model was built from
-    # The same to hand on: with shapes of its links, hulls of meshes, and links that may touch
+    # As recorded: the same with shapes of links, hulls of meshes, and links that may touch
     drawn_urdf: str
     joint_names: tuple[str, ...]  # from base to tip
     base_link: str  # URDF link that carries the arm; its axes are the chaser's axes
@@ -78,27 +78,27 @@ class Robot:
     # Centre of mass of base link and all that is fixed to it, in the frame of the free-flyer joint
     position_chaser_in_base: Array  # shape (3,) [m]
     rotation_chaser_to_base: Array  # axes of the base link in that frame; shape (3, 3)
-    # Unit vectors in the frames of the joints, shape (joints, 3): what they turn about, zero if
-    # they slide; and where they slide to, zero if they turn
+    # Unit vectors in the frames of the joints, shape (joints, 3): axes of revolute joints, zero for
+    # prismatic ones; and directions of prismatic joints, zero for revolute ones
     joint_axes: Array
     joint_slides: Array
-    # Limits of a joint that slides are in m, m/s and N
+    # Limits of a prismatic joint are in m, m/s and N
     lower_position_limits: Array  # shape (joints,) [rad]
     upper_position_limits: Array  # shape (joints,) [rad]
     velocity_limits: Array  # shape (joints,) [rad/s]
-    # Infinite where the URDF says zero: exporters write so that a limit is not known
+    # Infinite where the URDF says zero: exporters write zero for an unknown limit
     effort_limits: Array  # shape (joints,) [N m]
-    # Shares in the joint path, and in what is told of all joints by one number; shape (joints,)
-    joint_weights: Array  # 1, or rad/m for those that slide
-    notes: tuple[str, ...] = ()  # what a user should know: joints that are held, say
+    # Weights in the joint path, and in metrics over all joints; shape (joints,)
+    joint_weights: Array  # 1, or rad/m for prismatic joints
+    notes: tuple[str, ...] = ()  # for the user: joints that are locked, say
     base: Base = Base.FREE_FLYER
     wheels: Wheels | None = None  # None: nothing holds the chaser's attitude
     geometry: Geometry = Geometry.LINES
     bodies: tuple[Body, ...] = ()  # empty with lines
     # Indices of bodies that must not touch each other, the smaller one first; empty with lines
     pairs: tuple[tuple[int, int], ...] = ()
-    may_touch: tuple[MayTouch, ...] = ()  # links that could, but are not among the pairs
-    payload: Payload | None = None  # a link of the URDF, too; None: it holds none, or nobody said
+    may_touch: tuple[MayTouch, ...] = ()  # links whose bodies are not among the pairs, and why
+    payload: Payload | None = None  # also a link of the URDF; None: there is none, or not known
 
     @property
     def joints(self) -> int:
@@ -106,24 +106,24 @@ class Robot:
         return len(self.joint_names)
 
     def slides(self, joint: int) -> bool:
-        """Tell whether a joint slides; else it turns."""
+        """Tell whether a joint is prismatic; else it is revolute."""
         return bool(self.joint_slides[joint].any())
 
     @property
     def slide_weight(self) -> float:
-        """Share of a joint that slides in the joint path [rad/m]."""
+        """Weight of prismatic joints in the joint path [rad/m]; the default if there are none."""
         return float(self.joint_weights[self.joint_slides.any(axis=1)].max(initial=0.0)) or (
             SLIDE_WEIGHT
         )
 
     @property
     def has_slides(self) -> bool:
-        """Whether any joint slides."""
+        """Whether any joint is prismatic."""
         return bool(self.joint_slides.any())
 
     @property
     def furthest_slides(self) -> Array:
-        """How far each joint slides from zero at most; zero if it turns. Shape (joints,) [m]."""
+        """Largest distance of each prismatic joint from zero; zero if revolute. (joints,) [m]."""
         furthest = np.maximum(-self.lower_position_limits, self.upper_position_limits)
         return np.where(self.joint_slides.any(axis=1), furthest, 0.0)
 
@@ -132,7 +132,7 @@ class Robot:
         return "m" if self.slides(joint) else "rad"
 
     def effort_unit(self, joint: int) -> str:
-        """Return the unit of what drives a joint: a torque, or a force."""
+        """Return the unit of a joint's effort: of a torque, or of a force."""
         return "N" if self.slides(joint) else "N m"
 
 
@@ -149,10 +149,10 @@ def load_robot(
 ) -> Robot:
     """Load a robot from a URDF file.
 
-    See `robot_from_urdf_text` for what it must hold.
+    See `robot_from_urdf_text` for the other arguments and for what the file must hold.
 
     Args:
-        srdf: File that says which links may touch; None: see there.
+        srdf: SRDF file of links that may touch. None: as of `robot_from_urdf_text`.
 
     Raises:
         InvalidInput: A file cannot be read, or its content is refused.
@@ -166,12 +166,13 @@ def load_robot(
 
 
 def read_urdf(urdf: Path, field: str = _ROBOT) -> str:
-    """Return the text of a URDF file, or of the other file that is the field's.
+    """Return the text of a robot's URDF file, converted from SDFormat if need be.
 
-    Of a robot in SDFormat it is the URDF that says the same.
+    Args:
+        field: Field that names the file, for errors; only that of the robot is converted.
 
     Raises:
-        InvalidInput: The file cannot be read, or a model is one that a URDF cannot say.
+        InvalidInput: The file cannot be read, or a model in it cannot be converted.
     """
     text = read_text(urdf, MAX_CHARACTERS, field, Status.BAD_ROBOT)
     return urdf_of(text) if field == _ROBOT else text
@@ -192,25 +193,25 @@ def robot_from_urdf_text(
     """Build a robot from a URDF.
 
     Args:
-        text: The URDF's XML, with a chain from base to tip of joints that turn or slide. All
-            others are held.
+        text: The URDF's XML, with a chain of revolute and prismatic joints from base to tip. All
+            other joints are locked.
         base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
         tip_link: Link whose frame is the end effector. None: the only link that moves and
             carries no other.
-        held_at: Where joints are held that the URDF lets move [rad], or [m] where they slide.
-        geometry: None: shapes where the arm has any `<collision>`, else lines.
+        held_at: Positions of movable joints that are locked [rad, m].
+        geometry: None: shapes if the arm has any `<collision>`, else lines.
         srdf: SRDF of links that may touch beside neighbours. None: those of a recorded URDF, or
             links that touch in nearly every posture.
-        directory: Of the URDF, from which the paths of its meshes start. None: no file is read.
-        wheels: That hold the chaser's attitude. None: on a base that is held, one along each of its
-            axes, without limits.
-        slide_weight: Share of a joint that slides in the joint path [rad/m]; 0: such joints are
-            held, as before there were any.
+        directory: Directory of the URDF, from which the paths of its meshes start. None: no file
+            is read.
+        wheels: Wheels that hold the chaser's attitude. None: on a base that is held, one along each
+            of its axes, without limits.
+        slide_weight: Weight of prismatic joints in the joint path [rad/m]; 0: they are locked.
 
     Raises:
-        InvalidInput: The URDF is something else, a link's inertia is one that no body has, an arm
-            on a planar base does not move in the plane, wheels are given for another base, or
-            joints that slide hardly count or count for everything.
+        InvalidInput: The text is no URDF of such a robot, an inertia is impossible, an arm on a
+            planar base does not move in the plane, wheels are given for another base, or
+            `slide_weight` is out of range.
     """
     wheels = wheels_of(base, wheels)
     if slide_weight and not SLIDE_WEIGHTS[0] <= slide_weight <= SLIDE_WEIGHTS[1]:
@@ -259,10 +260,10 @@ def robot_from_urdf_text(
 
 
 def wheels_of(base: Base, wheels: Wheels | None) -> Wheels | None:
-    """Return the wheels of a base, by default one along each axis of one that is held.
+    """Return the wheels of a base; by default, one along each axis for `attitude_held`, else none.
 
     Raises:
-        InvalidInput: The base is not held by wheels, but there are some.
+        InvalidInput: Wheels are given for another base.
     """
     if base is Base.ATTITUDE_HELD:
         return wheels or Wheels()
@@ -273,9 +274,9 @@ def wheels_of(base: Base, wheels: Wheels | None) -> Wheels | None:
 
 
 def _require_planar(model: pin.Model, base_frame: pin.Frame) -> None:
-    """Check that all joints turn about z of the base link, which is z of the root link, too.
+    """Check that z of base link and root link are parallel, and that all joints move in the plane.
 
-    Those that slide do so across it.
+    Revolute joints rotate about z, prismatic ones move across it.
     """
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -285,7 +286,7 @@ def _require_planar(model: pin.Model, base_frame: pin.Frame) -> None:
         axes.append((f"joint '{model.names[joint]}' axis", moving))
     for name, axis in axes:
         along, across = abs(axis[-1]), math.hypot(*axis[-3:-1])
-        if not axis[-3:].any():  # it slides
+        if not axis[-3:].any():  # prismatic
             along, across = math.hypot(*axis[:2]), abs(axis[2])
         angle = math.atan2(across, along)
         if not angle <= MAX_AXIS_TILT:
@@ -303,8 +304,8 @@ def _require_planar(model: pin.Model, base_frame: pin.Frame) -> None:
 def _pinocchio_model(xml: str) -> pin.Model:
     """Return the model on a free-flyer.
 
-    Pinocchio merges joints of the same name without a word: the free-flyer with a joint of the
-    URDF, and a fixed joint called `universe` with the inertial frame. Both get names of their own.
+    Pinocchio silently merges joints of the same name: the free-flyer with a joint of the URDF, and
+    a fixed joint called `universe` with the inertial frame. Both get names of their own.
     """
     robot = ElementTree.fromstring(xml)
     names = {element.get("name") for element in robot}
@@ -322,9 +323,9 @@ def _unused_name(name: str, used: Collection[str | None]) -> str:
 
 
 def _joint_axes(model: pin.Model) -> tuple[Array, Array]:
-    """Return what the arm's joints turn about, and where they slide to, in their own frames.
+    """Return the axes of revolute and the directions of prismatic joints, in their own frames.
 
-    Each of shape (joints, 3); zero for joints that do the other.
+    Each of shape (joints, 3); zero for joints of the other type.
     """
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))

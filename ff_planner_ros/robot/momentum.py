@@ -3,7 +3,7 @@
 Throughout, `data` is scratch space of the robot's model, q a configuration, shape (7 + joints,),
 and v a tangent velocity, shape (6 + joints,). A momentum is P [kg m/s] and L about the inertial
 origin [kg m2/s], in inertial axes, shape (6,). On a planar base only P_x, P_y and L_z are constant:
-the table takes up the rest, and no function here reads it.
+the table takes up the other components, and no function here reads them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
 
 
 def total_momenta(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
-    """Return `total_momentum` at each of q and v, which hold a row a point. Shape (points, 6)."""
+    """Return `total_momentum` at each row of q and v. Shape (points, 6)."""
     model, total, centers = robot.model, np.empty((len(q), 6)), np.empty((len(q), 3))
     for k, at in enumerate(zip(q, v, strict=True)):
         total[k] = pin.computeCentroidalMomentum(model, data, *at)
@@ -41,13 +41,13 @@ def total_momenta(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
 def angular_momenta(
     robot: Robot, q: Array, v: Array, joint_accelerations: Array
 ) -> tuple[Array, Array]:
-    """Return the angular momentum about the centre of mass of a chaser that does not turn.
+    """Return the system's angular momentum about its centre of mass, for a chaser at held attitude.
 
     Args:
-        joint_accelerations: Shape (times, joints) [rad/s2].
+        joint_accelerations: Shape (times, joints) [rad/s2, m/s2].
 
     Returns:
-        It and its rate, in axes of the base link. Each of shape (times, 3) [N m s], [N m].
+        The momentum and its rate, in axes of the base link, each of shape (times, 3) [N m s, N m].
     """
     model, data = robot.model, robot.model.createData()
     momenta, rates, dv = np.empty((len(q), 3)), np.empty((len(q), 3)), np.zeros((len(q), model.nv))
@@ -60,7 +60,7 @@ def angular_momenta(
 
 
 def with_wheel_momenta(robot: Robot, before: SystemState, after: SystemState) -> SystemState:
-    """Return a later state with what the wheels hold then; without wheels it stays as it is."""
+    """Return a later state with its wheel momenta, from those before; unchanged without wheels."""
     wheels = robot.wheels
     if wheels is None:
         return after
@@ -72,18 +72,18 @@ def with_wheel_momenta(robot: Robot, before: SystemState, after: SystemState) ->
 
 
 def momentum_maps(robot: Robot, data: pin.Data, q: Array) -> Array:
-    """Return what makes momentum of tangent velocities, about the base's origin and in its axes.
+    """Return the matrices from tangent velocity to momentum about the base's origin, in its axes.
 
-    The first six rows of the mass matrix at each of q, which holds a row a point. They depend on
-    the joints alone. Shape (points, 6, 6 + joints).
+    The first six rows of the mass matrix at each row of q, which depend on the joints alone. Shape
+    (points, 6, 6 + joints).
     """
     return np.array([pin.crba(robot.model, data, row)[:6] for row in q])
 
 
 def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
-    """Return J_D of Eq. (32): end-effector twist per joint rate at zero momentum.
+    """Return J_D of Eq. (32): end-effector twist per joint velocity at zero momentum.
 
-    Linear rows first, inertial axes; those in which it can move. Shape (rows, joints).
+    Inertial axes, linear first, only the base's `tip_rows`. Shape (rows, joints).
     """
     (found,) = _generalised(
         robot, momentum_maps(robot, data, q[None]), _jacobian(robot, data, q)[None]
@@ -92,10 +92,10 @@ def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
 
 
 def generalised_jacobians(robot: Robot, q: Array, maps: Array | None = None) -> Array:
-    """Return `generalised_jacobian` at each of q, shape (points, 7 + joints).
+    """Return `generalised_jacobian` at each row of q. Shape (points, rows, joints).
 
     Args:
-        maps: Of `momentum_maps`. None: they are worked out.
+        maps: The result of `momentum_maps`. None: they are computed.
     """
     data = robot.model.createData()
     if maps is None:
@@ -122,9 +122,9 @@ def _generalised(robot: Robot, mass: Array, jacobian: Array) -> Array:
 def base_twist(
     robot: Robot, data: pin.Data, q: Array, momentum: Array, joint_rates: Array
 ) -> Array:
-    """Return the base's twist at given momentum and joint rates [rad/s], Eq. (27).
+    """Return the base's twist at given momentum and joint velocities, Eq. (27).
 
-    In the base frame. Shape (6,).
+    In the base frame. Shape (6,) [m/s, rad/s].
     """
     rows = robot.base.rows
     momentum_map = pin.crba(robot.model, data, q)[rows]
@@ -138,11 +138,11 @@ def base_twist(
 
 
 def smallest_singular_values(robot: Robot, q: Array, maps: Array | None = None) -> Array:
-    """Return the smallest singular value of J_D at each of q; see `generalised_jacobians`.
+    """Return the smallest singular value of J_D W^-1 at each row of q, with W the joint weights.
 
-    Joints that slide count by their weight: J_D W^-1.
+    Shape (points,). See `generalised_jacobians`.
     """
     jacobians = generalised_jacobians(robot, q, maps) / robot.joint_weights
-    # Of the transpose, which has the same ones, LAPACK takes two thirds of the time.
+    # The transpose has the same singular values, and takes LAPACK two thirds of the time.
     columns = jacobians.swapaxes(1, 2)
     return np.asarray(np.linalg.svd(columns, compute_uv=False)[:, -1], np.float64)

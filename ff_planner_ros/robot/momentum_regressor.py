@@ -1,8 +1,8 @@
-"""Momentum is linear in the inertial parameters: what multiplies them.
+"""The momentum regressor: momentum is linear in the inertial parameters.
 
 The parameters of a body are Pinocchio's ten: mass, mass times centre of mass, and the inertia about
-the origin of the body's frame (xx, xy, yy, xz, yz, zz). Bodies are the chaser and what each joint
-carries, links that are fixed to each other being one.
+the origin of the body's frame (xx, xy, yy, xz, yz, zz). Bodies are the chaser and the links that
+each joint moves, links that are fixed to each other being one body.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ def inertial_parameters(robot: Robot) -> Array:
 
 
 def momentum_regressors(robot: Robot, positions: Array, rates: Array) -> Array:
-    """Return what makes momentum of the inertial parameters, seen from the base.
+    """Return the matrices Y from inertial parameters phi to momentum, in the base frame.
 
     The momentum about the base frame's origin, in its axes, at base twist xi is
     (sum_k xi_k Y_k + Y_6) phi: Y_0 to Y_5 belong to the base's unit twists, the joints at rest, and
-    Y_6 to the joints' rates, the base at rest.
+    Y_6 to the joint velocities, the base at rest.
 
     Args:
-        positions: Shape (times, joints) [rad].
-        rates: Shape (times, joints) [rad/s].
+        positions: Shape (times, joints) [rad, m].
+        rates: Shape (times, joints) [rad/s, m/s].
 
     Returns:
         Shape (times, 7, 6, 10 * bodies).
@@ -53,7 +53,7 @@ def momentum_regressors(robot: Robot, positions: Array, rates: Array) -> Array:
     twists[:, :, :3, :3] = turns
     twists[:, :, :3, 3:] = 0.0
     twists[:, :, 3:6, 3:] = turns
-    # A turn w of the base moves the body's origin p by w x p: rows are those of unit turns.
+    # A rotation w of the base moves the body's origin p at w x p: one row per unit rotation.
     twists[:, :, 3:6, :3] = np.einsum("tbij,tbjk->tbki", back, -skew(places))
     of_bodies = _regressors(twists)
     linear = np.einsum("tbij,tbkjn->tbkin", turns, of_bodies[..., :3, :])
@@ -64,7 +64,7 @@ def momentum_regressors(robot: Robot, positions: Array, rates: Array) -> Array:
 
 
 def _regressors(twists: Array) -> Array:
-    """Return what makes momentum of a body's parameters, about its frame. Shape (..., 6, 10)."""
+    """Return the matrices from a body's parameters to its momentum in its frame. (..., 6, 10)."""
     linear, angular = twists[..., :3], twists[..., 3:]
     x, y, z = np.moveaxis(angular, -1, 0)
     found = np.zeros((*twists.shape[:-1], 6, PARAMETERS))

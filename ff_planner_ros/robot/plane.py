@@ -1,4 +1,4 @@
-"""What a planar base means for a state: the table carries height, roll and pitch.
+"""States on a planar base: the table fixes height, roll and pitch.
 
 The table's normal is z of the inertial frame, of the base link and of the root link.
 """
@@ -14,16 +14,16 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.state import SystemState
 
-# What cameras that track a flat table are off by; it is left out. What is more is refused [rad],
-# [m], [m/s], [rad/s].
+# Errors of cameras that track a flat table, which are removed; larger ones are refused [rad], [m],
+# [m/s, rad/s].
 MAX_TILT, MAX_HEIGHT_ERROR, MAX_SPEED_OFF_PLANE = 0.02, 0.01, 0.01
 
 
 def on_the_table(state: SystemState) -> SystemState:
-    """Return a state without what a planar base cannot have.
+    """Return a state projected to the table: without tilt and without velocity off the plane.
 
     Raises:
-        InvalidInput: It has more than a measurement is off by.
+        InvalidInput: These exceed the errors of a measurement.
     """
     flat, tilt = flattened(state.quaternion_chaser_to_inertial_xyzw)
     if tilt > MAX_TILT:
@@ -50,13 +50,13 @@ def on_the_table(state: SystemState) -> SystemState:
 
 
 def in_plane(field: str, vector: Array, off_plane: list[int], unit: str) -> Array:
-    """Return a velocity of a body on the table without what leaves the plane.
+    """Return a linear or angular velocity on the table with its components off the plane zero.
 
     Args:
-        off_plane: Entries that must be zero.
+        off_plane: Indices of these components.
 
     Raises:
-        InvalidInput: They are greater than an error of measurement.
+        InvalidInput: They exceed the errors of a measurement.
     """
     off = float(np.linalg.norm(vector[off_plane]))
     if off > MAX_SPEED_OFF_PLANE:
@@ -74,7 +74,7 @@ def in_plane(field: str, vector: Array, off_plane: list[int], unit: str) -> Arra
 
 
 def flattened(quaternion_xyzw: Array) -> tuple[Array, float]:
-    """Return the nearest attitude with z up or down, and how far it is away [rad]."""
+    """Return the nearest attitude with z up or down, and the rotation angle to it [rad]."""
     upright = math.hypot(*quaternion_xyzw[2:]) >= math.hypot(*quaternion_xyzw[:2])
     flat = np.where([not upright, not upright, upright, upright], quaternion_xyzw, 0.0)
     kept = float(np.linalg.norm(flat))

@@ -1,7 +1,7 @@
-"""Attitudes and turns as quaternions (x, y, z, w), many at once.
+"""Rotations as quaternions (x, y, z, w), many at once.
 
-What SciPy's `Rotation` does, of which half a second is loading and a plan needs six functions.
-Quaternions have the shape (..., 4), matrices (..., 3, 3), rotation vectors (..., 3) [rad].
+In place of SciPy's `Rotation`, which takes half a second to load. Quaternions have the shape
+(..., 4), matrices (..., 3, 3), rotation vectors (..., 3) [rad].
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _SMALL = 1e-3  # [rad]: below, sines are replaced by their series, which are exa
 
 
 def rotation_from_quaternion(quaternions: Array) -> Array:
-    """Return the rotation matrices of quaternions of any length but zero."""
+    """Return the rotation matrices of quaternions of any norm but zero."""
     unit = unit_quaternion(quaternions)
     x, y, z, w = (unit[..., k] for k in range(4))
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
@@ -40,8 +40,7 @@ def quaternion_from_rotation(rotations: Array) -> Array:
     )
     xy, xz, yz = R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] + R[1, 2]
     xw, yw, zw = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    # Four times the products of a quaternion's entries with each of them: by the largest, no digit
-    # is lost.
+    # Four times the products of a quaternion's entries: those with the largest entry lose no digit.
     products = np.array([[x, xy, xz, xw], [xy, y, yz, yw], [xz, yz, z, zw], [xw, yw, zw, w]])
     largest = np.argmax(np.array([R[0, 0], R[1, 1], R[2, 2], trace]), axis=0)
     chosen = np.take_along_axis(products, largest[None, None], axis=0)[0]
@@ -58,7 +57,7 @@ def quaternion_from_rotation_vector(rotation_vectors: Array) -> Array:
 
 
 def rotation_vector_from_quaternion(quaternions: Array) -> Array:
-    """Return the rotation vectors, pi at most, of unit quaternions."""
+    """Return the rotation vectors, of length pi at most, of unit quaternions."""
     short = canonical_quaternion(quaternions)
     angle = 2.0 * np.arctan2(_length(short[..., :3]), short[..., 3:])
     small = angle <= _SMALL
@@ -69,14 +68,14 @@ def rotation_vector_from_quaternion(quaternions: Array) -> Array:
 
 
 def angle_of_quaternion(quaternions: Array) -> Array:
-    """Return the angles, pi at most, of unit quaternions. Shape (...)."""
+    """Return the rotation angles, from 0 to pi, of unit quaternions. Shape (...)."""
     sine = _length(quaternions[..., :3])[..., 0]
     angles: Array = 2.0 * np.arctan2(sine, np.abs(quaternions[..., 3]))
     return angles
 
 
 def quaternion_product(after: Array, before: Array) -> Array:
-    """Return unit quaternions of turns one after the other: matrices multiply in that order."""
+    """Return the unit quaternions of R(after) R(before): the rotation `before` comes first."""
     a, s, b, t = after[..., :3], after[..., 3:], before[..., :3], before[..., 3:]
     whole = np.empty(np.broadcast_shapes(after.shape, before.shape))
     whole[..., :3] = s * b + t * a + cross(a, b)
@@ -85,23 +84,20 @@ def quaternion_product(after: Array, before: Array) -> Array:
 
 
 def quaternion_inverse(quaternions: Array) -> Array:
-    """Return the turns back."""
+    """Return the inverses of unit quaternions."""
     back: Array = quaternions * np.array([-1.0, -1.0, -1.0, 1.0])
     return back
 
 
 def canonical_quaternion(quaternions: Array) -> Array:
-    """Return, of the two quaternions of a rotation, the one whose last non-zero is positive.
-
-    Of w, x, y, z in this order the first that is not zero decides.
-    """
+    """Return q or -q, whichever has a positive first non-zero entry in the order w, x, y, z."""
     w_first = np.roll(quaternions, 1, axis=-1)
     deciding = np.take_along_axis(w_first, np.argmax(w_first != 0.0, axis=-1)[..., None], axis=-1)
     return np.where(deciding < 0.0, -quaternions, quaternions)
 
 
 def unit_quaternion(quaternions: Array) -> Array:
-    """Return quaternions of length one."""
+    """Return quaternions normalised to unit norm."""
     return quaternions / _length(quaternions)
 
 

@@ -13,7 +13,7 @@ from ff_planner_ros.common.arrays import Array
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return a x b, as numpy's `cross` does: for a few vectors that takes four times as long."""
+    """Return a x b; for a few vectors, numpy's `cross` takes four times as long."""
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))
     product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -42,7 +42,7 @@ def rotation_from_euler(euler: Array) -> Array:
 
 
 def euler_from_rotation(rotation: Array) -> Array:
-    """Return phi, theta, psi; theta within +-90 deg, and phi and psi ill-defined there."""
+    """Return phi, theta, psi [rad]; theta within +-90 deg, where phi and psi are ill-defined."""
     phi = np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2])
     theta = np.arctan2(-rotation[..., 2, 0], np.hypot(rotation[..., 2, 1], rotation[..., 2, 2]))
     psi = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
@@ -50,7 +50,7 @@ def euler_from_rotation(rotation: Array) -> Array:
 
 
 def euler_rate_map(euler: Array) -> Array:
-    """Return W with omega = W euler_rate, omega in the frame that the rotation leads to."""
+    """Return W with omega = W euler_rate, omega in the frame that the rotation maps to."""
     sy, cy = np.sin(euler[..., 1]), np.cos(euler[..., 1])
     sz, cz = np.sin(euler[..., 2]), np.cos(euler[..., 2])
     rate_map = np.zeros((*euler.shape, 3))

@@ -1,6 +1,6 @@
-"""What a robot looks like: the boxes, cylinders and spheres that a URDF draws its links with.
+"""The shapes that a robot is drawn with: the boxes, cylinders and spheres of its URDF's links.
 
-Nothing here can refuse a robot. A shape that cannot be read is left out: it moves no plan.
+Nothing here can refuse a robot. A shape that cannot be read is left out: no plan depends on it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
-# The sizes that each kind of shape has, in the URDF's words.
+# The attributes of each kind's sizes in a URDF.
 _SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 # A link is drawn by what it looks like, or else by what it collides with.
 _TAGS = ("visual", "collision")
@@ -27,7 +27,7 @@ _MOST_SHAPES, _LARGEST = 1000, 1e4
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A solid that is fixed to a link."""
+    """A drawn solid that is fixed to a link."""
 
     link: str
     kind: str  # `box`, `cylinder` about its z axis, or `sphere`
@@ -37,7 +37,7 @@ class Shape:
 
 
 def with_shapes(checked: str, text: str) -> str:
-    """Return a checked URDF, which has no shapes, with those of the text that it was made of."""
+    """Return a checked URDF, which has no shapes, with the drawn shapes of its original text."""
     robot = ElementTree.fromstring(checked)
     given = {str(link.get("name")): link for link in read_shapes(text).findall("link")}
     left = _MOST_SHAPES
@@ -49,7 +49,7 @@ def with_shapes(checked: str, text: str) -> str:
 
 
 def link_shapes(urdf: str) -> tuple[Shape, ...]:
-    """Return the shapes of all links of a URDF."""
+    """Return the drawn shapes of all links of a URDF."""
     return tuple(
         shape
         for link in ElementTree.fromstring(urdf).findall("link")
@@ -59,7 +59,7 @@ def link_shapes(urdf: str) -> tuple[Shape, ...]:
 
 
 def _drawn(link: Element) -> list[Element]:
-    """Return the elements that say what a link looks like."""
+    """Return the `<visual>` elements of a link that can be drawn, or else its `<collision>`s."""
     for tag in _TAGS:
         found = [element for element in link.findall(tag) if _shape("", element) is not None]
         if found:
@@ -88,7 +88,7 @@ def _shape(link: str, element: Element) -> Shape | None:
 
 
 def _numbers(text: str) -> list[float]:
-    """Return finite numbers of a sensible size; nothing where there is another among them."""
+    """Return the numbers of a text; none if one of its words is no finite, sensible number."""
     try:
         found = [float(word) for word in text.split()]
     except ValueError:
@@ -97,7 +97,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def _copied(element: Element) -> Element:
-    """Return what is read of a shape, as a visual one, without names, materials and files."""
+    """Return a shape as a `<visual>` element, without names, materials and files."""
     visual = Element("visual")
     visual.extend(_parts(element))
     return visual

@@ -8,7 +8,7 @@ from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import QUATERNION, TRUTH, a_vector
 
-# Where a scenario says what wheels hold.
+# Scenario key of the wheels' momenta.
 STORED = "robot.wheels.stored"
 
 
@@ -21,7 +21,7 @@ class SystemState:
 
     Raises:
         InvalidInput: A value has the wrong size, is not finite, or the quaternion is not
-            of unit length.
+            of unit norm.
     """
 
     position_chaser_in_inertial: Array = declare(
@@ -71,7 +71,7 @@ class SystemState:
         ),
         message="joint_velocities",
     )
-    # None: a plan begins with null-space motion that does not change
+    # None: a plan begins with constant null-space motion
     joint_accelerations: Array | None = declare(
         a_vector(None),
         "one number a joint; default: not known, the end effector begins at zero acceleration",

@@ -1,13 +1,13 @@
-"""Reaction wheels that hold the chaser's attitude, and what they take up.
+"""Reaction wheels that hold the chaser's attitude, and the momentum that they take up.
 
-Nothing else turns the system, so the angular momentum of chaser, arm and wheels about the centre of
-mass is constant. The chaser does not turn: of the bodies, the joints alone have any. With L that
-part, in axes of the base link, and S the axes of the wheels,
+No external torque acts, so the angular momentum of chaser, arm and wheels about the centre of mass
+is constant. With L the momentum of chaser and arm at held attitude, in axes of the base link, S the
+axes of the wheels as columns, and h their momenta,
 
-    S h(t) = S h(0) + L(0) - L(t),    h(t) = h(0) + S^+ (L(0) - L(t)),
+    S h(t) = S h(0) + L(0) - L(t),    h(t) = h(0) + S^+ (L(0) - L(t)).
 
-where the pseudo-inverse shares it among more than three wheels by the least sum of squares, and
-what these hold against each other stays. A wheel's torque is the rate of its momentum: of h.
+The pseudo-inverse S^+ distributes it among more than three wheels by the least sum of squares; the
+part of h(0) in the null space of S stays. A wheel's torque is dh/dt.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from ff_planner_ros.common.forms import ONE_OR_EACH, ROWS, or_none
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.state import STORED, SystemState
 
-# A measured chaser turns that is held by wheels: so fast an error of measurement is [rad/s].
+# Measured angular velocity of a held chaser that counts as an error of measurement [rad/s].
 MAX_TURN_RATE = 1e-3
-# Axes nearly in a plane cannot hold an attitude: of their singular values the least, of unit axes.
+# Smallest singular value of the unit axes; axes nearly in a plane cannot hold an attitude.
 _LEAST_SPREAD = 1e-3
 # More wheels than any chaser has.
 _MOST_WHEELS = 16
@@ -40,8 +40,8 @@ class Wheels:
     """Reaction wheels: their axes and limits.
 
     Raises:
-        InvalidInput: An axis of no length, axes that do not span the space, limits that are not
-            positive or not one for each wheel.
+        InvalidInput: An axis has no length, the axes are fewer than 3 or more than 16 or do not
+            span the space, or limits are not positive or not one for each wheel.
     """
 
     axes: Array = declare(  # of unit length; shape (wheels, 3)
@@ -94,25 +94,26 @@ class Wheels:
 
     @cached_property
     def shares(self) -> Array:
-        """S^+: momentum in axes of the base link to that of each wheel. Shape (wheels, 3)."""
+        """S^+: from momentum in axes of the base link to wheel momenta. Shape (wheels, 3)."""
         return frozen(np.linalg.pinv(self.axes.T))
 
     @property
     def momentum_limits(self) -> Array:
-        """Limit of each wheel, infinite where there is none. Shape (wheels,) [N m s]."""
+        """Largest momentum of each wheel; infinite: no limit. Shape (wheels,) [N m s]."""
         return np.full(self.count, np.inf) if self.momentum is None else np.array(self.momentum)
 
     @property
     def torque_limits(self) -> Array:
-        """Limit of each wheel, infinite where there is none. Shape (wheels,) [N m]."""
+        """Largest torque of each wheel; infinite: no limit. Shape (wheels,) [N m]."""
         return np.full(self.count, np.inf) if self.torque is None else np.array(self.torque)
 
 
 def held(wheels: Wheels, state: SystemState) -> SystemState:
-    """Return a state of a chaser that wheels hold: it does not turn, and they have momenta.
+    """Return a state at held attitude: with zero angular velocity, and with wheel momenta.
 
     Raises:
-        InvalidInput: It turns faster than a measurement is off, or has momenta of other wheels.
+        InvalidInput: The angular velocity exceeds the error of a measurement, or the momenta are
+            not one for each wheel.
     """
     omega = state.angular_velocity_chaser_in_inertial
     if float(np.linalg.norm(omega)) > MAX_TURN_RATE:
@@ -128,10 +129,10 @@ def held(wheels: Wheels, state: SystemState) -> SystemState:
 
 
 def momenta_of(wheels: Wheels, state: SystemState) -> Array:
-    """Return what the wheels hold in a state, zero where it does not tell. Shape (wheels,) [N m s].
+    """Return the wheel momenta of a state, zero if it has none. Shape (wheels,) [N m s].
 
     Raises:
-        InvalidInput: It tells of another number of wheels.
+        InvalidInput: The state has momenta of another number of wheels.
     """
     if state.wheel_momenta is None:
         return np.zeros(wheels.count)

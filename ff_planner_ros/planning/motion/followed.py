@@ -1,8 +1,8 @@
-"""What comes of a plan's samples: a controller follows them, and nothing pushes the system.
+"""The free-floating motion that follows from a plan's samples, at its points and between them.
 
-The joints move on the quintics through the samples, and the base as the momentum demands. That
-is the motion which a plan promises, at its points and between them. The check takes it from
-`followed`, by Pinocchio; the search, which asks for it while it solves, from `followed_path.py`.
+The joints move on the quintics through the samples, as a controller interpolates them, and the base
+follows from the conserved momentum. The check computes this motion by `followed`, with Pinocchio;
+the search by `followed_path.py`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 
-# In one step of the integration nothing turns further [rad]: RK4 is off by less than 1e-7 then.
-# A motion has this many steps at least: what is looked at between the points lies at their ends.
+# Largest rotation in one integration step [rad]: the error of RK4 is below 1e-7 then. And the
+# fewest steps of a motion: between the points it is examined at their ends.
 _STEP_TURN, _STEPS = 0.1, 98
-# So fast [rad/s] a motion is refused, however well it is integrated.
+# A faster motion [rad/s] is refused anyway, however well it is integrated.
 _FASTEST = 20.0
 
 
@@ -34,18 +34,18 @@ class FollowedMotion:
     time: Array  # shape (times,) [s]
     q: Array  # configurations; shape (times, 7 + joints)
     v: Array  # tangent velocities; shape (times, 6 + joints)
-    maps: Array | None = None  # of `momentum_maps`; None: nobody has worked them out
+    maps: Array | None = None  # of `momentum_maps`; None: not computed
 
 
 def followed(
     robot: Robot, q_start: Array, v_start: Array, joints: JointMotion, multiple: int = 1
 ) -> FollowedMotion:
-    """Return what comes of samples of the joints.
+    """Return the free-floating motion that follows from samples of the joints.
 
     Args:
         q_start: Configuration at the first sample. Shape (7 + joints,).
-        v_start: Tangent velocity there; it says what the momentum is. Shape (6 + joints,).
-        multiple: Of which the steps from one sample to the next are.
+        v_start: Tangent velocity there, which gives the momentum. Shape (6 + joints,).
+        multiple: Divides the number of steps from one sample to the next.
     """
     momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
     pieces, time = steps_of(joints, v_start, multiple)
@@ -54,14 +54,14 @@ def followed(
 
 
 def steps_of(joints: JointMotion, v_start: Array, multiple: int) -> tuple[int, Array]:
-    """Return how many steps of the integration a sample takes, and the times of all.
+    """Return the number of integration steps from one sample to the next, and the times of all [s].
 
     Args:
         v_start: Tangent velocity at the first sample. Shape (6 + joints,).
-        multiple: Of which the steps from one sample to the next are.
+        multiple: Divides the number of steps.
     """
     count, steps = len(joints.time) - 1, np.diff(joints.time)
-    # What the arm's motion adds to the chaser's turn is less than what its joints turn.
+    # The arm's motion adds less to the chaser's rotation than its joints rotate.
     rates = np.linalg.norm(v_start[3:6]) + np.abs(joints.velocities).sum(axis=1).max()
     turn = min(float(rates), _FASTEST) * steps.max()
     pieces = max(_STEPS / count, turn / _STEP_TURN)
@@ -72,17 +72,20 @@ def steps_of(joints: JointMotion, v_start: Array, multiple: int) -> tuple[int, A
 
 
 class Peaks(NamedTuple):
-    """The largest value of each of several quantities, its sign kept, and when."""
+    """The value of largest modulus of each of several quantities, its sign kept, and its time."""
 
     values: Array  # shape (quantities,)
     times: Array  # shape (quantities,) [s]
 
 
 def peaks_of_steps(values: Array, motion: FollowedMotion) -> Peaks:
-    """Return the peaks of what is known at each step of a motion. Shape (times, quantities).
+    """Return the peaks of quantities that are known at each step of a motion.
 
-    They are those of parabolas through three steps, of torques within 5e-4 of the truth. None
-    goes over a point, where the torques have a kink; but where steps end at points alone.
+    They are the vertices of parabolas through three steps; those of torques are exact to 5e-4. No
+    parabola crosses a sample, where torques have a kink, unless all steps end at samples.
+
+    Args:
+        values: At the times of the motion. Shape (times, quantities).
     """
     before, there, after = values[:-2], values[1:-1], values[2:]
     slope, curvature = (after - before) / 2, before + after - 2 * there

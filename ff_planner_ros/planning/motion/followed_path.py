@@ -1,4 +1,4 @@
-"""What comes of a path's points, for the search: the same as `followed`, by the compiled core."""
+"""The motion that follows from a path's points, for the search: `followed` in the compiled core."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ff_planner_ros.robot.model import Robot
 def followed_path(
     problem: PlanningProblem, q: Array, v: Array, acceleration: Array
 ) -> FollowedMotion:
-    """Return what comes of the points of a path that its plan holds: every first, second, ...
+    """Return the motion that follows from the points of a path that its plan holds.
 
-    Its steps end at all points of the path and half-way between them.
+    The steps end at all points of the path and half-way between them.
 
     Args:
         q: Configurations at equal steps of time. Shape (points, 7 + joints).
@@ -34,7 +34,7 @@ def followed_path(
 def followed_joints(
     robot: Robot, q_start: Array, v_start: Array, joints: JointMotion, multiple: int = 1
 ) -> FollowedMotion:
-    """Return what comes of samples of the joints; the arguments are those of `followed`."""
+    """Return the motion that follows from samples of the joints; arguments as of `followed`."""
     pieces, time = steps_of(joints, v_start, multiple)
     half_steps = np.linspace(0.0, joints.time[-1], 2 * len(time) - 1)
     motion = compiled.DrivenMotion(
@@ -47,6 +47,6 @@ def followed_joints(
 
 
 def points_per_sample(points: int, samples: int) -> int:
-    """Return which points of a path a plan holds: every one, every second, ..."""
+    """Return k, if a plan of `samples` points holds every k-th of the points of a path."""
     every, rest = divmod(points - 1, samples - 1)
-    return every if every and not rest else 1  # a path that fell short of its grid is shown whole
+    return every if every and not rest else 1  # a path that fell short of its grid is kept whole

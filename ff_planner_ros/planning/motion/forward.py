@@ -1,4 +1,4 @@
-"""The free-floating system forward in time: nothing pushes it, and its joints' motion is known."""
+"""The free-floating system forward in time: momentum is conserved, the joints' motion is given."""
 
 from __future__ import annotations
 
@@ -27,29 +27,30 @@ from ff_planner_ros.robot.momentum import (
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 from ff_planner_ros.robot.state import SystemState
 
-# In one step nothing turns further [rad]. RK4 is off by about the fourth power of this in a radian,
-# 1e-7, far less than a state is measured to, and a second of a moving arm takes milliseconds.
+# Largest rotation in one step [rad]. The error of RK4 in a radian is about its fourth power, 1e-7,
+# far less than that of a measured state, and a second of a moving arm takes milliseconds.
 _STEP_TURN = 0.02
 
 
 def carried_forward(
     robot: Robot, state: SystemState, seconds: float, joints: JointMotion | None
 ) -> SystemState:
-    """Return where a measured system will be.
+    """Return the predicted state of a measured system after so many seconds.
 
-    Total momentum stays. Without a motion the joints keep their measured rates. With one they keep
-    these until it begins. While it runs they move as it does, from where they are measured, so that
+    Total momentum is conserved. Without a motion, or before it begins, the joints keep their
+    measured velocities. While it runs, they move as it does, from their measured positions, so that
     the controller's tracking error is neither lost nor turned into a jump. After its end they rest.
 
-    The joints' accelerations are those of the motion while it runs, and zero after its end. Without
-    one, or before it begins, they stay the state's. Along a plan of 10 s that is nearer to the
-    truth than zero for 0.5 s; to carry rates on with them goes astray after 2 s.
+    Joint accelerations are those of the motion while it runs, and zero after its end. Without one,
+    or before it begins, they stay the state's: along a plan of 10 s, that is nearer to the truth
+    than zero for 0.5 s; velocities integrated from them would be wrong after 2 s.
 
     Args:
-        joints: The motion that a controller runs, its time counted from the state's; None: none.
+        joints: The motion that a controller executes, its time counted from the state's; None:
+            none.
 
     Raises:
-        InvalidInput: `seconds` is negative or not finite, or it turns too far until then.
+        InvalidInput: `seconds` is negative or not finite, or the system rotates too far until then.
     """
     if finite_number("seconds", seconds) < 0.0:
         raise InvalidInput(
@@ -71,18 +72,18 @@ def carried_forward(
 def driven(
     robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the motion of a system whose joints are driven and that nothing pushes.
+    """Return the free-floating motion of a system whose joints move as given.
 
     Args:
-        q_start: Configuration at the first time. Where the joints are elsewhere, they jump, and the
-            centre of mass stays. Shape (7 + joints,).
+        q_start: Configuration at the first time. If `joints` begins at other positions, the joints
+            jump, and the system's centre of mass stays. Shape (7 + joints,).
         momentum: Total P and L about the inertial origin. Shape (6,).
-        time: Of the points; from each to the next it takes one step of Runge-Kutta, of order four
-            where no point of `joints` lies between. Shape (points,) [s].
+        time: Times of the points, one Runge-Kutta step apart, which is of order four if no point of
+            `joints` lies between. Shape (points,) [s].
 
     Returns:
-        Configurations, shape (points, 7 + joints), tangent velocities and their rates, each of
-        shape (points, 6 + joints).
+        Configurations, shape (points, 7 + joints), tangent velocities and accelerations dv/dt, each
+        of shape (points, 6 + joints).
     """
     q, v = carried_base(robot, q_start, momentum, joints, time)
     _, _, of_joints = joints.at(time)
@@ -92,7 +93,7 @@ def driven(
 def carried_base(
     robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
 ) -> tuple[Array, Array]:
-    """Return what `driven` does without the accelerations, at a third of its price."""
+    """Return configurations and tangent velocities of `driven`, at a third of its cost."""
     q, v, _ = carried_base_and_maps(robot, q_start, momentum, joints, time)
     return q, v
 
@@ -100,7 +101,7 @@ def carried_base(
 def carried_base_and_maps(
     robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
 ) -> tuple[Array, Array, Array]:
-    """Return what `carried_base` does, and the `momentum_maps` on the way."""
+    """Return the results of `carried_base`, and the `momentum_maps` at the points."""
     model, data = robot.model, robot.model.createData()
     points = len(time)
     half_steps = np.interp(np.arange(2 * points - 1), 2 * np.arange(points), time)
@@ -109,13 +110,13 @@ def carried_base_and_maps(
     of_joints = np.empty((len(half_steps), model.nq))
     of_joints[:, :7], of_joints[:, 7:] = q_start[:7], positions
     maps = momentum_maps(robot, data, of_joints)
-    # The system's centre of mass moves uniformly: its place is known, whatever the steps come to.
-    # In the base frame the map holds it: mass times its cross-product matrix.
+    # The system's centre of mass moves uniformly: its position is known without integration. In the
+    # base frame the map holds it: mass times its cross-product matrix.
     mass, linear, angular = pin.computeTotalMass(model), momentum[:3], momentum[3:]
     in_base = maps[::2, [5, 3, 4], [1, 2, 0]] / mass
     centers = pin.centerOfMass(model, data, q_start) + np.outer(time - time[0], linear / mass)
-    # The angular momentum about it is constant. Of it the base's turn and the joints make these
-    # parts, whatever the linear velocity is.
+    # The angular momentum about it is constant, and consists of these parts of the base's rotation
+    # and of the joints, whatever the linear velocity is.
     constant = angular - pin.skew(centers[0]) @ linear
     about_center = maps[:, 3:, 3:] - maps[:, 3:, :3] @ (maps[:, :3, 3:] / mass)
     turning = [row - 3 for row in robot.base.rows if row >= 3]
@@ -143,7 +144,7 @@ def carried_base_and_maps(
 def _phases(
     state: SystemState, seconds: float, running: JointMotion | None
 ) -> Iterator[tuple[JointMotion, float, float]]:
-    """Yield what the joints do before, in and after a motion that runs, and from when to when."""
+    """Yield the joints' motion before, during and after a running motion, with begin and end."""
     positions, rates = state.joint_positions, state.joint_velocities
     if running is None:
         yield steady_motion(0.0, seconds, positions, rates), 0.0, seconds
@@ -165,7 +166,7 @@ def _phases(
 
 
 def _accelerations(state: SystemState, seconds: float, running: JointMotion | None) -> Array | None:
-    """Return the joints' accelerations after so many seconds [rad/s2]; None: not known."""
+    """Return the joints' accelerations after so many seconds [rad/s2, m/s2]; None: not known."""
     if running is None or seconds < running.time[0]:
         return state.joint_accelerations
     if seconds > running.time[-1]:
@@ -177,12 +178,12 @@ def _accelerations(state: SystemState, seconds: float, running: JointMotion | No
 def as_measured(
     error: InvalidInput, robot: Robot, measured: SystemState, seconds: float
 ) -> InvalidInput:
-    """Return the refusal of a state that was carried forward; a joint's tells what was measured.
+    """Return an error of a predicted state; that of a joint is completed by its measured value.
 
     Args:
-        error: The refusal.
-        measured: The state that was carried forward.
-        seconds: How far; zero: it was not.
+        error: Error of the predicted state.
+        measured: State that was carried forward.
+        seconds: Time by which it was; zero: the error is unchanged.
     """
     for quantity, values, per_time in (
         ("position", measured.joint_positions, ""),
@@ -199,12 +200,12 @@ def as_measured(
 def _steps(
     robot: Robot, q: Array, momentum: Array, joints: JointMotion, begin: float, end: float
 ) -> Array:
-    """Return the times of the integration: the motion's points, and as many between as it takes."""
+    """Return the times of the integration: the motion's points, and as many between as needed."""
     inside = joints.time[(begin < joints.time) & (joints.time < end)]
     ends = np.array([begin, *inside, end])
     _, rates, _ = joints.at(np.concatenate([ends, (ends[:-1] + ends[1:]) / 2]))
     twist = base_twist(robot, robot.model.createData(), q, momentum, rates[0])
-    # What the arm's motion adds to the chaser's turn is less than what its joints turn.
+    # The arm's motion adds less to the chaser's rotation than its joints rotate.
     chaser, arm = float(np.linalg.norm(twist[3:])), float(np.abs(rates).max(axis=0).sum())
     fastest = chaser + arm
     _require_foretold(chaser, arm, end - begin)
@@ -216,7 +217,7 @@ def _steps(
 
 
 def _require_foretold(chaser: float, arm: float, seconds: float) -> None:
-    """Refuse to carry forward what turns too far, by the sum of its turn rates [rad/s]."""
+    """Refuse a prediction over too large a rotation, by the sum of angular rates [rad/s]."""
     turns = (chaser + arm) * seconds
     if not turns <= MOST_TURNS:
         field = "chaser.angular_velocity" if chaser > arm else "joints.velocity"

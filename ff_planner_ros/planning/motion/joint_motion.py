@@ -1,4 +1,4 @@
-"""The motion of the joints between the points of a trajectory, as a controller makes it."""
+"""The motion of the joints between the points of a trajectory, as a controller interpolates it."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ff_planner_ros.common.declared import declare
 from ff_planner_ros.common.forms import ROWS, a_vector
 from ff_planner_ros.planning.motion.plan import Trajectory
 
-# Extremes are found to this [rad, rad/s, rad/s2]: far below what any limit is measured to.
+# Accuracy of extremes [rad, rad/s, rad/s2]: far below that of any limit.
 _EXACT = 1e-9
-# Of the largest coefficient of a polynomial: what the halving of pieces may lose.
+# Rounding error of the halving of pieces, relative to a polynomial's largest coefficient.
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """Joints on the quintics through positions, velocities and accelerations.
+    """Joints on the quintics through positions, velocities and accelerations at the points.
 
-    This is how ROS's `joint_trajectory_controller` interpolates a trajectory that has all three.
+    ROS's `joint_trajectory_controller` interpolates a trajectory that has all three in this way.
     """
 
     SINCE: ClassVar[str] = "0.3"
@@ -42,7 +42,7 @@ class JointMotion:
     def at(self, time: Array) -> tuple[Array, Array, Array]:
         """Return positions, velocities and accelerations, each of shape (times, joints).
 
-        Before the first and after the last point their quintics go on.
+        Before the first and after the last point the first and last quintics are extrapolated.
         """
         last = len(self.time) - 2
         piece = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last)
@@ -74,11 +74,14 @@ class JointMotion:
         return signs * values.reshape(2, -1), times.reshape(2, -1)
 
     def distances(self, lower: Array, upper: Array, order: int = 0) -> tuple[Array, Array]:
-        """Return how near each joint comes to its limits, lower first, and when: (2, joints).
+        """Return the least distance of each joint to its limits, lower first, and its time.
 
         Args:
             lower: Of positions, rates or accelerations, as `order` is 0, 1 or 2. Shape (joints,).
             upper: As lower.
+
+        Returns:
+            Distances, negative beyond a limit, and times [s]: each of shape (2, joints).
         """
         (lowest, highest), times = self.extremes(order)
         return np.array([lowest - lower, upper - highest]), times
@@ -94,7 +97,7 @@ class JointMotion:
         return -_highest_of_all(beyond, exact)
 
     def least_distances(self, lower: Array, upper: Array, order: int = 0) -> Array:
-        """Return what `distances` are not below, in a tenth of the time: (2, joints)."""
+        """Return lower bounds of `distances`, in a tenth of the time. Shape (2, joints)."""
         pieces = self._coefficients[order]
         return np.array([pieces.min(axis=(0, 1)) - lower, upper - pieces.max(axis=(0, 1))])
 
@@ -112,7 +115,7 @@ class JointMotion:
 
 
 def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
-    """Return the motion that a controller makes of a trajectory; it begins at `start` [s]."""
+    """Return a controller's interpolation of a trajectory; it begins at `start` [s]."""
     return JointMotion(
         start + trajectory.time,
         trajectory.joint_positions,
@@ -122,11 +125,11 @@ def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
 
 
 def steady_motion(begin: float, end: float, positions: Array, rates: Array) -> JointMotion:
-    """Return the motion at constant rates [rad/s] from some positions [rad] on.
+    """Return a motion at constant rates [rad/s, m/s] from positions [rad, m].
 
-    It lasts from `begin` to `end` [s], and for a second at least.
+    It lasts from `begin` to `end` [s], but at least one second.
     """
-    # Quintics neither go far beyond their points nor have room between two at nearly one time.
+    # A quintic is inaccurate far beyond its points, and between two that are nearly simultaneous.
     span, none = max(end - begin, 1.0), np.zeros((2, len(rates)))
     return JointMotion(
         np.array([begin, begin + span]),
@@ -137,10 +140,10 @@ def steady_motion(begin: float, end: float, positions: Array, rates: Array) -> J
 
 
 def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
-    """Return the highest value of each of several piecewise polynomials, and when.
+    """Return the highest value of each of several piecewise polynomials, and its time.
 
-    No value of a polynomial is above its highest coefficient in Bernstein's form. Pieces whose
-    bound is above what was found are halved; their bounds close in on them by a quarter each time.
+    No value of a polynomial exceeds its highest coefficient in Bernstein's form. Pieces whose bound
+    exceeds the highest value found are halved, which reduces the gap of the bound to a quarter.
 
     Args:
         coefficients: In Bernstein's form. Shape (degree + 1, pieces, polynomials).
@@ -170,11 +173,11 @@ def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
 
 
 def _highest_of_all(pieces: Array, exact: float) -> float:
-    """Return the highest value of all of several polynomials: what `_highest` finds of one.
+    """Return the highest value of several polynomials together, as `_highest` finds that of one.
 
     Args:
         pieces: In Bernstein's form. Shape (degree + 1, pieces).
-        exact: The value may be as much too low.
+        exact: The value may be too low by as much.
     """
     highest = float(pieces[[0, -1]].max(initial=-np.inf))
     while True:
@@ -187,13 +190,13 @@ def _highest_of_all(pieces: Array, exact: float) -> float:
 
 @cache
 def _half(size: int) -> Array:
-    """Return the matrix that makes the first half's coefficients of those of a piece."""
+    """Return the matrix from the coefficients of a piece to those of its first half."""
     return np.array([[comb(i, j) / 2**i for j in range(size)] for i in range(size)])
 
 
 @cache
 def _eighths(size: int) -> Array:
-    """Return the matrices that make those of its eight parts."""
+    """Return the matrices from the coefficients of a piece to those of its eight parts."""
     parts = halves = np.array([_half(size), _half(size)[::-1, ::-1]])
     for _ in range(2):
         parts = (halves[:, None] @ parts).reshape(-1, size, size)

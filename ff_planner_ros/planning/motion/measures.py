@@ -1,4 +1,4 @@
-"""What the paper's objectives, Eqs. (44) and (45), measure of a motion."""
+"""The quantities of the paper's objectives, Eqs. (44) and (45): joint path and Euler angles."""
 
 from __future__ import annotations
 
@@ -15,19 +15,29 @@ def joint_path_length(joint_velocities: Array, step: float, weights: Array | flo
     """Return J_L of Eq. (44) by the rectangle rule, all points but the last [rad].
 
     Args:
-        weights: Share of each joint. Shape (joints,).
+        joint_velocities: Shape (points, joints) [rad/s, m/s].
+        step: Time between two points [s].
+        weights: Weight of each joint. Shape (joints,).
     """
     shares = weights * joint_velocities[:-1]
     return float(np.linalg.norm(shares, axis=1).sum() * step)
 
 
 def straight_way(ends: Array, weights: Array | float = 1.0) -> float:
-    """Return the joint path of the straight way between two postures, shape (2, joints) [rad]."""
+    """Return the length of the straight joint path between two postures [rad].
+
+    Args:
+        ends: Both postures. Shape (2, joints) [rad, m].
+        weights: Weight of each joint. Shape (joints,).
+    """
     return float(np.linalg.norm(weights * (ends[1] - ends[0])))
 
 
 def chaser_euler(robot: Robot, q: Array) -> Array:
-    """Return the chaser's Euler angles phi, theta, psi. Shape (points, 3) [rad]."""
+    """Return the Euler angles phi, theta, psi of the chaser's axes to inertial axes.
+
+    Shape (points, 3) [rad]; the rotation is Rz(psi) Ry(theta) Rx(phi).
+    """
     return euler_from_rotation(rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base)
 
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-# On one machine, a plan comes out the same to the last bit. Another processor has other kernels of
+# On one machine, a plan is reproduced to the last bit. Another processor has other kernels of
 # linear algebra, which round differently. These differences are tolerated between two machines;
-# how they were found stands in `runs/differences.py`.
+# `runs/differences.py` says how they were found.
 _RAD, _RAD_S, _RAD_S2, _METRE, _TORQUE, _ONE = 1e-5, 1e-5, 2e-5, 1e-5, 5e-5, 1e-5
 
 _UNITS = {"mm": 1e3} | dict.fromkeys(("deg", "deg/s", "deg/s2"), 180.0 / np.pi)
-# What there is not where a metric is infinite, if not obstacles.
+# What is missing if a metric is infinite; by default obstacles.
 _WITHOUT = {
     "max_view_angle": "no camera",
     **dict.fromkeys(("peak_grasp_force", "peak_grasp_torque"), "no payload"),
@@ -41,7 +41,6 @@ class Metric:
         if np.isnan(value).any() or np.size(value) == 0:
             return "none"  # not known, as in a bag of an older version
         if np.isinf(value).any():
-            # There is nothing that it is the distance from.
             return _WITHOUT.get(self.name, "no obstacles")
         return format(self.in_shown_unit(value), self.digits)
 
@@ -72,9 +71,9 @@ def _metric(
 class Metrics:
     """The metrics of a plan, computed by the check after the solve.
 
-    The objectives, Eqs. (44) and (45), and the final errors are those at the goal. All others hold
-    for the tail, too. Margins, jump and joint path count what a joint slides by its weight
-    [rad/m], and forces over it.
+    The objectives, Eqs. (44) and (45), and the final errors are those at the goal. All others
+    include the post-goal segment. In margins, jump and joint path, a prismatic joint's position,
+    velocity and acceleration are multiplied by its weight [rad/m], and its force is divided by it.
     """
 
     joint_path_length: float = _metric("rad", "joint path length", 10 * _RAD, "rad", ".4f")
@@ -95,23 +94,24 @@ class Metrics:
     min_velocity_margin: float = _metric(
         "rad/s", "margin to velocity limits", _RAD_S, "deg/s", ".2f"
     )
-    # Largest absolute torque of each joint at any time, exact to 5e-4; of a slide its force [N].
+    # Largest absolute torque of each joint at any time, exact to 5e-4; of a prismatic one force [N]
     peak_joint_torques: tuple[float, ...] = _metric(
         "N m", "peak joint torque", _TORQUE, "N m", ".4g"
     )
-    # Largest difference of the torques to those that the joint accelerations need.
+    # Largest difference between the torques and those of the joint accelerations.
     torque_error: float = _metric("N m", "torque error", _TORQUE, "N m", ".1e")
     # R_obst of Eqs. (46) and (47); zero for a plan without collision.
     penalty: float = _metric("", "penalty", _ONE, "", ".3g")
-    # Where the end effector comes, or where the plan says that it comes: the worse of the two.
+    # Of the plan's last point, or of the motion that follows from its points: the larger one.
     final_position_error: float = _metric("m", "final position error", _METRE, "mm", ".4f")
     final_orientation_error: float = _metric("rad", "final orientation error", _RAD, "deg", ".5f")
     momentum_error: float = _metric("", "momentum error", _ONE, "relative", ".1e")
     # Of the generalised Jacobian J_D at the points; zero in a dynamic singularity.
     min_singular_value: float = _metric("", "smallest singular value", _ONE, "", ".3g")
-    # Between the start state's joint rates and the plan's first: Eq. (31) has no null-space motion.
+    # From the start state's joint velocities to the plan's first: methods without null-space motion
+    # jump
     start_velocity_jump: float = _metric("rad/s", "jump of joint rates", _RAD_S, "deg/s", ".2f")
-    # Of any body from any other that moves against it, likewise; infinite: no bodies.
+    # Of any body from any other that can move relative to it, at any time; infinite: no bodies.
     min_self_clearance: float = _metric("m", "self-clearance", _METRE, "mm", ".1f", np.inf)
     # To the problem's limits, at any time; infinite: it has none.
     min_acceleration_margin: float = _metric(
@@ -138,15 +138,15 @@ class Metrics:
     capture_angular_impulse: float = _metric(
         "N m s", "capture angular impulse", _TORQUE, "N m s", ".4g", np.inf
     )
-    # Whose the clearances are, `body/obstacle` and `body/body`, and when [s]; empty, infinite:
-    # nobody's.
+    # Pairs of the clearances, `body/obstacle` and `body/body`, and their times [s]; empty and
+    # infinite: there is none.
     min_clearance_pair: str = ""
     min_clearance_time: float = np.inf
     min_self_clearance_pair: str = ""
     min_self_clearance_time: float = np.inf
 
     def told(self, name: str) -> str:
-        """Return a metric in words, with what a clearance is of, and when it is least."""
+        """Return a metric in words with its unit; a clearance with its pair and time."""
         text = METRIC_BY_NAME[name].text(getattr(self, name))
         pair = getattr(self, f"{name}_pair", "")
         return f"{text}, {pair} at {getattr(self, f'{name}_time'):.2f} s" if pair else text

@@ -1,4 +1,4 @@
-"""A motion as Pinocchio writes it to a motion as a user reads it, and back."""
+"""Conversion of motions between Pinocchio's configurations and trajectories."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ff_planner_ros.robot.state import SystemState
 def to_trajectory(
     robot: Robot, time: Array, q: Array, v: Array, accelerations: Array
 ) -> Trajectory:
-    """Return chaser, joints with their torques, and end effector of a motion.
+    """Return the trajectory of a motion, with torques by inverse dynamics.
 
     Args:
         time: Shape (points,) [s].
@@ -51,7 +51,7 @@ def to_trajectory(
 
 
 def state_at(motion: Trajectory, point: int) -> SystemState:
-    """Return the state of chaser and arm at a point of a motion; it does not tell of wheels."""
+    """Return the state of chaser and arm at a point of a motion, without wheel momenta."""
     return SystemState(
         position_chaser_in_inertial=motion.chaser_positions[point],
         quaternion_chaser_to_inertial_xyzw=motion.chaser_quaternions_xyzw[point],
@@ -64,7 +64,7 @@ def state_at(motion: Trajectory, point: int) -> SystemState:
 
 
 def chaser_motion(states: Sequence[SystemState]) -> dict[str, Array]:
-    """Return the chaser's part of a trajectory, from the state at each point."""
+    """Return the chaser's arrays of a `Trajectory`, by field name, from the state at each point."""
     return {
         "chaser_positions": np.array([s.position_chaser_in_inertial for s in states]),
         "chaser_quaternions_xyzw": np.array([s.quaternion_chaser_to_inertial_xyzw for s in states]),
@@ -78,7 +78,7 @@ def chaser_motion(states: Sequence[SystemState]) -> dict[str, Array]:
 
 
 def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
-    """Return what `chaser_motion` does, of all configurations and velocities at once."""
+    """Return the arrays of `chaser_motion` from all configurations and velocities at once."""
     base_to_inertial = rotation_base_to_inertial(q)
     chaser_from_base = base_to_inertial @ robot.position_chaser_in_base
     omega = np.einsum("pij,pj->pi", base_to_inertial, v[:, 3:6])
@@ -93,7 +93,10 @@ def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
 
 
 def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]:
-    """Return configurations, (points, 7 + joints), and tangent velocities, (points, 6 + joints)."""
+    """Return configurations, (points, 7 + joints), and tangent velocities, (points, 6 + joints).
+
+    The inverse of `to_trajectory`.
+    """
     motion = trajectory
     attitudes = rotation_from_quaternion(motion.chaser_quaternions_xyzw)
     base_to_inertial = attitudes @ robot.rotation_chaser_to_base.T

@@ -17,7 +17,7 @@ from ff_planner_ros.robot.quaternion import (
     rotation_from_quaternion,
 )
 
-# Instead of a family's name: what remains of a running plan, as it is.
+# Family of a plan that is the unchanged remainder of a running plan.
 REMAINDER = "remainder"
 
 
@@ -29,11 +29,11 @@ class Trajectory:
     the base link; quaternions rotate chaser or end-effector axes to inertial axes.
     """
 
-    time: Array  # from the start, at equal steps to the goal and in the tail; shape (points,) [s]
-    joint_positions: Array  # shape (points, joints) [rad]
-    joint_velocities: Array  # shape (points, joints) [rad/s]
-    joint_accelerations: Array  # shape (points, joints) [rad/s2]
-    joint_torques: Array  # what makes the joints move so, Eq. (20); shape (points, joints) [N m]
+    time: Array  # from the start, equal steps to the goal, and equal ones after; (points,) [s]
+    joint_positions: Array  # shape (points, joints) [rad, m]
+    joint_velocities: Array  # shape (points, joints) [rad/s, m/s]
+    joint_accelerations: Array  # shape (points, joints) [rad/s2, m/s2]
+    joint_torques: Array  # by inverse dynamics, Eq. (20); shape (points, joints) [N m, N]
     chaser_positions: Array  # shape (points, 3) [m]
     chaser_quaternions_xyzw: Array  # shape (points, 4)
     chaser_linear_velocities: Array  # of the chaser centre of mass; shape (points, 3) [m/s]
@@ -49,10 +49,10 @@ class Trajectory:
             object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
 
     def followed_by(self, after: Trajectory, begin: float = 0.0) -> Trajectory:
-        """Return one motion of two; the point that they share is this one's.
+        """Return this motion and the next joined; the point that they share is this one's.
 
         Args:
-            begin: When the other's time begins [s].
+            begin: Time of this motion at which that of the next is zero [s].
         """
         later = replace(after, time=begin + after.time)
         return Trajectory(
@@ -64,13 +64,13 @@ class Trajectory:
 
 
 def begins_of(motions: Iterable[Trajectory]) -> list[float]:
-    """Return when each of some motions begins that follow one another, the first at zero [s]."""
+    """Return the start time of each of consecutive motions, the first at zero [s]."""
     ends: list[float] = np.cumsum([motion.time[-1] for motion in motions]).tolist()
     return [0.0, *ends[:-1]]
 
 
 class BodyMotion(NamedTuple):
-    """A body's frame at its centre of mass, in the inertial frame; one row per point."""
+    """Motion of a body's frame at its centre of mass, in the inertial frame; one row per point."""
 
     positions: Array  # shape (points, 3) [m]
     quaternions_xyzw: Array  # body axes to inertial axes; shape (points, 4)
@@ -78,16 +78,16 @@ class BodyMotion(NamedTuple):
     angular_velocities: Array  # shape (points, 3) [rad/s]
 
     def followed_by(self, after: BodyMotion) -> BodyMotion:
-        """Return one motion of two."""
+        """Return this motion and the next joined; they share no point."""
         return BodyMotion(*map(np.concatenate, zip(self, after, strict=True)))
 
 
 def with_end_effector(motion: Trajectory, place: Array, points: slice) -> BodyMotion:
-    """Return the motion of what is fixed to the end effector, at some points of a plan.
+    """Return the motion of a body that is fixed to the end effector, at some points of a plan.
 
     Args:
-        place: Of its frame in the end effector's: position [m] and quaternion x, y, z, w. Shape
-            (7,).
+        place: Pose of its frame in the end effector's: position [m] and quaternion (x, y, z, w).
+            Shape (7,).
     """
     turns, rates = motion.ee_quaternions_xyzw[points], motion.ee_angular_velocities[points]
     lever = rotation_from_quaternion(turns) @ place[:3]
@@ -100,7 +100,7 @@ def with_end_effector(motion: Trajectory, place: Array, points: slice) -> BodyMo
 
 
 def in_end_effector(motion: Trajectory, pose: Array) -> Array:
-    """Return a pose at the last point of a plan, shape (7,), in the end effector's frame then."""
+    """Return an inertial pose, shape (7,), in the end effector's frame at a plan's last point."""
     back = quaternion_inverse(motion.ee_quaternions_xyzw[-1])
     way = rotation_from_quaternion(back) @ (pose[:3] - motion.ee_positions[-1])
     return np.concatenate([way, quaternion_product(back, pose[3:])])
@@ -108,9 +108,9 @@ def in_end_effector(motion: Trajectory, pose: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class WheelMotion:
-    """What the wheels that hold the chaser's attitude hold and give, a column a wheel."""
+    """Momenta and torques of the reaction wheels that hold the chaser's attitude."""
 
-    momenta: Array  # at each point; shape (points, wheels) [N m s]
+    momenta: Array  # shape (points, wheels) [N m s]
     torques: Array  # rates of the momenta; shape (points, wheels) [N m]
 
     def __post_init__(self) -> None:
@@ -119,7 +119,7 @@ class WheelMotion:
             object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
 
     def followed_by(self, after: WheelMotion) -> WheelMotion:
-        """Return one motion of two; the point that they share is this one's."""
+        """Return this motion and the next joined; the point that they share is this one's."""
         momenta = np.concatenate([self.momenta, after.momenta[1:]])
         return WheelMotion(momenta, np.concatenate([self.torques, after.torques[1:]]))
 
@@ -128,9 +128,9 @@ class WheelMotion:
 class SolverReport:
     """How the solver found a path."""
 
-    starts: int  # first guesses tried
-    iterations: int  # quadratic programs solved, over all starts
-    rollouts: int  # over all starts, each with derivatives
+    starts: int  # initial guesses tried
+    iterations: int  # quadratic programs solved, for all initial guesses
+    rollouts: int  # motions integrated, for all initial guesses, each with derivatives
     optimality: float  # first-order, see `solver`; infinite where nothing was optimised
     stop_reason: str  # why it stopped, a sentence
     ended_by: str = ""  # what ended the search, of `EndedBy`; empty: not known
@@ -138,23 +138,23 @@ class SolverReport:
 
 @dataclass(frozen=True)
 class RobustReport:
-    """What a plan keeps back for what is not known exactly, and the price."""
+    """The constraint back-off of a robust plan for given uncertainties, and its price."""
 
-    sigmas: float  # so many deviations were asked for
-    least_sigmas: float  # so many the nearest of all margins has
-    rounds: int  # plans made with more and more kept back; 0: the plain plan has it all
-    plain_joint_path_length: float  # of the plan without [rad]
-    # Of what the solver kept back beyond the limits themselves
+    sigmas: float  # standard deviations of margin that were asked for
+    least_sigmas: float  # standard deviations of the smallest margin of the plan
+    rounds: int  # plans made with increasing back-off; 0: the plain plan has all margins
+    plain_joint_path_length: float  # of the plan without back-off [rad]
+    # Back-off of the solver from the limits
     clearance: tuple[tuple[str, float], ...] = ()  # obstacle and distance [m]
     chaser_attitude: float = 0.0  # of the Euler angles [rad]
     torques: tuple[tuple[str, float], ...] = ()  # joint and torque [N m]
     corridor: float = 0.0  # of the approach [m]
     chaser_rotation: float = 0.0  # [rad]
-    # Standard deviations that were asked for, by name of `Uncertainty`
+    # Standard deviations of the uncertain quantities, by name of `Uncertainty`
     deviations: tuple[tuple[str, float], ...] = ()
 
     def told(self, joint_path_length: float) -> str:
-        """Return what is kept back, and the price, in words; with the path of the plan [rad]."""
+        """Return the back-off and its price in words, given the joint path of the plan [rad]."""
         longer = joint_path_length - self.plain_joint_path_length
         return (
             f"{self.least_sigmas:.2f} sigmas kept back, {self.sigmas:g} asked for; joint path "
@@ -171,45 +171,45 @@ class Plan:
     # The paper's a6..a8 of the six components, Eq. (42), in the chaser's axes at the first point;
     # shape (18,), empty for another path
     xi: Array
-    orientation_reading: str  # what the last nine of them describe (see `polynomial`), or empty
+    orientation_reading: str  # Euler angles of the last nine of xi (see `polynomial`), or empty
     metrics: Metrics
     solver: SolverReport
-    # Name of the path family, or `REMAINDER`; empty where the motion is no path of a family
+    # Name of the path family, or `REMAINDER`; empty: the motion is no path of a family
     family: str = ""
-    # Decision variables, a first guess for another plan; shape (variables,), empty without a family
+    # Decision variables, an initial guess for other plans; shape (variables,), empty: no family
     coefficients: Array = field(default_factory=lambda: np.empty(0))
-    duration: float | None = None  # from the first point to the goal [s]; None: as was asked for
+    duration: float | None = None  # from the first point to the goal [s]; None: the problem's
     robust: RobustReport | None = None  # None: it was not asked for
     wheels: WheelMotion | None = None  # None: the chaser has none
-    # The step at which the search was ended: with it, a task gives this plan again; zero: the
-    # search came to its end
+    # The step at which the search was stopped: with it, a task gives this plan again; zero: the
+    # search ran to its end
     effort: int = 0
-    notes: tuple[str, ...] = ()  # on what it was made among
+    notes: tuple[str, ...] = ()  # on the scene of the problem
 
-    # At which chaser and arm turn together where the joints rest at the goal [rad/s]; None: they do
-    # not, or it was not asked for
+    # Angular rate of the whole system after the goal if the joints rest there [rad/s]; None: they
+    # do not, or it was not asked for
     turn_rate_at_rest: float | None = None
-    # Of the phases that follow, each by itself; empty: there are none
+    # Plans of the phases that follow, each by itself; empty: there are none
     then: tuple[Plan, ...] = ()
 
     @property
     def phases(self) -> tuple[Plan, ...]:
-        """The plan of each phase; one that nothing follows is the only one."""
+        """The plan of each phase, in order; at least this plan itself."""
         return (replace(self, then=()), *self.then) if self.then else (self,)
 
     @property
     def begins(self) -> list[float]:
-        """When each phase begins, the first at zero [s]."""
+        """Start time of each phase, the first at zero [s]."""
         return begins_of(phase.trajectory for phase in self.phases)
 
     @property
     def may_be_singular(self) -> bool:
-        """Whether no velocity map made it, so that it may begin, pass and end at singularities."""
+        """Whether the motion may begin, pass and end at singularities: it uses no velocity map."""
         return self.family in (Parametrisation.JOINT_SPLINE, REMAINDER)
 
     @property
     def message(self) -> str:
-        """Why the search ended, what a robust plan keeps back, how it rests, and notes."""
+        """Stop reason, constraint back-off, angular rate at rest and notes, as one text."""
         robust, rate = self.robust, self.turn_rate_at_rest
         kept = [] if robust is None else [robust.told(self.metrics.joint_path_length)]
         rests = [] if rate is None else [f"at rest the whole turns at {rate:.4g} rad/s"]

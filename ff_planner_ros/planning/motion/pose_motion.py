@@ -23,10 +23,9 @@ def poses_between(
     angular_velocities: Array,
     at: Array,
 ) -> tuple[Array, Array]:
-    """Interpolate a frame's poses with their twists in the inertial frame.
+    """Interpolate the poses of a frame, given with its twists in the inertial frame.
 
-    Cubic Hermite polynomials between two neighbours for the positions; `attitudes_between` for the
-    attitudes.
+    Positions by cubic Hermite polynomials between neighbours, attitudes by `attitudes_between`.
 
     Args:
         times: Strictly increasing, two or more. Shape (points,) [s].
@@ -48,11 +47,11 @@ def poses_between(
 def attitudes_between(
     times: Array, quaternions_xyzw: Array, angular_velocities: Array, at: Array
 ) -> Array:
-    """Interpolate a frame's attitudes with their rates in the inertial frame.
+    """Interpolate the attitudes of a frame, given with its angular velocities in inertial axes.
 
     A cubic Hermite polynomial between two neighbours, on the rotation vector from the first of
-    them: a constant spin is met exactly, any other motion with an error that falls with the fourth
-    power of the time between the points.
+    them: exact for a constant spin; else the error falls with the fourth power of the time between
+    the points.
 
     Args:
         times: Strictly increasing, two or more. Shape (points,) [s].

@@ -45,10 +45,10 @@ def increment(step: float, velocities: Sequence[Array]) -> Array:
 def runge_kutta_step(
     model: pin.Model, q: Array, step: float, velocity: Callable[[int, Array], Array]
 ) -> Array:
-    """Return one tangent step of `step` seconds from a configuration, stage by stage.
+    """Return the tangent step of one Runge-Kutta step of `step` seconds. Shape (6 + joints,).
 
     Args:
-        velocity: Returns the tangent velocity, shape (6 + joints,), of a stage from its number and
+        velocity: Returns the tangent velocity, shape (6 + joints,), from the number of a stage and
             its configuration. It is called for the stages 0 to 3 in this order.
     """
     velocities = [velocity(0, q)]
@@ -61,10 +61,11 @@ def runge_kutta_step(
 def turned_by_momentum(
     rotation: Array, momentum: Array, of_momentum: Array, of_rates: Array, steps: Array
 ) -> Array:
-    """Return how a base turns at omega = A R^T L - b: at the beginning and after each step.
+    """Return the attitude of a base with omega = A R^T L - b, at the beginning and after each step.
 
-    The momentum that the base sees, l = R^T L, changes by l x omega. With that known, and half-way
-    by the cubic through both ends of a step, Magnus' series of order four makes turns of omega.
+    The momentum in base axes, l = R^T L, changes by l x omega. It is integrated by Runge-Kutta, and
+    interpolated half-way by the cubic through both ends of a step; the Magnus series of order four
+    then integrates omega to rotations.
 
     Args:
         rotation: Base to inertial axes at the beginning. Shape (3, 3).
@@ -105,9 +106,9 @@ def _omega(seen: Array, of_momentum: Array, of_rates: Array) -> Array:
 
 
 def _momentum_seen(seen: Array, of_momentum: Array, of_rates: Array, steps: Array) -> Array:
-    """Return l after each step of Runge-Kutta's, by plain numbers: arrays of three take longer.
+    """Return l after each Runge-Kutta step, by plain numbers: arrays of three take longer.
 
-    Its size is constant, and kept so: else it would grow without end where steps are too long.
+    Its norm is constant, and restored after each step: with too long steps it would diverge.
     """
     x, y, z = seen.tolist()
     found, size = [(x, y, z)], math.hypot(x, y, z)

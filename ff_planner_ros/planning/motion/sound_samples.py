@@ -1,4 +1,4 @@
-"""Whether samples from a file or a bag are a motion of a robot."""
+"""The test whether samples from a file or a bag can be a motion of a robot."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def require_sound_samples(robot: Robot, trajectory: Trajectory) -> None:
     """Refuse samples that cannot be a motion of this robot.
 
     Raises:
-        InvalidInput: An array has the wrong shape, is not finite or no rotation, or time does not
-            increase.
+        InvalidInput: An array has the wrong shape, is not finite, larger than 1e15 or no rotation,
+            or time does not increase.
     """
     points = len(trajectory.time) if trajectory.time.ndim == 1 else 0
     if points < 2:

@@ -1,4 +1,4 @@
-"""How many of a target's conditions an arm can meet at once, as the axes of its joints lie."""
+"""How many of a target's conditions the geometry of an arm allows it to meet at once."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import generalised_jacobian
 
-# Postures that are looked at: one of them is regular, if any is.
+# Postures that are tested: one of them is regular, if any is.
 _POSTURES = 8
-# A direction in which the arm moves the end effector by less than this part of the one in which it
-# does most is none that it can be steered in. Arms drawn at random have 0.02 and more; those whose
-# last axis is the end effector's free axis have 0.001: they turn the chaser a little.
+# Smallest singular value, relative to the largest, of a direction in which the arm can steer the
+# end effector. Arms drawn at random have 0.02 and more; those whose last axis is the end effector's
+# free axis have 0.001: they rotate the chaser a little.
 _LEAST_PART = 0.003
 
 
 def steered(robot: Robot, target: Target) -> int:
-    """Return in how many directions at once the arm can steer what a target asks for."""
+    """Return how many of a target's conditions the joint velocities can meet at once: a rank."""
     data = robot.model.createData()
     asked = [
         twist_conditions(robot, data, target, q) @ of_rates for q, of_rates in _postures(robot)
@@ -33,10 +33,7 @@ def steered(robot: Robot, target: Target) -> int:
 
 @lru_cache(maxsize=8)
 def _postures(robot: Robot) -> tuple[tuple[Array, Array], ...]:
-    """Return configurations with their generalised Jacobians.
-
-    Lengths and angles count in parts of what the arm moves them by.
-    """
+    """Return configurations with their generalised Jacobians, both parts scaled to unit norm."""
     data, rng = robot.model.createData(), np.random.default_rng(0)
     lowest = np.maximum(robot.lower_position_limits, -np.pi)
     highest = np.minimum(robot.upper_position_limits, np.pi)
@@ -53,7 +50,10 @@ def _postures(robot: Robot) -> tuple[tuple[Array, Array], ...]:
 
 
 def twist_conditions(robot: Robot, data: pin.Data, target: Target, q: Array) -> Array:
-    """Return what of a twist in inertial axes, its `tip_rows`, a target asks for."""
+    """Return the matrix that selects from an inertial twist what a target specifies.
+
+    Shape (conditions, rows), where the rows are the base's `tip_rows`.
+    """
     rows = robot.base.tip_rows
     every = np.eye(len(rows))
     linear = every[[row < 3 for row in rows]]

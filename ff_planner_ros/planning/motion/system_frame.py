@@ -6,8 +6,8 @@ motion into an error. Here the centre of mass rests at the origin, linear moment
 chaser's axes at the first point are those of the frame. Its Euler angles are then those relative to
 its start attitude, whatever the user's frame is.
 
-A search that is sensitive may make two plans of two problems that differ by rounding. So a problem
-is rounded here, to far less than anything is measured to: seen from most frames it is then the same
+The search may find different plans for two problems that differ by rounding. So a problem is
+rounded here, far below the accuracy of any measurement: from most user frames, it is then the same
 to the last bit.
 """
 
@@ -34,27 +34,31 @@ from ff_planner_ros.robot.quaternion import (
 )
 from ff_planner_ros.robot.state import SystemState
 
-# To multiples of these: a thousand times what 7000 km and 8 km/s leave of double precision, and a
-# thousandth of what a plan may miss its goal by [m, m/s]; and rad/s, m/s2, rad/s2 and quaternions.
+# Values are rounded to multiples of these: a thousand times the resolution of double precision at
+# 7000 km and 8 km/s, and a thousandth of the allowed final error [m, m/s]; and of angular
+# velocities, accelerations and quaternions.
 _PLACE, _SPEED, _OTHER = 2.0**-20, 2.0**-30, 2.0**-40
 
 
 @dataclass(frozen=True, eq=False)
 class SystemFrame:
-    """An inertial frame, seen from the user's; both measure time from the same moment."""
+    """An inertial frame relative to the user's; time zero is the same in both."""
 
     origin: Array  # at time zero, in the user's frame; shape (3,) [m]
     velocity: Array  # constant, in the user's frame; shape (3,) [m/s]
-    quaternion_xyzw: Array  # its axes to the user's; shape (4,)
-    start: SystemState  # of the system at time zero, in this frame
+    quaternion_xyzw: Array  # rotates its axes to the user's; shape (4,)
+    start: SystemState  # state of the system at time zero, in this frame
 
     @cached_property
     def rotation(self) -> Array:
-        """Its axes to the user's. Shape (3, 3)."""
+        """Rotation from its axes to the user's. Shape (3, 3)."""
         return frozen(rotation_from_quaternion(self.quaternion_xyzw))
 
     def problem(self, problem: PlanningProblem) -> PlanningProblem:
-        """Return a problem of the user's frame, whose first point is at time zero, in this one."""
+        """Return a problem of the user's frame, whose first point is at time zero, in this frame.
+
+        Its values are rounded, and its start is `start`.
+        """
         target, end, window = problem.target, problem.duration, problem.duration_range
         seen = replace(
             problem,
@@ -87,7 +91,7 @@ class SystemFrame:
         return with_capture_target(moved, seen)
 
     def state_seen_by_user(self, state: SystemState, time: float) -> SystemState:
-        """Return a state of this frame at a time [s] in the user's."""
+        """Return a state of this frame at a time [s] in the user's frame."""
         axes = self.rotation
         place = axes @ state.position_chaser_in_inertial + self.velocity * time
         attitude = quaternion_product(
@@ -103,7 +107,7 @@ class SystemFrame:
         )
 
     def plan(self, plan: Plan) -> Plan:
-        """Return a plan of the user's frame, its first point at time zero, in this one."""
+        """Return a plan of the user's frame, its first point at time zero, in this frame."""
         axes = self.rotation
 
         def here(time: Array, x: Array, q: Array, v: Array, omega: Array) -> tuple[Array, ...]:
@@ -114,7 +118,7 @@ class SystemFrame:
         return _with_motion(plan, here)
 
     def plan_seen_by_user(self, plan: Plan) -> Plan:
-        """Return a plan of this frame, its first point at time zero, in the user's."""
+        """Return a plan of this frame, its first point at time zero, in the user's frame."""
         axes = self.rotation.T
 
         def there(time: Array, x: Array, q: Array, v: Array, omega: Array) -> tuple[Array, ...]:
@@ -137,7 +141,7 @@ class SystemFrame:
         )
 
     def _place_here(self, point: Array, time: float) -> Array:
-        # Subtracted before anything is multiplied: far away a turn would cost the last digits.
+        # Subtracted before anything is multiplied: far away a rotation would cost the last digits.
         return self._vector_here((point - self.origin) - self.velocity * time, _PLACE)
 
     def _velocity_here(self, velocity: Array) -> Array:
@@ -152,7 +156,11 @@ class SystemFrame:
 
 
 def system_frame(robot: Robot, state: SystemState) -> SystemFrame:
-    """Return the frame of a system, the state being that at time zero."""
+    """Return the frame of a system's centre of mass, with the chaser's axes at time zero.
+
+    Args:
+        state: State of the system at time zero, in the user's frame.
+    """
     quaternion = state.quaternion_chaser_to_inertial_xyzw
     axes = rotation_from_quaternion(quaternion)
     # Relative to the chaser, so that no digit is lost to where the system is or how fast it moves.
@@ -181,7 +189,7 @@ def system_frame(robot: Robot, state: SystemState) -> SystemFrame:
 
 
 def in_own_frame(problem: PlanningProblem) -> PlanningProblem:
-    """Return a problem in the frame of its system at the first point."""
+    """Return a problem in the `system_frame` of its start."""
     return system_frame(problem.robot, problem.start).problem(problem)
 
 

@@ -1,4 +1,4 @@
-"""The progress of a search, and what may end it."""
+"""Watches of a search: they observe its progress, and may end it."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
 
 
 class Budget(NamedTuple):
-    """Time that a search may take."""
+    """Wall-clock time that a search may take."""
 
-    seconds: float
-    with_plan: float = math.inf  # once there is a plan: no more than so long in all [s]
+    seconds: float  # until there is a plan, or a refusal [s]
+    with_plan: float = math.inf  # in all, once there is a plan [s]
 
 
 @dataclass(frozen=True)
 class Progress:
     """How far a search has come."""
 
-    phase: str  # SEARCHING on few points, REFINING on all of them, CHECKING what was found
-    starts: int  # first guesses tried
-    iterations: int  # paths looked at with their derivatives, over all starts
-    objective: float  # of the path last looked at
-    violation: float  # by how much it violates its worst constraint [m, rad or rad/s]
+    phase: str  # SEARCHING on the coarse grid, REFINING on the fine grid, or CHECKING
+    starts: int  # initial guesses tried
+    iterations: int  # paths evaluated with derivatives, for all initial guesses
+    objective: float  # of the path evaluated last
+    violation: float  # of its worst constraint [m, rad or rad/s]
     step: int = 0  # of the search, as `Steps` counts them
     best: Metrics | None = None  # of the best plan until then; None: there is none yet
 
 
 class Watch:
-    """Is told of the progress of a search, and may end it. This one does neither."""
+    """Observes the progress of a search, and may end it; this base class ignores it."""
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
         """Called before every step of a search; raises OutOfTime to end it."""
@@ -49,31 +49,31 @@ class Watch:
         """Called with every plan that passed the check."""
 
     def share(self, searches: int) -> Watch:  # noqa: ARG002 (without a clock there is no end)
-        """Return the watch of a search, after which so many less one follow it."""
+        """Return the watch of the next of so many consecutive searches."""
         return self
 
 
 class PassingOn(Watch):
-    """Passes on to another watch whatever it does not do itself."""
+    """A watch that forwards every call to another one; subclasses override some."""
 
     def __init__(self, watch: Watch) -> None:
-        """Watch together with another one."""
+        """Forward to a watch."""
         self._watch = watch
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
-        """Pass it on."""
+        """Forward the call."""
         self._watch.require_time(phase)
 
     def report(self, progress: Progress) -> None:
-        """Pass it on."""
+        """Forward the call."""
         self._watch.report(progress)
 
     def offer(self, plan: Plan) -> None:
-        """Pass it on."""
+        """Forward the call."""
         self._watch.offer(plan)
 
     def share(self, searches: int) -> Watch:
-        """Return a watch that passes on to another's share."""
+        """Return a copy that forwards to the share of the other watch."""
         one = copy(self)
         one._watch = self._watch.share(searches)  # noqa: SLF001 (of its own class)
         return one
@@ -83,7 +83,7 @@ class Steps(PassingOn):
     """Counts the steps of a search, which do not depend on the clock, and ends it at a step."""
 
     def __init__(self, watch: Watch, last: int = 0) -> None:
-        """Begin to count; last: the step at which the search ends; zero: none."""
+        """Count from 1; last: the step at which the search ends, zero: no limit."""
         super().__init__(watch)
         self._last, self._step = last, 1
         self.ended_at = 0  # the step at which the search was ended; zero: it was not
@@ -92,8 +92,8 @@ class Steps(PassingOn):
         """Count a step.
 
         Raises:
-            OutOfTime: It is the last one, or the other watch ends the search. From then on every
-                step is the last one.
+            OutOfTime: The step is the last one, or the other watch ends the search. Every call
+                after that raises it, too.
         """
         if self._step == self._last:
             self.ended_at = self._last
@@ -106,5 +106,5 @@ class Steps(PassingOn):
         self._step += 1
 
     def report(self, progress: Progress) -> None:
-        """Tell the step, too."""
+        """Forward the progress with the present step."""
         super().report(replace(progress, step=self._step))

@@ -1,7 +1,7 @@
-"""What the wheels that hold a chaser's attitude take up along a motion; see `robot.wheels`.
+"""Momenta and torques of the wheels that hold a chaser's attitude along a motion.
 
-Angular momenta are those of Pinocchio's centroidal algorithms. The search, which needs derivatives,
-takes its own from inverse dynamics.
+See `robot.wheels`. Angular momenta are those of Pinocchio's centroidal algorithms. The search,
+which needs derivatives, computes its own by inverse dynamics.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ class WheelPeaks(NamedTuple):
 
     momenta: Peaks  # [N m s]
     torques: Peaks  # [N m]
-    first: tuple[Array, Array]  # both at the first time, each of shape (wheels,)
+    first: tuple[Array, Array]  # momenta and torques at the first time, each of shape (wheels,)
 
 
 def wheel_peaks(
     robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
 ) -> WheelPeaks:
-    """Return the peaks of each wheel along a motion, between its points too."""
+    """Return the peak momentum and torque of each wheel along a motion, between its points too."""
     _, _, accelerations = motion.joints.at(motion.time)
     stored = momenta_of(wheels, start)
     momenta, torques = wheels_along(robot, wheels, stored, motion.q, motion.v, accelerations)
@@ -38,11 +38,13 @@ def wheel_peaks(
 def wheels_along(
     robot: Robot, wheels: Wheels, stored: Array, q: Array, v: Array, accelerations: Array
 ) -> tuple[Array, Array]:
-    """Return momenta [N m s] and torques [N m] of the wheels. Each of shape (times, wheels).
+    """Return momenta [N m s] and torques [N m] of the wheels, each of shape (times, wheels).
 
     Args:
-        stored: What they hold at the first time. Shape (wheels,) [N m s].
-        accelerations: Of the joints. Shape (times, joints) [rad/s2].
+        stored: Momenta at the first time. Shape (wheels,) [N m s].
+        q: Configurations. Shape (times, 7 + joints).
+        v: Tangent velocities. Shape (times, 6 + joints).
+        accelerations: Of the joints. Shape (times, joints) [rad/s2, m/s2].
     """
     parts, rates = angular_momenta(robot, q, v, accelerations)
     momenta = stored + (parts[0] - parts) @ wheels.shares.T

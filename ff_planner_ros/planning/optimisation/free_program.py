@@ -1,17 +1,18 @@
 """The optimisation problem with the duration as one more variable.
 
-Everything that moves with the duration T, the goal, the obstacles, the momentum's drift and the
-limits on rates, is a function of the path's variables x and of T. Both kinds of derivatives are
-exact. Those by T are at fixed parts s of it, so that a point stays what it is and comes later:
+All functions depend on the path's variables x and on the duration T: through the goal, the
+obstacles, the drift by the momentum and the limits of velocities. Derivatives by x and by T are
+exact; those by T are at fixed normalised time s = t / T:
 
 - The path at s depends on T through its ends: the k-th derivative by s is T^k times that by time,
-  and the goal's pose, twist and acceleration change as they do on the goal's own way.
-- Base and joints follow through the same steps of the integration as by x, each step being a part
-  of T; the system's centre of mass drifts for longer; rates by time are 1 / T of those by s.
-- Each requirement adds what depends on T beside the motion: spheres and grasp are elsewhere at s T,
-  and what is made of rates and steps of time changes with the step.
+  and the goal's pose, twist and acceleration change by the goal's own motion.
+- Base and joints are differentiated through the same integration steps as by x, whose length is
+  proportional to T. The system's centre of mass drifts for longer, and velocities are 1 / T times
+  derivatives by s.
+- Each requirement adds what depends on T beside the motion: spheres and grasp move to their places
+  at s T, and expressions in velocities and time steps change with the step.
 
-That the plan's grid and the names of its rows stay the same is all that is left out.
+Neglected is only that the grid and the names of the rows may change with T.
 """
 
 from __future__ import annotations
@@ -34,17 +35,17 @@ class FreeProgram:
     """Objectives and requirements of a problem as functions of (x, T / unit)."""
 
     problem: PlanningProblem  # with a range of durations
-    program: PathProgram  # of one of them
-    weight: float  # of the duration, beside the objective of the program [rad/s]
+    program: PathProgram  # for one duration in the range
+    weight: float  # of the duration, added to the objective of the program [rad/s]
     unit: float  # of the last variable [s]
 
     def duration(self, along: Array) -> float:
-        """Return the duration that variables stand for, within its range [s]."""
+        """Return the duration of variables (x, T / unit), clipped to its range [s]."""
         window = self.problem.durations
         return float(np.clip(along[-1] * self.unit, window.minimum, window.maximum))
 
     def at(self, duration: float) -> PathProgram:
-        """Return the program of one duration [s], whose last variable is the duration."""
+        """Return the program at a duration [s]; its last variable is the duration."""
         problem = lasting(self.problem, duration)
         family = self.program.family.lasting(problem, goal_motion(self.problem, duration))
         return replace(self.program, problem=problem, family=family)
@@ -55,17 +56,17 @@ class FreeProgram:
         return self._in_range(here, float(along[-1]) * self.unit) if here.is_defined else here
 
     def _in_range(self, here: PathLinearisation, duration: float) -> PathLinearisation:
-        """Return functions of a path with the duration's weight and its range.
+        """Return a linearisation with the duration's weight and the bounds of its range added.
 
         Args:
-            here: Derivatives by the duration are per second, last.
-            duration: As the variables say it, in its range or not [s].
+            here: With derivatives by the duration, per second, in the last column.
+            duration: From the variables, not clipped to the range [s].
         """
         variables = len(here.gradient)
         units = np.ones(variables)
         units[-1] = self.unit
-        # The duration is a max term, beside those of the attitude: the solver then learns how
-        # the constraints are curved, which alone decide where the shortest duration is.
+        # The duration is added to the max terms of the attitude, or is one: only then the solver
+        # approximates the constraints' curvature, which alone decides the shortest duration.
         max_terms, by_x = here.max_terms, here.max_terms_jacobian * units
         if not max_terms.size:
             max_terms, by_x = np.zeros(1), np.zeros((1, variables))
@@ -88,7 +89,7 @@ class FreeProgram:
 
 
 def goal_motion(problem: PlanningProblem, duration: float) -> GoalMotion:
-    """Return how the goal of a problem changes with its duration [s]."""
+    """Return the derivatives of a problem's goal by the duration, at a duration [s]."""
     body, nothing = problem.target_body, np.zeros(6)
     if body is None:
         place = np.append(problem.durations.target_velocity, nothing[3:])

@@ -31,9 +31,9 @@ class Linearisation:
     equalities: Array = field(default_factory=lambda: np.empty(0))  # h; may be empty
     # Shape (equalities, variables); ignored where there are none
     equalities_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
-    # Of the constraints, those of interest at x: at another x the same name is the same constraint
+    # Of the constraints at x, which may be others at another x: equal names, equal constraints
     names: Indices = field(default_factory=lambda: np.empty(0, np.intp))
-    is_defined: bool = True  # whether the functions are defined at x; if not, only x has a meaning
+    is_defined: bool = True  # whether the functions are defined at x; if not, ignore the values
 
     @cached_property
     def objective(self) -> float:
@@ -47,6 +47,6 @@ class Linearisation:
 
 
 def violation(constraints: Array, equalities: Array) -> float:
-    """Return the L-infinity norm of what g lacks to zero and h is off zero."""
+    """Return the L-infinity norm of the violations of g >= 0 and h = 0."""
     below = -constraints.min(initial=0.0)
     return float(max(0.0, below, np.abs(equalities).max(initial=0.0)))

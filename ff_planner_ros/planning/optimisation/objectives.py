@@ -22,12 +22,12 @@ from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.wheels import loads_with_derivatives
 
-# So far turns the joint that rounds the joint path [rad]: it makes a path of 1 rad 0.05 % longer.
+# Rotation of the extra joint of `joint_path` [rad]: it makes a path of 1 rad 0.05 % longer.
 _ROUNDING = 0.03
 
 
 class Term(NamedTuple):
-    """What one objective adds to a program: f, and max terms of which the largest counts."""
+    """The contribution of one objective to a program: f plus the largest max term."""
 
     value: float  # f
     gradient: Array  # of f; shape (variables,)
@@ -48,8 +48,8 @@ def terms(
     """Return the terms of all objectives that have a weight.
 
     Args:
-        smoothing: Weight of evenly run joints, where the joint path's is one; see `joint_path`.
-        attitude_norm: p of the p-norm of the Euler angles that stands for the largest of them.
+        smoothing: Weight of smooth joint velocities relative to the joint path; see `joint_path`.
+        attitude_norm: p of the p-norm that approximates the largest Euler angle; inf: max terms.
     """
     found, robot = [], problem.robot
     variables = sensitivity.variables
@@ -57,7 +57,7 @@ def terms(
     if weight > 0.0:
         v, by_x, duration = motion.v, sensitivity.v, (len(motion.v) - 1) * step
         if sensitivity.goal_motion is not None:
-            # Run by parts of the duration, a path is as long, and knows the duration no more.
+            # In normalised time the path is as long, and does not depend on the duration.
             by_x = duration * by_x
             by_x[..., -1] += v
             v, step = duration * v, step / duration
@@ -70,7 +70,7 @@ def terms(
         momenta = weights.wheel_momentum * loads.momenta.ravel()
         by_x = weights.wheel_momentum * loads.momenta_by_x.reshape(-1, variables)
         max_terms, jacobian = np.append(momenta, -momenta), np.concatenate([by_x, -by_x])
-        return [*found, Term(0.0, nothing[0], nothing, max_terms, jacobian)]  # it does not turn
+        return [*found, Term(0.0, nothing[0], nothing, max_terms, jacobian)]  # attitude is held
     weight = weights.chaser_attitude
     if weight > 0.0:
         # The Euler angles whose largest modulus is J_Theta.
@@ -87,8 +87,8 @@ def terms(
 def power_mean(values: Array, jacobian: Array, p: float) -> tuple[float, Array, Array]:
     """Return (mean |values|^p)^(1/p), its gradient and its Gauss-Newton Hessian.
 
-    It is smooth where the largest modulus, its limit for large p, has kinks. The Hessian is exact
-    where the values are linear in x; it is positive semidefinite, for a norm is convex.
+    It is smooth where its limit for large p, the largest modulus, has kinks. The Hessian is exact
+    if the values are linear in x, and positive semidefinite because a norm is convex.
 
     Args:
         values: Shape (values,).
@@ -111,7 +111,7 @@ def power_mean(values: Array, jacobian: Array, p: float) -> tuple[float, Array, 
 
 
 def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:
-    """Return the objective to solve where the duration is given: never a largest value alone."""
+    """Return the objective for a given duration, with a small joint path weight if it has none."""
     if objective.joint_path_length > 0.0:
         return objective
     if objective.only_duration:  # which is decided
@@ -122,19 +122,19 @@ def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective
 
 
 def weighted_sum(objective: Objective, metrics: Metrics) -> float:
-    """Return what a plan with these metrics is worth, less is better [rad]."""
+    """Return the objective value of a plan with these metrics, without its duration [rad]."""
     length = objective.joint_path_length * metrics.joint_path_length
     wheels = objective.wheel_momentum * max(metrics.peak_wheel_momenta, default=0.0)
     return length + objective.chaser_attitude * metrics.max_chaser_euler + wheels
 
 
 def duration_of(plan: Plan) -> float:
-    """Return the time to the goal of a plan that ends there [s]."""
+    """Return the time from the first point to the goal of a plan without post-goal segment [s]."""
     return float(plan.trajectory.time[-1]) if plan.duration is None else plan.duration
 
 
 def plan_cost(objective: Objective, plan: Plan) -> float:
-    """Return the objective of a plan, the weight of its duration included [rad]."""
+    """Return the objective value of a plan, its weighted duration included [rad]."""
     return weighted_sum(objective, plan.metrics) + objective.duration * duration_of(plan)
 
 
@@ -147,16 +147,18 @@ def joint_path(
 ) -> tuple[float, Array, Array]:
     """Return J_L of Eq. (44), its gradient and its Gauss-Newton Hessian, positive semidefinite.
 
-    With smoothing, so many times T times the integral of the squared joint rates are added, by the
-    trapezoidal rule: the squared joint path where the joints are run evenly along a straight way,
-    and more otherwise. And one more joint turns, slowly and evenly: where all others stand still
-    for a moment and turn back, the joint path has a kink without it, in front of which the solver
-    stalls.
+    With smoothing s > 0 two terms are added. The first is s T times the integral of the squared
+    joint velocities (trapezoidal rule): s times the squared joint path if the joints move uniformly
+    along a straight line, more otherwise. The second is one more joint at a small constant
+    velocity: it rounds the kink that J_L has where all joints stop at once and turn back, and where
+    the solver stalls.
 
     Args:
         v: Tangent velocities. Shape (points, 6 + joints).
         by_x: Their derivatives. Shape (points, 6 + joints, variables).
-        weights: Share of each joint. Shape (joints,). None: 1.
+        step: Time between two points [s].
+        smoothing: s.
+        weights: Weight of each joint. Shape (joints,). None: 1.
     """
     if weights is not None:
         shares = np.append(np.ones(6), weights)

@@ -25,13 +25,13 @@ from ff_planner_ros.planning.requirements.goal import beside, miss
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.robot.configuration import configuration
 
-# A path is solved on so many intervals at least, whatever the plan shows of them: on fewer, its
-# motion is not exact to a tenth of what the check allows.
+# Fewest intervals of the grid, however few points the plan has: on fewer, the motion is not exact
+# to a tenth of what the check allows.
 _LEAST_INTERVALS = 40
-# From point to point a tumbling chaser turns no further [rad]; but this many intervals are enough.
+# Largest rotation of a tumbling chaser in one interval [rad], and how many intervals are enough.
 _GRID_TURN, _MOST_INTERVALS = 0.25, 200
 
-# Of what is missing, margins are eased by so much: on its way to the goal the path may come nearer.
+# Margins are eased by this multiple of the violation: on its way the path may come nearer.
 _EASED = 1.5
 # No requirement has as many rows: the names of all of them differ.
 _NAMES = 1 << 40
@@ -39,13 +39,13 @@ _NAMES = 1 << 40
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PathLinearisation(Linearisation):
-    """What the solver wants to know of a path, and the motion that it comes from."""
+    """Objective and constraints of a path with their derivatives, and the motion behind them."""
 
     motion: Motion  # may be singular
     acceleration: Array  # dv/dt at each point; shape (points, 6 + joints)
 
     def by(self, directions: Array) -> PathLinearisation:
-        """Return the same with the derivatives by steps along directions, a column each."""
+        """Return the linearisation in steps along directions, one a column."""
         if not self.is_defined:
             return self
         return replace(
@@ -61,9 +61,9 @@ class PathLinearisation(Linearisation):
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """The way from a path's motion to the one that a controller makes of the plan's points.
+    """Difference between a path's motion and the controller's interpolation of the plan's points.
 
-    It hardly changes with the path, so that its derivative is left out.
+    It hardly changes with the path, so that its derivative is neglected.
     """
 
     q: Array  # tangent steps at the points; shape (points, 6 + joints)
@@ -72,7 +72,7 @@ class Correction:
 
     @staticmethod
     def between(model: pin.Model, motion: Motion, driven: FollowedMotion) -> Correction:
-        """Return the way from one motion to the other; its steps end at the points, too."""
+        """Return the difference from a motion to its interpolation on the same or a finer grid."""
         every = (len(driven.time) - 1) // (2 * len(motion.q) - 2)
         steps = [
             np.array([pin.difference(model, *at) for at in zip(q, to, strict=True)])
@@ -84,7 +84,7 @@ class Correction:
         return Correction(steps[0], driven.v[:: 2 * every] - motion.v, steps[1])
 
     def of(self, model: pin.Model, motion: Motion) -> Motion:
-        """Return the motion that a controller makes of one near the path's."""
+        """Return a motion near the path's, corrected to the controller's interpolation."""
         q, q_half_way = (
             np.array([pin.integrate(model, *at) for at in zip(q, steps, strict=True)])
             for q, steps in ((motion.q, self.q), (motion.q_half_way, self.q_half_way))
@@ -99,20 +99,20 @@ class PathProgram:
     problem: PlanningProblem
     family: PathFamily
     objective: Objective
-    margins: Mapping[str, float]  # kept more of each requirement at the points, by its name
-    points: int  # of the grid; the plan holds every one of them, every second, ...
-    damping: float = 0.0  # of the motion, where a singularity in the way shall not stop the search
-    # From the path's motion to the one that a controller makes of it; None: not known yet
+    margins: Mapping[str, float]  # added to each requirement at the points, by its name
+    points: int  # of the grid; the plan holds every k-th of them
+    damping: float = 0.0  # of the motion, so that a singularity on it does not stop the search
+    # From the path's motion to the controller's interpolation; None: not known yet
     correction: Correction | None = None
-    aim: Target | None = None  # of the family, beside the problem's target; None: that itself
-    smoothing: float = 0.0  # weight of evenly run joints, beside that of the joint path
-    attitude_norm: float = np.inf  # p of the p-norm that stands for the largest Euler angle
-    # Names of the requirements that have rows only once a path has violated them: none has yet
+    aim: Target | None = None  # goal of the family, beside the problem's target; None: that target
+    smoothing: float = 0.0  # weight of smooth joint velocities relative to the joint path
+    attitude_norm: float = np.inf  # p of the p-norm that approximates the largest Euler angle
+    # Names of requirements that get rows once a path violates them; none of these has rows yet
     on_demand: frozenset[str] = frozenset()
 
     @property
     def requirements(self) -> tuple[Requirement, ...]:
-        """What a plan must keep."""
+        """The requirements that a plan must keep."""
         return requirements_of(self.problem)
 
     def linearise(self, x: Array) -> PathLinearisation:
@@ -159,11 +159,11 @@ class PathProgram:
         )
 
     def followed(self, at_x: PathLinearisation) -> FollowedMotion:
-        """Return what a controller makes of the points that a path's plan holds."""
+        """Return the controller's interpolation of the points of a path that its plan holds."""
         return followed_path(self.problem, at_x.motion.q, at_x.motion.v, at_x.acceleration)
 
     def with_correction(self, motion: Motion, driven: FollowedMotion) -> PathProgram:
-        """Return the program that knows what a controller makes of a path, and aims accordingly."""
+        """Return the program corrected to the interpolation of a path, with its goal offset."""
         robot, target = self.problem.robot, self.problem.target
         if self.problem.posture is not None:  # the last point has the goal's own joints
             return replace(self, correction=Correction.between(robot.model, motion, driven))
@@ -176,7 +176,7 @@ class PathProgram:
         )
 
     def slacks(self, motion: FollowedMotion) -> Mapping[str, float]:
-        """Return what is left of each requirement along a motion; negative: it is violated."""
+        """Return the slack of each requirement along a motion, by name; negative: violated."""
         return {
             required.name: required.slack(self.problem, motion) for required in self.requirements
         }
@@ -193,14 +193,14 @@ class PathProgram:
         )
 
     def with_eased_margins(self, at_x: PathLinearisation, names: Sequence[str]) -> PathProgram:
-        """Return the program whose margins a path keeps, or nearly so, where it keeps a part.
+        """Return the program with smaller margins for requirements that a path keeps without them.
 
-        A plan that begins beside an obstacle cannot be moved there. It is this one where the path
-        keeps them all.
+        A plan that begins beside an obstacle cannot keep the whole margin there. The program is
+        unchanged if the path keeps all margins.
 
         Args:
-            at_x: Of a regular path.
-            names: Of the requirements whose margins are eased.
+            at_x: Linearisation at a regular path.
+            names: Names of the requirements whose margins are eased.
         """
         margins = dict(self.margins)
         for number, required in enumerate(self.requirements):
@@ -214,7 +214,7 @@ class PathProgram:
     def met(self, at_x: PathLinearisation) -> frozenset[str]:
         """Return the names of the requirements that a regular path keeps, margins included.
 
-        Of those on demand, which have no rows yet, nothing is known.
+        Those on demand, which have no rows yet, are left out.
         """
         violated = at_x.names[at_x.constraints < -FEASIBILITY_TOLERANCE] // _NAMES
         return frozenset(
@@ -231,11 +231,11 @@ class PathProgram:
 def path_program(
     problem: PlanningProblem, family: PathFamily, settings: PlannerSettings
 ) -> PathProgram:
-    """Return the optimisation problem on all points of the plan."""
+    """Return the optimisation problem on the fine grid, which holds all points of the plan."""
     every = requirements_of(problem)
     margins = {required.name: required.margin(problem, settings) for required in every}
     objective = with_tie_break(problem.objective, settings)
-    # A path of the end effector is run as its polynomials say; a spline may be run in any way.
+    # The timing of an end effector's path is its polynomials'; that of a spline is free.
     smoothing = settings.joint_spline_smoothing if isinstance(family, JointSplines) else 0.0
     points = _grid_points(problem)
     return PathProgram(
@@ -250,7 +250,7 @@ def path_program(
 
 
 def _grid_points(problem: PlanningProblem) -> int:
-    """Return the number of points to solve on; the plan's are every one, every second, ..."""
+    """Return the number of points of the fine grid; the plan holds every k-th of them."""
     _, v = configuration(problem.robot, problem.start)
     turn = float(np.linalg.norm(v[3:6])) * problem.duration
     intervals = problem.points - 1
@@ -259,7 +259,7 @@ def _grid_points(problem: PlanningProblem) -> int:
 
 
 def _undefined(motion: Motion) -> PathLinearisation:
-    """Return what the solver learns of a path that meets a singularity: it is a wall."""
+    """Return the linearisation of a path that meets a singularity: not defined."""
     nothing = np.empty((0, len(motion.x)))
     return PathLinearisation(
         value=np.inf,

@@ -3,9 +3,9 @@
     minimise    grad f' d + d' H d / 2 + t + penalty s   over the step d, t and the slack s >= 0
     subject to  p + P d <= t,  g + G d + s >= 0,  h + E d = 0,  max |d| <= radius
 
-The max terms are in epigraph form. Elastic mode: where the linearised equalities have no solution
-within the trust region, the same slack lets them be violated either way. Their multipliers are not
-to be trusted then.
+The max terms are in epigraph form. Elastic mode: if the linearised equalities have no solution
+within the trust region, the same slack relaxes them to either side. Their multipliers are then not
+reliable.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _INSIDE = 5.0 * FEASIBILITY_TOLERANCE
 # Makes the quadratic programs strictly convex; the objective's own curvature is of order 1. The
 # epigraph variable and the slack are linear, and have this part of it.
 _REGULARISATION, _LINEAR = 1e-4, 1e-4
-# The working set begins with the constraints and max terms that a step reaches by this part of what
-# it might, if it went to every bound.
+# The working set begins with the constraints and max terms that a step can reach by this part of
+# the largest change in the trust region.
 _WITHIN_REACH = 0.03
 
 
@@ -60,7 +60,7 @@ def solve_qp(at_x: Linearisation, radius: float, penalty: float) -> Step:
 
 
 def elastic_mode(at_x: Linearisation) -> Linearisation:
-    """Return functions whose equalities are pairs of constraints, which may be violated."""
+    """Return a linearisation whose equalities are pairs of constraints, which the slack relaxes."""
     off, by_x = at_x.equalities, at_x.equalities_jacobian
     return Linearisation(
         at_x.value,
@@ -76,8 +76,8 @@ def elastic_mode(at_x: Linearisation) -> Linearisation:
 def _solve_by_working_set(at_x: Linearisation, radius: float, penalty: float) -> Step | None:
     """Return the solution with all constraints and max terms; None: the equalities have none.
 
-    What a step hardly reaches joins the working set only where the solution without it violates it,
-    or is exceeded by it.
+    Constraints and max terms that a step hardly reaches join the working set only if the solution
+    without them violates or exceeds them.
     """
     jacobian, missing = at_x.constraints_jacobian, _INSIDE - at_x.constraints
     of_max, below_largest = at_x.max_terms_jacobian, _largest(at_x) - at_x.max_terms

@@ -1,4 +1,4 @@
-"""The curvature of max terms and constraints, learnt from the steps: the SR1 update."""
+"""The SR1 quasi-Newton approximation of the curvature of max terms and constraints."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _ORTHOGONAL = 1e-8
 def sr1_update(curvature: Array, at_x: Linearisation, at_trial: Linearisation, step: Step) -> Array:
     """Return the curvature of max terms and constraints, updated by one step (SR1).
 
-    It is that of their sum as the step's multipliers weigh them. A sum f alone has a Gauss-Newton
-    approximation that is better than the update.
+    It approximates the Hessian of their sum, weighted by the step's multipliers; shape (variables,
+    variables). Without max terms it is unchanged: the Gauss-Newton Hessian of f is better alone.
     """
     if not at_x.max_terms.size:
         return curvature

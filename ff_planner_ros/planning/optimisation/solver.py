@@ -33,13 +33,13 @@ _ACCEPT, _SHRINK, _SHRUNK, _GROW = 0.1, 0.25, 0.4, 0.7
 _FIRST_PENALTY, _LOWEST_PENALTY, _HIGHEST_PENALTY, _PENALTY_FACTOR = 10.0, 1e-2, 1e5, 100.0
 # The merit function is exact above the multipliers' sum; the markup leaves them room to grow.
 _MARKUP, _HARDLY_MORE = 2.0, 1.1
-# Where the violation does not fall to this part of itself in this many iterations, it stays; but a
+# A violation that does not fall to this part of itself in this many iterations is stagnant; but a
 # small one [unit of g] only waits for the trust region to become as small.
 _STAGNANT, _PATIENCE, _SMALL_VIOLATION = 0.7, 4, 2e-3
 # A smaller predicted reduction is rounding; no step can be judged by it.
 _LEAST_REDUCTION = 1e-12
-# The objective is known to six good digits where no step predicts a tenth of the sixth: what the
-# steps after it would bring, too, is not ten times as much.
+# The objective is known to six digits if no step predicts a tenth of the sixth: all further steps
+# together bring less than ten times as much.
 _SIX_DIGITS = 1e-7
 # Feasibility restoration: its first trust region, and a penalty that buys feasibility at any
 # length of step.
@@ -54,15 +54,15 @@ class Solution(Generic[AtX]):
 
     x: Array  # shape (variables,)
     at_x: AtX  # functions and derivatives there
-    optimality_at_x: Callable[[], float]  # what `optimality` takes the time to work out
-    # No constraint is violated, and the objective is known to six good digits
+    optimality_at_x: Callable[[], float]  # computes `optimality`, which takes a while
+    # Whether no constraint is violated, and the objective is known to six digits
     converged: bool
     iterations: int  # quadratic programs solved
     stop_reason: str  # a sentence
-    # SR1 approximation of max terms and constraints as their multipliers weigh them; shape
-    # (variables, variables), None if unknown
+    # SR1 approximation of the Hessian of max terms and constraints, weighted by their multipliers;
+    # shape (variables, variables), None if unknown
     curvature: Array | None = None
-    radius: float = FIRST_RADIUS  # of the trust region, to go on with
+    radius: float = FIRST_RADIUS  # of the trust region at the end
 
     @cached_property
     def optimality(self) -> float:
@@ -89,14 +89,14 @@ def minimise(
     """Minimise from a start; not converging is a result, not an error.
 
     Args:
-        linearise: Returns functions and derivatives at x; no step leads to where they are not.
+        linearise: Returns functions and derivatives at x; steps to undefined x are rejected.
         tolerance: First-order optimality at which to stop.
-        progress: Part of the objective; a step that predicts less is not worth an evaluation.
-        radius: Largest entry of the first step: small where the start is nearly optimal.
+        progress: Relative reduction of the objective; the solver stops if a step predicts less.
+        radius: Largest entry of the first step: small if the start is nearly optimal.
         curvature: SR1 approximation of another solution. None: zero.
-        tolerated: A smaller violation does not stop a step that brings the predicted reduction of
-            the objective: long steps along curved constraints. The solution may violate as much.
-            Where it is not zero, a violation that no longer falls does not end the search.
+        tolerated: Violation up to which a step is also taken if the objective alone falls as
+            predicted, which allows long steps along curved constraints. The solution may violate
+            as much. If not zero, a stagnant violation does not end the search.
         at_start: Functions and derivatives at the start. None: they are evaluated.
     """
     x, at_x = start, linearise(start) if at_start is None else at_start
@@ -138,8 +138,8 @@ def nearest_feasible(
 ) -> Solution[AtX]:
     """Go to the nearest x that keeps every constraint, whatever the objective is there.
 
-    Each step is the shortest one that keeps the linearised constraints: near a feasible x the
-    violation falls quadratically, where `minimise` would trade it for the objective.
+    Each step is the shortest that keeps the linearised constraints: near a feasible x the violation
+    falls quadratically, while `minimise` would trade it for the objective.
 
     Args:
         at_start: Functions and derivatives at the start.
@@ -166,7 +166,7 @@ def nearest_feasible(
 
 
 def _optimality(at_x: Linearisation, penalty: float, known: float) -> float:
-    """Return the first-order optimality at x, if not known by the multipliers of a bold step."""
+    """Return the first-order optimality at x, if not known with the multipliers of a long step."""
     if np.isfinite(known):
         return known
     return _step_and_penalty(at_x, FIRST_RADIUS, penalty)[0].optimality
@@ -183,9 +183,9 @@ def _convex_model(at_x: AtX, curvature: Array) -> AtX:
 def _step_and_penalty(at_x: Linearisation, radius: float, penalty: float) -> tuple[Step, float]:
     """Return a step, and the penalty of the merit function that judges it (penalty update).
 
-    The penalty is the lowest that leaves hardly more of the linearised violation than any would;
-    where nothing is left, it follows the multipliers. Too high a penalty makes the solver refuse
-    good steps along curved constraints.
+    The penalty is the lowest that leaves hardly more of the linearised violation than the highest;
+    if none is left, it follows the multipliers. Too high a penalty makes the solver refuse good
+    steps along curved constraints.
     """
     steps, penalties = [solve_qp(at_x, radius, penalty)], [penalty]
     if steps[0].is_elastic:
@@ -297,10 +297,10 @@ def _next_radius(radius: float, trial: _Trial[AtX]) -> float:
 
 
 def _counts_for_stagnation(at_x: AtX, trial: _Trial[AtX]) -> bool:
-    """Tell whether the violation after a trial says that it will not become zero.
+    """Tell whether the violation after a trial counts in the test for a stagnant violation.
 
-    With equalities the first steps are often too long, and not taken; and while the linearised
-    ones can hold, the violation only waits for the objective.
+    With equalities the first steps are often too long, and not taken; and as long as the linearised
+    constraints can hold, the violation may still fall.
     """
     if not at_x.equalities.size:
         return True
@@ -311,7 +311,7 @@ def _failure(radius: float, violations: Sequence[float]) -> str | None:
     """Return why the solver gives up; None: it goes on.
 
     Args:
-        violations: At each iteration; they are stagnant where they will not become zero.
+        violations: Those that count for stagnation, in order.
     """
     if (
         len(violations) > _PATIENCE

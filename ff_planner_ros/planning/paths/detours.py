@@ -1,4 +1,4 @@
-"""First guesses for the solver: the straight path, detours around what blocks it, and others."""
+"""Initial guesses of end-effector paths: detours around an obstacle, and scattered ones."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS, PAR
 from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, bodies_in, spheres_in
 from ff_planner_ros.robot.model import Robot
 
-# The free term's bump is flat at its ends: an obstacle there is not avoided by a huge bump in the
-# middle. 1 at the middle of the path.
+# The free term's bump, 1 at the middle of the path, is flat at its ends: an obstacle there is not
+# avoided by a huge bump in the middle.
 _LEAST_BUMP = 0.3
-# Spread of the other guesses: wide enough to come to the other side of an obstacle, not so wide
-# that most leave the workspace [m, rad].
+# Standard deviation of the scattered guesses: wide enough to come to the other side of an obstacle,
+# not so wide that most leave the workspace [m, rad].
 _SPREAD_POSITION, _SPREAD_ANGLE = 0.3, 0.4
 
 
 def scattered() -> Iterator[Array]:
-    """Yield flattened coefficients without end, always the same."""
+    """Yield normally distributed coefficients without end, always the same. Shape (18,)."""
     spread = np.repeat([_SPREAD_POSITION] * 3 + [_SPREAD_ANGLE] * 3, FREE_TERMS)
     from scipy.stats import qmc  # half a second to load, and most plans never come here
 
@@ -37,7 +37,7 @@ def scattered() -> Iterator[Array]:
 def detours(
     robot: Robot, straight: Motion, duration: float, obstacles: Sequence[Obstacle]
 ) -> Iterator[Array]:
-    """Pass the obstacle that the straight path runs deepest into on its four sides."""
+    """Yield coefficients, shape (18,), of four detours around the obstacle that is hit deepest."""
     points = len(straight.q)
     of_spheres = _around_sphere(robot, straight, duration, spheres_in(obstacles))
     of_bodies = around_body(robot, straight, duration, bodies_in(obstacles))
@@ -54,7 +54,7 @@ def detours(
 def _around_sphere(
     robot: Robot, straight: Motion, duration: float, spheres: Sequence[Sphere]
 ) -> Hit | None:
-    """Return the ways around the sphere that the lines run deepest into; None: into none."""
+    """Return the detours around the sphere that the lines enter deepest; None: they enter none."""
     positions = arm_points(robot, straight.q)
     times = np.linspace(0.0, duration, len(positions))
     clear = clearances(positions, times, segments(positions), spheres)
@@ -64,7 +64,7 @@ def _around_sphere(
     out = clear.direction[deepest]
     sphere, depth = spheres[int(deepest[2])], -clear.distance[deepest]
     radius = sphere.radius
-    # The end effector's way as the sphere sees it.
+    # Across the end effector's motion relative to the sphere.
     aside = np.cross(out, positions[-1, -1] - positions[0, -1] - sphere.way(duration))
     aside /= max(float(np.linalg.norm(aside)), 1e-9)
     ways = (

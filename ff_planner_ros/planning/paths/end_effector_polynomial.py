@@ -1,8 +1,8 @@
 """The paper's path family: the motions that follow from polynomial paths of the end effector.
 
-At each stage of a Runge-Kutta step the velocity map gives joint rates and chaser twist, Eqs. (27)
-and (31). Start and goal fix the end effector's pose, twist and acceleration at both ends, whatever
-the decision variables are. Null-space motion of the start fades on the way.
+At each stage of a Runge-Kutta step the velocity map gives joint velocities and chaser twist, Eqs.
+(27) and (31). The end effector's pose, twist and acceleration at both ends are those of start and
+goal for all decision variables. Null-space motion of the start fades out along the path.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Target
 from ff_planner_ros.robot.model import Base, Robot
 
-# An end effector's pose takes as many joints at least.
+# Fewest joints that a pose of the end effector needs.
 PAPERS_JOINTS = 6
 
-# Where there is a corridor, a first guess comes to it at this part of the duration, so many times
-# its length before the grasp.
+# Normalised time at which an initial guess reaches the corridor, if there is one, and the distance
+# from the grasp then, in lengths of the corridor.
 _ENTERED, _BEFORE = 0.75, 1.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rollout(Motion):
-    """A motion with its derivatives: the core makes both at once."""
+    """A motion with its derivatives: the core computes both at once."""
 
     sensitivity: Sensitivity
 
@@ -57,10 +57,10 @@ class EndEffectorPaths:
     q_start: Array  # configuration at the first point; shape (7 + joints,)
     momentum: Array  # constant total P and L about the inertial origin; shape (6,)
     polynomial: EndEffectorPolynomial
-    null_space: NullSpaceFade | None = None  # what the start has beyond Eq. (31); None: nothing
+    null_space: NullSpaceFade | None = None  # motion of the start beyond Eq. (31); None: none
     entry: Array | None = None  # before the corridor of the approach; shape (3,) [m]; None: none
-    goal_motion: GoalMotion | None = None  # where the duration is one more variable
-    # Of the polynomial's quintic by the duration; empty where that is given
+    goal_motion: GoalMotion | None = None  # if the duration is one more variable
+    # Derivative of the polynomial's quintic by the duration; empty if that is given
     quintic_by_duration: Array = field(default_factory=lambda: np.empty(0))
 
     name: ClassVar[str] = "end_effector_polynomial"
@@ -70,7 +70,7 @@ class EndEffectorPaths:
 
     @property
     def reading(self) -> str:
-        """How the Euler angles are read: `inertial` or `along_turn`."""
+        """How the Euler angles are defined: `inertial` or `along_turn`, see `polynomial`."""
         return self.polynomial.reading
 
     def decision_variables(self, x: Array) -> Array:
@@ -80,9 +80,9 @@ class EndEffectorPaths:
     def first_guesses(
         self, obstacles: Sequence[Obstacle], points: int, damping: float
     ) -> Iterator[Array]:
-        """Yield the straight path, detours around what blocks it, and others without end.
+        """Yield the straight path, detours around what blocks it, and scattered ones without end.
 
-        With a corridor, one that passes by its open end comes second.
+        With a corridor, a path through its open end comes second.
         """
         straight = np.zeros(PARAMETERS)
         yield straight
@@ -94,7 +94,7 @@ class EndEffectorPaths:
         yield from scattered()
 
     def near(self, q: Array) -> Array:
-        """Return the coefficients of a path that runs as a motion does, but for its goal."""
+        """Return the coefficients of the path that fits a motion best, apart from its ends."""
         model, data, tip = self.robot.model, self.robot.model.createData(), self.robot.tip_frame_id
         poses = []
         for sample in q:
@@ -111,7 +111,7 @@ class EndEffectorPaths:
     def lasting(
         self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
     ) -> EndEffectorPaths:
-        """Return the motions of this problem with another duration, the angles read as here."""
+        """Return the motions of this problem with another duration, with the same A and B."""
         duration, null_space = problem.duration, self.null_space
         if null_space is not None:
             seconds = null_space.seconds * duration / self.polynomial.duration
@@ -173,12 +173,12 @@ class EndEffectorPaths:
         )
 
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
-        """Return the derivatives of a regular motion of this family, which it brings with it."""
+        """Return the derivatives of a regular motion of this family, computed with the motion."""
         return cast(Rollout, motion).sensitivity
 
 
 def applies(problem: PlanningProblem) -> bool:
-    """Tell whether arm, base and target are such that these motions are defined."""
+    """Tell whether this family is defined for a problem's arm, base and target."""
     return (
         problem.robot.joints >= PAPERS_JOINTS
         and problem.robot.base is Base.FREE_FLYER
@@ -189,7 +189,7 @@ def applies(problem: PlanningProblem) -> bool:
 def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:
     """Return the paper's family of motions from the start state to the target.
 
-    Where the end effector has half a turn to make there are two of them, a way round each.
+    If the end effector has to rotate by half a turn, there are two families, one per direction.
     """
     start = start_motion(problem.robot, problem.start, problem.duration)
     end, entry = _end(problem.target), _entry(problem)
@@ -207,7 +207,7 @@ def end_effector_paths(problem: PlanningProblem) -> EndEffectorPaths:
 
 
 def _entry(problem: PlanningProblem) -> Array | None:
-    """Return where a first guess comes to the corridor, shape (3,) [m]; None: there is none."""
+    """Return where an initial guess enters the corridor, shape (3,) [m]; None: there is none."""
     approach = problem.approach
     if approach is None:
         return None

@@ -1,4 +1,4 @@
-"""The end effector goes on after the goal as its target does, as far as the target says."""
+"""Motion after the goal in which the end effector follows the target, in what it specifies."""
 
 from __future__ import annotations
 
@@ -18,21 +18,30 @@ from ff_planner_ros.robot.quaternion import (
     quaternion_product,
 )
 
-# Faster than this [rad/s] rates are those of a dynamic singularity.
+# Faster rates [rad/s] mean a dynamic singularity.
 _SINGULAR_RATE = 10.0
-# Central differences so wide [s] of rates that vary in seconds are exact to nine digits.
+# Half width of central differences [s]: exact to nine digits for rates that vary in seconds.
 _ASIDE = 1e-3
 
 
 def holding_in_part(
     problem: PlanningProblem, q_goal: Array, rates: Array, momentum: Array, time: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the motion that goes on with what the target says of the end effector's twist.
+    """Return a motion whose end effector keeps the twist that the target specifies.
 
-    Of the rates at the goal, those that do not move the end effector fade until the end.
+    The part of the joint velocities at the goal that does not move the end effector fades out.
+
+    Args:
+        q_goal: Configuration at the goal. Shape (7 + joints,).
+        rates: Joint velocities there. Shape (joints,).
+        momentum: Total P and L about the inertial origin. Shape (6,).
+        time: Times since the goal, the first zero. Shape (times,) [s].
+
+    Returns:
+        Configurations, tangent velocities and dv/dt, a row per time.
 
     Raises:
-        NoPlanFound: It meets a dynamic singularity.
+        NoPlanFound: The motion meets a dynamic singularity.
     """
     robot, target = problem.robot, problem.target
     data = robot.model.createData()
@@ -72,12 +81,12 @@ def holding_in_part(
 
 
 def poses_held(problem: PlanningProblem, seconds: Array) -> tuple[Array, Array]:
-    """Return where the end effector shall be after the goal: with the target body, if there is one.
+    """Return the end effector's reference poses after the goal.
 
-    Else it goes on with the target's twist.
+    They follow the grasp of the target body, if there is one, else the target's constant twist.
 
     Args:
-        seconds: Since the goal. Shape (times,) [s].
+        seconds: Times since the goal. Shape (times,) [s].
 
     Returns:
         Positions, shape (times, 3) [m], and quaternions (x, y, z, w), shape (times, 4).
@@ -92,7 +101,7 @@ def poses_held(problem: PlanningProblem, seconds: Array) -> tuple[Array, Array]:
 
 
 def _twist_held(problem: PlanningProblem, seconds: float) -> Array:
-    """Return the end effector's twist so long [s] after the goal. Shape (6,)."""
+    """Return the end effector's reference twist so many seconds after the goal. Shape (6,)."""
     target, body = problem.target, problem.target_body
     if body is None:
         return np.concatenate([target.linear_velocity, target.angular_velocity])
@@ -109,7 +118,7 @@ def _held_rates(
     twist: Array,
     spare: Array,
 ) -> Array | None:
-    """Return the rates next to `spare` that give what the target says of a twist [rad/s].
+    """Return the joint velocities nearest to `spare` that give what the target asks of a twist.
 
     None: the arm is in a dynamic singularity.
 

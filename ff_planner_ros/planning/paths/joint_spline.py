@@ -1,12 +1,12 @@
-"""Joint splines: each joint on a quintic B-spline, the base as the momentum demands.
+"""Joint splines: each joint on a quintic B-spline, the base by conservation of momentum.
 
 theta(t) = B(t) c. Start angle, rate and acceleration fix the first three control points; the others
-are the decision variables. Nothing is inverted but the system's inertia, so that a motion knows no
-singularities, and any number of joints will do. Its end need not be at the goal: what it misses is
-the goal error, which the solver brings to zero.
+are the decision variables. Only the system's inertia is inverted, so that there are no
+singularities, and the arm may have any number of joints. The end of a motion need not be the goal:
+the solver brings the goal error to zero.
 
-A goal of the joints fixes control points instead, and nothing is missed: a posture with its rates
-the last three; rest in any posture makes the last three the same.
+A goal of the joints fixes control points instead, and there is no goal error: a posture with its
+rates fixes the last three; rest in any posture makes the last three equal.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Derivatives: TypeAlias = tuple[Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SplineMotion(Motion):
-    """A motion with what its derivatives need."""
+    """A motion with the compiled one that its derivatives are computed from."""
 
     compiled: compiled.DrivenMotion
 
@@ -48,8 +48,8 @@ class JointSplines:
     problem: PlanningProblem
     basis: SplineBasis
     q_start: Array  # configuration at the first point; shape (7 + joints,)
-    start: compiled.Start  # what stays of it
-    goal_motion: GoalMotion | None = None  # where the duration is one more variable
+    start: compiled.Start  # base pose, centre of mass and momentum there
+    goal_motion: GoalMotion | None = None  # if the duration is one more variable
 
     name: ClassVar[str] = "joint_spline"
     reading: ClassVar[str] = ""
@@ -58,7 +58,7 @@ class JointSplines:
 
     @property
     def robot(self) -> Robot:
-        """Whose motions these are."""
+        """The robot of the problem."""
         return self.problem.robot
 
     @cached_property
@@ -72,13 +72,16 @@ class JointSplines:
 
     @property
     def ending(self) -> str:
-        """What the goal fixes of the last control points; empty: nothing, the solver does."""
+        """How the goal fixes the last control points: `given`, `same`, or empty: not at all."""
         posture = self.problem.posture
         return "" if posture is None else ("same" if posture.at_rest else "given")
 
     @cached_property
     def last(self) -> Array:
-        """What the goal adds to the control points behind the start's. Shape (points, joints)."""
+        """Part of the control points behind the start's that the goal gives, zero elsewhere.
+
+        Shape (control points - 3, joints) [rad].
+        """
         added = np.zeros((self.basis.count - FIXED, self.robot.joints))
         posture = self.problem.posture
         if posture is not None and posture.positions is not None:
@@ -88,36 +91,39 @@ class JointSplines:
 
     @property
     def each(self) -> int:
-        """Variables of each joint."""
+        """Number of decision variables of each joint."""
         return int(_spread(self.basis.count, self.ending).shape[1])
 
     @property
     def variables(self) -> int:
-        """Free control points of all joints, those of the first joint first."""
+        """Number of decision variables: those of all joints, in x one joint after the other."""
         return self.robot.joints * self.each
 
     def free(self, rows: Array) -> Array:
-        """Return what the variables of a joint contribute where control points do as rows say."""
+        """Return the matrix from a joint's variables to the values of `rows @ control points`.
+
+        Shape (rows, variables of a joint).
+        """
         contributed: Array = rows[:, FIXED:] @ _spread(self.basis.count, self.ending)
         return contributed
 
     def known(self, rows: Array) -> Array:
-        """Return what start and goal contribute. Shape (rows, joints)."""
+        """Return the part of `rows @ control points` that start and goal give. (rows, joints)."""
         contributed: Array = rows[:, :FIXED] @ self.fixed + rows[:, FIXED:] @ self.last
         return contributed
 
     def decision_variables(self, x: Array) -> Array:
-        """Return nothing: the paper has no such variables."""
+        """Return an empty array: the paper's xi describes no splines."""
         return np.empty(0)
 
     def first_guesses(
         self, obstacles: Sequence[Obstacle], points: int, damping: float
     ) -> Iterator[Array]:
-        """Yield splines near the paper's path, ways to goal postures, and detours without end."""
+        """Yield splines near the paper's paths, paths to goal postures, and detours without end."""
         return spline_guesses(self, obstacles, points)
 
     def near(self, q: Array) -> Array:
-        """Return the control points of the splines through the joint angles of a motion."""
+        """Return the free control points of the splines that fit the joint angles of a motion."""
         rows = self.basis.rows(np.linspace(0.0, 1.0, len(q)))
         free, *_ = np.linalg.lstsq(self.free(rows), q[:, 7:] - self.known(rows))
         return np.asarray(free.T.ravel(), np.float64)
@@ -216,7 +222,7 @@ class JointSplines:
 def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointSplines:
     """Return the joint splines from the start state of a problem.
 
-    Where the start's joint accelerations are not known, the joints begin without.
+    If the start's joint accelerations are not known, they are zero.
     """
     robot = problem.robot
     q, v = configuration(robot, problem.start)
@@ -226,7 +232,7 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
 
 @lru_cache(maxsize=32)
 def _rows(basis: SplineBasis, points: int) -> tuple[Array, Array, Array]:
-    """Return what control points contribute to angles, rates and accelerations at half steps."""
+    """Return the matrices from control points to angles, rates, accelerations at half steps."""
     half_steps = 2 * points - 1
     return basis.on_grid(half_steps), basis.on_grid(half_steps, 1), basis.on_grid(half_steps, 2)
 
@@ -245,9 +251,9 @@ def _spread(count: int, ending: str) -> Array:
 
 @lru_cache(maxsize=32)
 def _rows_of_free(basis: SplineBasis, points: int, ending: str) -> tuple[Array, Array, Array]:
-    """Return what free control points contribute: to angles and rates, and to accelerations last.
+    """Return the matrices from a joint's variables to angles, rates and the last acceleration.
 
-    Shapes (half steps, free), twice, and (free,).
+    Shapes (half steps, variables), twice, and (variables,).
     """
     spread = _spread(basis.count, ending)
     angles, rates, accelerations = (rows[:, FIXED:] @ spread for rows in _rows(basis, points))
@@ -258,7 +264,7 @@ def _rows_of_free(basis: SplineBasis, points: int, ending: str) -> tuple[Array, 
 def _hulls(basis: SplineBasis) -> tuple[Array, Array]:
     """Return the matrices from control points to the hulls of angles and rates.
 
-    What the start alone decides is left out.
+    Points that the start alone decides are left out.
     """
     angles, rates = basis.hull(), basis.hull(1)
     return angles[FIXED:], rates[FIXED - 1 :]
@@ -272,7 +278,7 @@ def _hulls_by_x(basis: SplineBasis, joints: int, ending: str) -> JointHull:
 
 
 def _of_joints(free: Array, joints: int) -> Array:
-    """Return rows for the variables of one joint as those for all. (rows, joints, x)."""
+    """Return a matrix of one joint's variables as one of all joints'. (rows, joints, x)."""
     of_joints = np.zeros((len(free), joints, joints, free.shape[1]))
     of_joints[:, range(joints), range(joints)] = free[:, None]
     return of_joints.reshape(len(free), joints, joints * free.shape[1])

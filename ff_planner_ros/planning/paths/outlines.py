@@ -1,4 +1,4 @@
-"""Ways around the outline of a body that a path runs into, as what is hit sees it come."""
+"""Detours around a body that a path runs into: around its outline across the relative motion."""
 
 from __future__ import annotations
 
@@ -23,26 +23,27 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 # How far beyond the surface of an obstacle a detour passes [m]: the arm's links follow the end
 # effector only in part.
 BESIDE = 0.1
-# What comes so near at a point of the path or half-way may cross between them [m]: a plate is thin.
+# A thin plate may be crossed between samples: at a sample, this distance counts as a hit [m].
 _NEAR = 0.03
-# Of so many directions across the way the first is that of the nearest outline.
+# Directions across the relative motion among which the nearest outline is searched.
 _DIRECTIONS = 16
 
 
 class Hit(NamedTuple):
-    """Where a path runs into an obstacle, and how the end effector passes it."""
+    """Where a path runs into an obstacle, and displacements of the end effector past it."""
 
     depth: float  # [m]
-    half_step: int  # of the path
-    ways: tuple[Array, ...]  # by which the path is moved there; each (3,) [m]
+    half_step: int  # index of the sample, points and those half-way counted
+    ways: tuple[Array, ...]  # displacements of the path there, inertial axes; each (3,) [m]
 
 
 def around_body(
     robot: Robot, straight: Motion, duration: float, obstacles: Sequence[ObstacleBody]
 ) -> Hit | None:
-    """Return the ways around the body that a path runs deepest into; None: into none.
+    """Return the detours around the body that a path enters deepest; None: it enters none.
 
-    Across the way of what hits it: past the nearest outline, on both sides, and past the far one.
+    Displacements across the relative motion: past the nearest outline, to both sides at right
+    angles, and past the far outline.
     """
     if not obstacles:
         return None
@@ -74,7 +75,7 @@ def around_body(
 
 
 def _with_half_way(motion: Motion) -> Array:
-    """Return a motion's configurations, and between them those half-way."""
+    """Return a motion's configurations at the points and half-way between, in order of time."""
     q = np.empty((len(motion.q) + len(motion.q_half_way), motion.q.shape[1]))
     q[::2], q[1::2] = motion.q, motion.q_half_way
     return q

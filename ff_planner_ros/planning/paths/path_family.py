@@ -1,4 +1,4 @@
-"""What the search needs of a path family: motions, their sensitivities and first guesses.
+"""The interface of a path family: motions, their sensitivities and initial guesses.
 
 A path family is a set of motions from the start to the goal, one for each choice of its decision
 variables x. Another family is another class with these members.
@@ -18,7 +18,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem, Target
 
 @dataclass(frozen=True, eq=False)
 class JointHull:
-    """Points of which no joint leaves the range, at any time, or their derivatives by x."""
+    """Points whose range bounds each joint at all times, or their derivatives by x."""
 
     positions: Array  # shape (points, joints) or (points, joints, variables)
     rates: Array  # likewise
@@ -26,33 +26,33 @@ class JointHull:
 
 @dataclass(frozen=True, eq=False)
 class GoalMotion:
-    """How a goal changes with the duration: derivatives by it, linear part first, inertial axes."""
+    """Derivatives of a goal by the duration, linear part first, in inertial axes."""
 
-    place: Array  # shape (6,) [m/s, rad/s]
+    place: Array  # of the pose; shape (6,) [m/s, rad/s]
     twist: Array  # shape (6,) [m/s2, rad/s2]
     acceleration: Array  # shape (6,) [m/s3, rad/s3]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """A motion at each point, as Pinocchio writes it."""
+    """A motion at each point, in Pinocchio's configurations and velocities."""
 
     x: Array  # decision variables; shape (variables,)
     q: Array  # configurations; shape (points, 7 + joints)
     v: Array  # tangent velocities; shape (points, 6 + joints)
     q_half_way: Array  # configurations half-way between the points; shape (points - 1, 7 + joints)
-    goal_error: Array  # what the family does not fix there, to become zero; shape (rows,)
+    goal_error: Array  # in the conditions of the goal that the family does not fix; shape (rows,)
     # Time of a dynamic singularity, where the motion ends [s]; then only x has a meaning
     singular_at: float | None = None
-    hull: JointHull | None = None  # where the family knows it
+    hull: JointHull | None = None  # None: not known
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
     """Derivatives of a regular motion with respect to x, exact as discretised.
 
-    Where the duration T is one more variable, the last column is by T, at fixed parts s of it: a
-    point is at the time s T, and rates are 1 / T of the derivatives by s.
+    If the duration T is one more variable, the last column is by T at fixed normalised time
+    s = t / T: a point is at the time s T, and velocities are 1 / T times the derivatives by s.
     """
 
     q: Array  # in the tangent space at each point; shape (points, 6 + joints, variables)
@@ -69,7 +69,7 @@ class Sensitivity:
         return int(self.q.shape[2])
 
     def times_by_last(self, times: Array, duration: float) -> Array:
-        """Return how times [s] change with the last variable; empty where they do not."""
+        """Return derivatives of times [s] by the duration; empty if that is given."""
         return times[:0] if self.goal_motion is None else times / duration
 
 
@@ -86,23 +86,23 @@ class PathFamily(Protocol):
 
     @property
     def stride(self) -> float:
-        """How long a step along one variable is bold, the paper's coefficients being 1 [m, rad]."""
+        """Length of a bold step along one variable, in that of the paper's coefficients."""
 
     @property
     def directions(self) -> Array | None:
-        """Changes of x that move the path about equally far, each in a way of its own.
+        """Directions in x, as columns, that change the path orthogonally and about equally far.
 
-        A column each. Shape (variables, variables). None: each variable does.
+        Shape (variables, variables). None: the variables themselves do.
         """
 
     @property
     def reading(self) -> str:
-        """How the orientation is described, for a reader of `decision_variables`."""
+        """How the Euler angles in `decision_variables` are defined; empty: there are none."""
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Return the motion of one path on two points or more.
 
-        With damping, a motion that meets a singularity does not end there but leaves its path.
+        With damping, a motion that meets a singularity leaves its path instead of ending there.
         """
 
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
@@ -111,13 +111,13 @@ class PathFamily(Protocol):
     def first_guesses(
         self, obstacles: Sequence[Obstacle], points: int, damping: float
     ) -> Iterator[Array]:
-        """Yield decision variables to start motions from, always the same for one problem."""
+        """Yield initial guesses of the decision variables, always the same for one problem."""
 
     def near(self, q: Array) -> Array:
-        """Return the decision variables of a path that runs as a motion does, but for its goal.
+        """Return the decision variables of the path that fits a motion, apart from its goal.
 
         Args:
-            q: Configurations at equal steps of the duration, ten or more, the first one that of the
+            q: Ten configurations or more at equal steps of the duration, the first that of the
                 start. Shape (times, 7 + joints).
         """
 
@@ -134,7 +134,7 @@ class PathFamily(Protocol):
         """
 
     def decision_variables(self, x: Array) -> Array:
-        """Return what the plan reports of a path: for the paper's family xi, Eq. (42)."""
+        """Return the paper's xi of a path, Eq. (42), for the plan; empty for other families."""
 
 
 def singular_refusal(time: float, duration: float) -> NoPlanFound:

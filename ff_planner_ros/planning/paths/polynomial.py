@@ -6,13 +6,14 @@ conditions plus three free terms. In normalised time s = t / duration the free t
 conditions hold for every choice of the 18 coefficients, and each term is of the size of its
 coefficient. The paper's decision variables a6, a7, a8 are a linear map of them.
 
-The Euler angles are read in one of two ways, and R = A Rz(psi) Ry(theta) Rx(phi) B throughout:
+The rotation from end effector to inertial axes is R = A Rz(psi) Ry(theta) Rx(phi) B, with two
+definitions (`reading`):
 
-- `inertial`, the paper's: A = B = 1, the angles turn the end effector to the inertial frame that
-  the plan is made in, whose axes are the chaser's at the start (`system_frame`);
-- `along_turn`: A and B are such that the straight path is a rotation about the z axis between
-  them, from zero to the whole turn. It is as far from the singularity as can be, and it does not
-  depend on the choice of the inertial frame. Used where the paper's angles are not safe.
+- `inertial`, the paper's: A = B = 1, in the inertial frame that the plan is made in, whose axes are
+  the chaser's at the start (`system_frame`);
+- `along_turn`: A and B are such that on the straight path only psi changes, from zero to the whole
+  rotation angle. This path is as far as possible from the singularity, and does not depend on the
+  choice of the inertial frame. Used if the paper's angles are not safe.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ _BUMP = 64.0 * np.array([1.0, -3.0, 3.0, -1.0])
 _FREE_TERM_COEFFICIENTS = np.array(
     [np.concatenate([np.zeros(3 + j), _BUMP, np.zeros(2 - j)]) for j in range(FREE_TERMS)]
 ).T
-# Changes of the three coefficients, a column each, whose paths have the same mean square and are
+# Changes of the three coefficients, as columns, whose paths have the same mean square and are
 # orthogonal over the duration: a Gram-Schmidt process from the first term on.
 _MEANS = np.cumprod([1.0, 7 / 14, 8 / 15, 9 / 16, 10 / 17])  # of s^n, weighted by s^6 (1 - s)^6
 _GRAM = _MEANS[np.add.outer(np.arange(3), np.arange(3))]
@@ -52,10 +53,10 @@ DIRECTIONS = frozen(np.kron(np.eye(COMPONENTS), _OWN_WAYS))  # of all components
 # Beyond this pitch on the straight path the paper's angles are too near their singularity at
 # 90 deg; the paper's own goal, at 80 deg, is inside.
 _SAFE_PITCH = np.deg2rad(85.0)
-# Beyond this turn of one of them [rad] rounding might decide which way round it goes.
+# Beyond this change of an angle [rad], rounding might decide its direction.
 _SAFE_TURN = np.pi - 1e-3
 _PITCH_SAMPLES = np.linspace(0.0, 1.0, 51)
-# Nearer to no turn, or to half a turn, or to zero as a component of its axis, is rounding.
+# A smaller rotation, difference from half a turn, or component of its axis is rounding.
 _ROUNDING = 1e-6
 
 
@@ -71,7 +72,7 @@ class EndEffectorMotion:
 
 @dataclass(frozen=True, eq=False)
 class EndEffectorPolynomial:
-    """All end-effector paths between two motions, one for each choice of 18 coefficients."""
+    """All end-effector paths between two end conditions, one for each choice of 18 coefficients."""
 
     duration: float  # between the ends [s]
     quintic: Array  # ascending coefficients of the quintic in s; shape (6, 6), a column a component
@@ -115,25 +116,26 @@ class EndEffectorPolynomial:
         return compiled.end_effector_twist(path, coefficients.ravel(), s)
 
     def near(self, positions: Array, rotations_ee_to_inertial: Array) -> Array:
-        """Return the coefficients, flattened, of the path that is shaped most like a motion.
+        """Return the coefficients, shape (18,), of the path that fits a motion best.
 
-        A part of such a path is one itself, where the angles are read as here. Shape (18,).
+        The fit is exact for a part of a path with the same definition of the Euler angles, apart
+        from the ends, which the quintic fixes.
 
         Args:
-            positions: At equal steps of the duration, ten or more. Shape (times, 3) [m].
+            positions: Ten or more, at equal steps of the duration. Shape (times, 3) [m].
             rotations_ee_to_inertial: Shape (times, 3, 3).
         """
         outer, inner = self.rotation_outer.T, self.rotation_inner.T
         angles = [euler_from_rotation(outer @ turn @ inner) for turn in rotations_ee_to_inertial]
         components = np.column_stack([positions, np.unwrap(angles, axis=0)])
         of_s = powers(np.linspace(0.0, 1.0, len(components)), 0)
-        # Whatever its ends are, they are the quintic's.
+        # The fitted quintic is dropped: the ends are given.
         terms = np.column_stack([of_s[:, :6], of_s @ _FREE_TERM_COEFFICIENTS])
         fitted, *_ = np.linalg.lstsq(terms, components)
         return np.asarray(fitted[6:].T.ravel(), np.float64)
 
     def towards(self, end: EndEffectorMotion) -> EndEffectorPolynomial:
-        """Return the paths to another end near this one, the angles read in the same way."""
+        """Return the paths to another end near this one, with the same A and B."""
         return self.lasting(self.duration, end)
 
     def lasting(self, duration: float, end: EndEffectorMotion) -> EndEffectorPolynomial:
@@ -148,14 +150,14 @@ class EndEffectorPolynomial:
         """Return the derivatives of `quintic` by the duration T. Shape (6, 6).
 
         The quintic in s goes through T^k times the k-th derivatives by time at both ends. Those at
-        the start stay what they are, and those at the end change with the goal. With e the Euler
-        angles, w = A W(e) e' and w' = A (W(e) e'' + (dW/de e') e') are differentiated once more.
+        the start are constant, and those at the end change with the goal. With e the Euler angles,
+        w = A W(e) e' and w' = A (W(e) e'' + (dW/de e') e') are differentiated once more.
 
         Args:
-            place: Of the goal by the duration, a velocity and a turn rate; all are in inertial
-                axes. Shape (6,).
-            twist: Of the goal's twist by the duration. Shape (6,).
-            acceleration: Of the goal's acceleration by the duration. Shape (6,).
+            place: Derivative of the goal's pose by the duration: velocity and angular velocity, as
+                all in inertial axes. Shape (6,).
+            twist: Derivative of the goal's twist by the duration. Shape (6,).
+            acceleration: Derivative of the goal's acceleration by the duration. Shape (6,).
         """
         duration = self.duration
         ends = self.components(np.zeros((COMPONENTS, FREE_TERMS)), np.array([0.0, 1.0]))
@@ -186,16 +188,13 @@ class EndEffectorPolynomial:
         return np.asarray(np.linalg.solve(system, wanted), np.float64)
 
     def through(self, place: Array, s: float) -> Array:
-        """Return the coefficients nearest to the straight path whose end effector is somewhere.
+        """Return the coefficients, shape (6, 3), of the straightest path through a point.
 
-        Nearest over the duration, in mean square. The orientation stays the straight path's.
+        The nearest to the straight path in mean square over the duration, with its orientation.
 
         Args:
-            place: In the inertial frame. Shape (3,) [m].
-            s: Normalised time when it is there, between 0 and 1.
-
-        Returns:
-            Of the free terms, shape (6, 3).
+            place: Position of the end effector, in the inertial frame. Shape (3,) [m].
+            s: Normalised time of that position, between 0 and 1.
         """
         coefficients, at = np.zeros((COMPONENTS, FREE_TERMS)), np.array([s])
         straight, _, _ = self.components(coefficients, at)
@@ -216,8 +215,8 @@ def end_effector_polynomials(
 ) -> list[EndEffectorPolynomial]:
     """Return the paths from `start` to `end` in `duration` seconds.
 
-    They are one set, but two where half a turn leads from the one orientation to the other: then
-    both ways round are equally far.
+    They are one set; but if the rotation is half a turn, two, since both directions are equally
+    long.
     """
     paths = _paths("inertial", np.eye(3), np.eye(3), start, end, duration)
     straight, _, _ = paths.components(np.zeros((COMPONENTS, FREE_TERMS)), _PITCH_SAMPLES)
@@ -264,10 +263,10 @@ def _paths(
     duration: float,
     angle: float | None = None,
 ) -> EndEffectorPolynomial:
-    """Return the paths in one reading of the Euler angles, with its A and B.
+    """Return the paths with one definition of the Euler angles, by its A and B.
 
     Args:
-        angle: Of the turn, in the reading along it. None: each Euler angle goes the shorter way.
+        angle: Change of psi with `along_turn`. None: each Euler angle takes the shorter direction.
     """
     conditions = [_components(motion, outer, inner) for motion in (start, end)]
     near = conditions[0][0][3:] if angle is None else np.array([0.0, 0.0, angle])
@@ -282,7 +281,7 @@ def _paths(
 
 
 def _nearest(euler: Array, others: Array) -> Array:
-    """Return, of all angles that mean the same orientation, the nearest to others."""
+    """Return Euler angles shifted by multiples of 2 pi to be nearest to others."""
     nearest: Array = euler - 2 * np.pi * np.round((euler - others) / (2 * np.pi))
     return nearest
 

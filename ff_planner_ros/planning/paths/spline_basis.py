@@ -10,7 +10,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 
 DEGREE = 5
-# Start angle, rate and acceleration fix the first control points, however many follow.
+# Start angle, rate and acceleration fix so many control points, the first ones.
 FIXED = 3
 
 
@@ -27,7 +27,7 @@ class SplineBasis:
         return self.spans + DEGREE
 
     def rows(self, s: Array, order: int = 0) -> Array:
-        """Return what control points contribute to a derivative at parts s of the duration.
+        """Return the matrix from control points to a derivative by time, at normalised times s.
 
         Shape (times, control points) [1/s^order].
         """
@@ -38,11 +38,11 @@ class SplineBasis:
         return rows
 
     def on_grid(self, points: int, order: int = 0) -> Array:
-        """Return `rows` at equal steps from start to end, always the same array of numbers."""
+        """Return `rows` at so many equally spaced times from start to end, computed once."""
         return np.asarray(_on_grid(self.spans, points, order) / self.duration**order, np.float64)
 
     def start(self, positions: Array, rates: Array, accelerations: Array) -> Array:
-        """Return the control points that a start fixes. Shape (3, joints)."""
+        """Return the first control points of a spline that begins so. Shape (3, joints)."""
         at_start = np.array([self.on_grid(1, order)[0, :FIXED] for order in range(3)])
         fixed: Array = np.linalg.solve(at_start, np.array([positions, rates, accelerations]))
         return fixed
@@ -54,7 +54,7 @@ class SplineBasis:
         return fixed
 
     def hull(self, order: int = 0) -> Array:
-        """Return the matrix from control points to points that span a derivative's values.
+        """Return the matrix from control points to points whose range bounds a derivative.
 
         They are the control points of the same derivative on half spans: no value of it is outside
         their range, and they are four times nearer to it than those on whole spans. Shape
@@ -83,7 +83,7 @@ def _on_grid(spans: int, points: int, order: int) -> Array:
 
 @lru_cache(maxsize=8)
 def _finer(spans: int) -> tuple[Array, Array]:
-    """Return the knots of splines on half spans, and their control points for each of the whole."""
+    """Return the knots of half spans, and the matrix from control points to those on half spans."""
     basis, finer = SplineBasis(1.0, spans), SplineBasis(1.0, 2 * spans)
     knots = finer.knots
     # Both splines are the same function, and so they agree at the Greville abscissae.

@@ -1,8 +1,7 @@
-"""First guesses of joint splines: near the paper's path, straight ways to goal postures, detours.
+"""Initial guesses of joint splines: near the paper's path, straight to goal postures, and detours.
 
-A goal posture is one that the free-floating system is in at the goal when its joints go there
-straight, the start's motion fading on the way. There are several; each other one is looked for from
-another posture.
+A goal posture is one in which the end effector is at the goal after the joints have moved straight
+to it, while the start's motion fades. Several are found, by Gauss-Newton from different postures.
 """
 
 from __future__ import annotations
@@ -26,38 +25,39 @@ from ff_planner_ros.robot.model import Robot
 if TYPE_CHECKING:
     from ff_planner_ros.planning.paths.joint_spline import JointSplines
 
-# Of the paper's path near a singularity: a path that is hardly followed there is a guess, too.
+# Damping of the paper's path near a singularity: a path that it leaves there is a guess, too.
 _DAMPING = 0.05
-# Of the paper's first guesses: the straight path, and the detours around what blocks it.
+# Number of the paper's guesses: the straight path, and the detours around what blocks it.
 _PAPERS_GUESSES = 5
-# What a spline's curvature costs in a fit, in rad for each rad of change in the whole duration:
-# little, but control points between the samples stay sane.
+# Weight of a spline's curvature in a fit, in rad for each rad of change in the whole duration:
+# small, but it keeps control points between the samples bounded.
 _CURVATURE = 3e-3
-# On few points a way to a posture is known well enough.
+# Few points are accurate enough for a path to a posture.
 _POINTS = 9
 # Gauss-Newton towards a posture: iterations, damping at first and how it falls and grows, and the
 # error [m, rad] that is small enough for a guess.
 _LEAST_DAMPING = 1e-9  # else a long arm with a joint to spare has a singular system in the end
 _ITERATIONS, _FIRST_DAMPING, _LESS, _MORE, _NEAR = 30, 1e-2, 0.25, 6.0, 1e-3
-# So many guesses that end in contact wait until there are others: then they are tried all the same.
+# Guesses that end in contact and wait for others; when there are more, the first of them is tried.
 _WAITING = 8
-# Other postures to begin at, and detours, are spread so wide [rad]; postures stay away from limits.
+# Standard deviations of postures to begin at and of detours, and distance of postures from position
+# limits [rad].
 _POSTURES, _DETOURS, _FROM_LIMITS = 1.0, 0.5, 0.02
 
 
 def spline_guesses(
     family: JointSplines, obstacles: Sequence[Obstacle], points: int
 ) -> Iterator[Array]:
-    """Yield control points without end, always the same for one problem.
+    """Yield initial guesses without end, as free control points, always the same for one problem.
 
-    Where the robot has bodies, those that end in contact come later.
+    If the robot has bodies, guesses that end in contact come later.
     """
     guesses = _guesses(family, obstacles, points)
     return _touching_later(family, guesses) if family.robot.bodies else guesses
 
 
 def _touching_later(family: JointSplines, guesses: Iterator[Array]) -> Iterator[Array]:
-    """Yield guesses; those whose goal posture is in contact wait for some others to come."""
+    """Yield guesses; those whose last posture is in contact come after some others."""
     waiting = deque[Array]()
     for guess in guesses:
         end = family.motion(guess, _POINTS).q[-1]
@@ -106,7 +106,7 @@ def _drawn(robot: Robot) -> Iterator[tuple[Array, Array]]:
 
 
 def _ways_of_joints(family: JointSplines, posture: Posture) -> Iterator[Array]:
-    """Yield straight ways to a posture, or to rest in any, and detours from them without end."""
+    """Yield straight paths to a posture, or to rest in any, and detours from them without end."""
     yield _way_of_joints(family, posture, np.zeros(family.robot.joints))
     bump = _bump(family)
     for aside, across in _drawn(family.robot):
@@ -115,10 +115,10 @@ def _ways_of_joints(family: JointSplines, posture: Posture) -> Iterator[Array]:
 
 
 def _way_of_joints(family: JointSplines, posture: Posture, aside: Array) -> Array:
-    """Return a straight way: the start's motion fades, and what is missing is made up smoothly.
+    """Return a straight path to a posture: the start's motion fades, the rest is made up smoothly.
 
     Args:
-        aside: From where the joints come to rest by themselves, where any posture will do [rad].
+        aside: If any posture will do, the offset from where the joints would come to rest [rad].
     """
     robot, start = family.robot, family.problem.start
     s = np.linspace(0.0, 1.0, 4 * _POINTS)[:, None]
@@ -135,10 +135,10 @@ def _way_of_joints(family: JointSplines, posture: Posture, aside: Array) -> Arra
 def _near_papers_path(
     family: JointSplines, obstacles: Sequence[Obstacle], points: int, which: slice
 ) -> Iterator[Array]:
-    """Yield splines near paths of the paper's family, where it applies.
+    """Yield splines near paths of the paper's family, if it applies.
 
     Args:
-        which: Of its first guesses, either way round where there are two.
+        which: Selects from its initial guesses, those of each direction if there are two.
     """
     if not applies(family.problem):
         return
@@ -151,10 +151,9 @@ def _near_papers_path(
 
 
 def _way_to_posture(family: JointSplines, posture: Array) -> Array:
-    """Return the straight way to a goal posture, or to one that comes near, from another on.
+    """Return the straight path to the goal posture, or nearly one, that is found from a posture.
 
-    Damped Gauss-Newton on the pose at the end of the way, whose only variables are the last
-    angles.
+    Damped Gauss-Newton on the pose at the end of the path, with the last angles as variables.
     """
     robot, problem = family.robot, family.problem
     rows = sum(conditions_of(robot, problem.target).values())
@@ -186,7 +185,11 @@ def _way_to_posture(family: JointSplines, posture: Array) -> Array:
 
 
 def _fitted(family: JointSplines, angles: Array) -> Array:
-    """Return the control points of splines near joint angles at equal steps: (points, joints)."""
+    """Return the free control points of splines that fit joint angles at equal steps.
+
+    Args:
+        angles: Shape (points, joints) [rad].
+    """
     s = np.linspace(0.0, 1.0, len(angles))
     rows, wanted = _with_curvature(family, s, angles)
     free, *_ = np.linalg.lstsq(family.free(rows), wanted - family.known(rows))
@@ -203,7 +206,7 @@ def _straight(family: JointSplines) -> Array:
 
 
 def _smooth(s: Array) -> Array:
-    """Return the way from 0 to 1 whose rates and accelerations are zero at its ends."""
+    """Return the quintic from 0 to 1 whose first two derivatives are zero at its ends."""
     way: Array = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     return way
 

@@ -1,4 +1,4 @@
-"""A start that moves towards an obstacle: whatever a plan does, it comes nearer before it stops."""
+"""A start that moves towards an obstacle: any plan comes nearer before it can stop."""
 
 from __future__ import annotations
 
@@ -18,36 +18,35 @@ from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import base_twist
 
-# Whatever is further away at the start [m] is no matter of the first moments, the times [s] at
-# which these are looked at; a plan may turn any start round in less.
+# Largest distance at the start [m] that is examined, and the time after it [s], in so many samples;
+# beyond these a plan can turn any start round.
 NEAR, _SECONDS, _TIMES = 0.01, 0.2, 41
-# Turn of a joint that shows what it does to a distance [rad].
+# Rotation of a joint in the difference quotient of a distance [rad].
 _TURN = 1e-6
-# What a joint does to a distance changes as the arm moves on: by less than so many times.
+# A joint's effect on a distance changes as the arm moves: by less than this factor.
 _SPARE = 1.5
-# Plans that are shorter than this [s] change accelerations faster, by the cube.
+# Plans that are shorter than this [s] change accelerations faster, by the cube of the ratio.
 _CALM = 2.0
-# Where a start does not say how its joints accelerate, that is what their rates make of each other,
-# in times of their greatest squared.
+# Joint accelerations that a start may have without giving them, in squares of its largest rate.
 _UNTOLD = 2.0
 
-# Distances of all that may touch, of each configuration at its time: (configurations, pairs) [m].
+# Returns the distances of all pairs for configurations at times: (configurations, pairs) [m].
 Distances = Callable[[Array, Array], Array]
 
 
 class Approached(NamedTuple):
-    """What a start comes too near to."""
+    """A pair that collides soon after the start, whatever the plan is."""
 
-    pair: int  # of the distances
+    pair: int  # index in the distances
     clearance: float  # at the start [m]
-    needed: float  # at the start, so that a plan can stop before [m]
-    speed: float  # at which it comes nearer at the start [m/s]
+    needed: float  # clearance at the start with which a plan could stop in time [m]
+    speed: float  # of approach at the start [m/s]
 
 
 def approached(problem: PlanningProblem, distances: Distances) -> Approached | None:
-    """Return what is hit for certain soon after the start, the worst; None: nothing is.
+    """Return the pair that collides worst soon after the start in any plan; None: there is none.
 
-    Joints go on as they begin, but for what the fastest change of their accelerations can do.
+    Joints continue with their start motion, apart from the largest effect of `FASTEST_CHANGE`.
     """
     robot, start = problem.robot, problem.start
     q_start, _ = configuration(robot, start)
@@ -99,13 +98,13 @@ def approached(problem: PlanningProblem, distances: Distances) -> Approached | N
 def refuse_approached(
     problem: PlanningProblem, distances: Distances, names: Callable[[int], tuple[str, str]]
 ) -> None:
-    """Refuse a start that moves into an obstacle whatever follows.
+    """Refuse a start that moves into an obstacle in any plan.
 
     Args:
-        names: Returns those of a pair's body and obstacle.
+        names: Returns the names of a pair's body and obstacle.
 
     Raises:
-        InvalidInput: It does.
+        InvalidInput: Such a collision is certain (START_IN_COLLISION).
     """
     found = approached(problem, distances)
     if found is None:
@@ -126,16 +125,16 @@ def refuse_bodies_approached(
     distances: Callable[[Array, Array, tuple[Indices, ...]], Array],
     ids: Sequence[str],
 ) -> None:
-    """Refuse a start with a body that moves into an obstacle whatever follows.
+    """Refuse a start with a body that moves into an obstacle in any plan.
 
     Args:
         near: Whether a body may be near an obstacle that it must not touch. (bodies, obstacles).
-        distances: Returns distances [m] in configurations at times; rows number configurations,
-            bodies and obstacles.
-        ids: Of the obstacles.
+        distances: Returns distances [m] for configurations, times, and index arrays of
+            configurations, bodies and obstacles.
+        ids: Names of the obstacles.
 
     Raises:
-        InvalidInput: It does.
+        InvalidInput: Such a collision is certain (START_IN_COLLISION).
     """
     bodies, numbers = np.nonzero(near)
     if not bodies.size:

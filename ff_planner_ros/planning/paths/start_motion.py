@@ -1,4 +1,4 @@
-"""How every plan begins: the motion of the system at its start, whatever follows."""
+"""The motion of the system at its start, with which every plan begins."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum
 from ff_planner_ros.robot.state import SystemState
 
-# Null-space motion that is so slow [rad/s], or changes so slowly [rad/s2], is rounding: a start
-# without any plans as Eq. (31) says.
+# Smaller null-space velocities [rad/s] and accelerations [rad/s2] are rounding: such a start
+# follows Eq. (31).
 _ROUNDING_RATE, _ROUNDING_ACCELERATION = 1e-11, 1e-9
-# The part of a plan in which the null-space motion of its start fades. Shorter, it needs more
-# torque; longer, the joints go further astray. Of 24 starts of the lemur with 0.3 rad/s, parts of
-# 0.3, 0.5 and 1 left a plan to 21, 22 and 21.
+# The part of a plan in which the null-space motion of its start fades. A shorter one needs more
+# torque; in a longer one the joints move further away. Of 24 starts of the lemur with 0.3 rad/s,
+# parts of 0.3, 0.5 and 1 left a plan to 21, 22 and 21.
 _FADING_PART = 0.5
 # No plan changes joint accelerations faster [rad/s3]: one that turns a joint by 1 rad in 2 s
 # reaches 8.
@@ -30,7 +30,7 @@ FASTEST_CHANGE = 10.0
 
 @dataclass(frozen=True, eq=False)
 class NullSpaceFade:
-    """Joint rates z(t) that begin with those of the start and fade smoothly.
+    """Null-space joint velocities z(t) that begin with those of the start and fade smoothly.
 
     z(t) = z_0 f(u) + d T g(u) z_0', u = t / (d T), where f falls from 1 to 0 and g has slope 1 at
     zero; apart from that, value, slope and curvature of both vanish at either end.
@@ -38,7 +38,7 @@ class NullSpaceFade:
 
     rates: Array  # z_0; shape (joints,) [rad/s]
     accelerations: Array  # z_0'; shape (joints,) [rad/s2]
-    seconds: float  # d T, until they have faded
+    seconds: float  # d T, duration of the fading
 
     def at(self, time: Array) -> tuple[Array, Array]:
         """Return z and its derivative, each of shape (times, joints) [rad/s, rad/s2]."""
@@ -58,12 +58,12 @@ class StartMotion:
     q: Array  # configuration; shape (7 + joints,)
     momentum: Array  # total P and L about the inertial origin; shape (6,)
     end_effector: EndEffectorMotion
-    # What it has beyond Eq. (31), as the velocity map's bias z; None: nothing
+    # Motion beyond Eq. (31), as the velocity map's bias z; None: there is none
     null_space: NullSpaceFade | None
 
 
 def start_motion(robot: Robot, state: SystemState, duration: float) -> StartMotion:
-    """Return the motion with which every plan of a duration [s] from a state begins."""
+    """Return the motion at the first point of every plan of a duration [s] from a state."""
     model, data, tip = robot.model, robot.model.createData(), robot.tip_frame_id
     q, v = configuration(robot, state)
     momentum = total_momentum(robot, data, q, v)
@@ -77,7 +77,7 @@ def start_motion(robot: Robot, state: SystemState, duration: float) -> StartMoti
     if known is None:
         of_ee = np.zeros(6)
     jacobian = generalised_jacobian(robot, data, q)
-    weights = robot.joint_weights  # that the velocity map has, too
+    weights = robot.joint_weights  # as in the velocity map
     inverse = np.linalg.pinv(jacobian / weights) / weights[:, None]
     project = np.eye(robot.joints) - inverse @ jacobian  # N
     z = _without_rounding(project @ state.joint_velocities, _ROUNDING_RATE)
@@ -104,7 +104,10 @@ def start_motion(robot: Robot, state: SystemState, duration: float) -> StartMoti
 def least_highest_positions(
     positions: Array, rates: Array, accelerations: Array, duration: float
 ) -> Array:
-    """Return how high each joint gets at least within a duration [s], whatever a plan does."""
+    """Return a lower bound of each joint's highest position in any plan of a duration [s].
+
+    The jerk is at least -`FASTEST_CHANGE`. Shape (joints,) [rad].
+    """
     jerk = FASTEST_CHANGE
     turns = accelerations**2 + 2.0 * jerk * rates
     t = np.where(turns > 0.0, (accelerations + np.sqrt(np.maximum(turns, 0.0))) / jerk, 0.0)
@@ -115,7 +118,7 @@ def least_highest_positions(
 
 
 def least_highest_rates(rates: Array, accelerations: Array) -> Array:
-    """Return how fast each joint gets at least, whatever a plan does [rad/s]."""
+    """Return a lower bound of each joint's highest velocity in any plan. (joints,) [rad/s]."""
     highest: Array = rates + np.maximum(accelerations, 0.0) ** 2 / (2.0 * FASTEST_CHANGE)
     return highest
 

@@ -1,4 +1,4 @@
-"""A target body from a URDF: of a file beside its scenario, or of a message."""
+"""A target body from a URDF, in a file beside its scenario or in a message."""
 
 from __future__ import annotations
 
@@ -44,19 +44,19 @@ _OF_URDF: DeclaredFields = {
 def with_urdf(
     given: Mapping[str, Any], text: str, told: str, directory: Path | None = None
 ) -> dict[str, Any]:
-    """Return the fields of a target body, with what its URDF says.
+    """Return the fields of a target body, completed by its URDF.
 
-    Its solids come first among what moves with it, named by their links. Its inertia is that of a
-    body to which nothing else gives one.
+    The URDF's solids, named by their links, come before the given obstacles. Its inertia is used
+    unless one is given.
 
     Args:
-        given: Of the fields, what is known beside.
+        given: Fields of the body that are known otherwise.
         text: The URDF. The body's axes are those of its root link.
-        told: What errors call the URDF.
-        directory: That its meshes are relative to; None: no file may be read.
+        told: Name of the URDF in errors.
+        directory: Directory that its meshes are relative to; None: no file may be read.
 
     Raises:
-        InvalidInput: It is no URDF of a body.
+        InvalidInput: The text is no URDF of a body.
     """
     body = urdf_body(text, told, directory)
     fixed = [
@@ -80,7 +80,7 @@ class BodyFile:
     urdf: str
 
     def load(self, directory: Path) -> TargetBody:
-        """Return the body; its path is relative to a directory.
+        """Read the URDF, whose path may be relative to a directory, and return the body.
 
         Raises:
             InvalidInput: The file cannot be read, or describes no body.

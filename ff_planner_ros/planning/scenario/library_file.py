@@ -18,7 +18,7 @@ from ff_planner_ros.planning.task.library import Library, StoredPlan
 
 LIBRARY = "library.npz"
 _UNFINISHED = ".unfinished"
-# Raised when what the units of places mean changes.
+# Increased when the meaning of `StoredPlan.place` changes.
 _VERSION = 1
 # Ten thousand plans of an arm of seven joints are 10 MB. A library that is larger by far would take
 # all memory, and its nearest plan would be looked for longer than a search takes.
@@ -28,10 +28,10 @@ _NAMES = ("version", "kinds", *(name for row in _ROWS for name in (row, f"{row}_
 
 
 def save_library(plans: Iterable[StoredPlan], directory: Path) -> Path:
-    """Write a library; what is there is replaced, as a whole. Return the path of its file.
+    """Write a library, replacing an older one atomically, and return the path of its file.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The file cannot be written.
     """
     kept = list(plans)
     directory.mkdir(parents=True, exist_ok=True)
@@ -56,11 +56,11 @@ def load_library(path: Path, field: str = "library") -> Library:
     """Read a library.
 
     Args:
-        path: Of the file, or of the directory that `library.npz` is in.
-        field: That named it, for errors.
+        path: Path of the file, or of the directory that holds `library.npz`.
+        field: Field that holds the path, for errors.
 
     Raises:
-        InvalidInput: There is none, it is too large, or it is damaged or of another version.
+        InvalidInput: There is no library, or it is too large, damaged or of another version.
     """
     path = path / LIBRARY if path.is_dir() else path
     try:

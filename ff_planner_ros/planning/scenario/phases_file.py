@@ -34,7 +34,7 @@ _KEYS: DeclaredFields = {
     "target_body": replace(declared(Phase)["target_body"], form=TARGET_BODY),
 }
 _HELD = "payload"  # of the first phase it is the robot's
-# What a scenario with phases says of the first one alone.
+# Keys that a scenario with phases must give in the phases, not beside them.
 _OF_ONE = ("target", "target_body", "duration", "approach", "camera", "allowed_collisions")
 
 
@@ -54,10 +54,10 @@ PHASES = DeclaredField(
 
 
 def split(document: object, faults: Faults) -> tuple[object, list[dict[str, Any]]]:
-    """Return a scenario of the first phase alone, and what the others say, by key.
+    """Return a scenario of the first phase alone, and the values of each other phase by key.
 
     Args:
-        faults: Gather what is wrong with the phases.
+        faults: Collects what is wrong with the phases.
     """
     if not isinstance(document, dict) or KEY not in document:
         return document, []
@@ -85,7 +85,7 @@ def split(document: object, faults: Faults) -> tuple[object, list[dict[str, Any]
 
 
 def first_named(document: object) -> AbstractContextManager[None]:
-    """Make errors of the first phase name its place in a scenario with phases."""
+    """Prefix keys in errors with `phases[0]` if the first phase of a scenario gives them."""
     given = document.get(KEY) if isinstance(document, dict) else None
     first = given[0] if isinstance(given, list) and given else None
     heads = first.keys() if isinstance(first, dict) else ()
@@ -103,12 +103,12 @@ def built(
     """Return the phases that follow the first.
 
     Args:
-        others: As of `split`, the meshes of their target bodies read.
-        limits: Of the first phase.
-        directory: That paths are relative to.
+        others: Values from `split`, the meshes of their target bodies read.
+        limits: Limits of the first phase, for values that a phase omits.
+        directory: Directory that paths are relative to.
 
     Raises:
-        InvalidInput: A phase that no plan can have; it names its place.
+        InvalidInput: A value of a phase is not allowed; the error names `phases[k]`.
     """
     phases = list[Phase]()
     for index, read in enumerate(others, start=1):
@@ -127,7 +127,7 @@ def built(
 
 
 def with_phases(document: dict[str, Any], then: Sequence[Phase]) -> dict[str, Any]:
-    """Return a written scenario with the phases that follow its goal; none: as it is."""
+    """Return a scenario's document rewritten with the phases after the first; none: unchanged."""
     if not then:
         return document
     first = {key: document.pop(key) for key in _OF_ONE if key in document}

@@ -62,7 +62,7 @@ _Build: TypeAlias = Callable[[_Read, Robot, Sequence[_Read]], Built]
 
 @dataclass(frozen=True)
 class RobotFile:
-    """The files of a robot, and what is made of them."""
+    """The block `robot` of a scenario: the robot's files, and how they are read."""
 
     urdf: str = declare(
         TEXT, "path of the URDF or SDF, relative to this file, or package://PACKAGE/PATH"
@@ -120,7 +120,7 @@ class RobotFile:
     )
 
     def load(self, directory: Path) -> Robot:
-        """Return the robot; its paths are relative to a directory.
+        """Load the robot from its files, whose paths may be relative to a directory.
 
         Raises:
             InvalidInput: A file cannot be read, or is refused.
@@ -138,7 +138,7 @@ class RobotFile:
         )
 
 
-# Every key of a file.
+# Every key of a scenario file.
 KEYS: DeclaredFields = {
     "robot": DeclaredField(part(RobotFile), "the robot", name="robot", since="0.1"),
     **declared(SystemState),
@@ -158,18 +158,18 @@ class Defaults:
     end_behaviour: EndBehaviour = EndBehaviour.NONE  # what the arm does after the goal
     tail: float | None = None  # duration [s]
     points: int = USUAL_POINTS  # of the plan
-    controller: Controller | None = None  # must take the plan; its joints are the robot's
+    controller: Controller | None = None  # must accept the plan; its joints are the robot's
 
 
 def load_scenario(path: Path) -> PlanningProblem:
     """Read a planning problem from a scenario file.
 
-    The URDF that it names is relative to it, or `package://`.
+    The path of its URDF is relative to the file, or `package://`.
 
     Raises:
-        InvalidInput: The file or its URDF cannot be read, or a value is unknown, missing, of
-            the wrong type or not to be planned with; named as in the file, `chaser.position`. Its
-            `faults` are all that is wrong.
+        InvalidInput: The file or its URDF cannot be read, a key is unknown or missing, or a value
+            is of the wrong type or not allowed. Fields are named as in the file,
+            `chaser.position`; `faults` holds all faults.
     """
     return _built(path, USUAL_POINTS, lambda read, robot, _: _problem(read, robot, _NO_LIMITS))
 
@@ -202,10 +202,10 @@ def scenario_schema() -> Schema:
 
 
 def limits_from(value: object, defaults: Limits) -> Limits:
-    """Return the limits that a mapping describes.
+    """Return default limits changed by the values of a scenario's block `limits`.
 
     Raises:
-        InvalidInput: It describes none.
+        InvalidInput: It is no mapping, a key is unknown, or a value is not allowed.
     """
     return replace(defaults, **changes(Limits).read("limits", value))
 
@@ -238,7 +238,7 @@ def _built_of(whole: object, path: Path, points: int, build: _Build[Built]) -> B
 
 
 def _read_meshes(read: dict[str, Any], place: str, directory: Path, faults: Faults) -> None:
-    """Read the files of what is in the way: meshes, and the URDF of the target body."""
+    """Read the mesh files of obstacles and target body, and the target body's URDF."""
 
     def loaded(told: str, entries: Sequence[InTheWay]) -> tuple[InTheWay, ...]:
         found = list[InTheWay]()

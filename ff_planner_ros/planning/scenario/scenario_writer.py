@@ -22,7 +22,7 @@ from ff_planner_ros.robot.state import SystemState
 def write_scenario(task: PlanningTask, path: Path) -> None:
     """Write a task to a scenario file, and its robot to a URDF file of the same name beside it.
 
-    What is there is replaced.
+    Existing files are replaced.
 
     Raises:
         InvalidInput: The file would not hold the task: two obstacles with one id, say.
@@ -54,7 +54,7 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
 
 
 def described_problem(problem: PlanningProblem) -> dict[str, Any]:
-    """Return a problem as a scenario has it, but for its robot."""
+    """Return the document of a problem as in a scenario file, without the robot."""
     known: DeclaredFields = {**declared(SystemState), **declared(PlanningProblem)}
     return written(known, _said_of(problem))
 

@@ -1,4 +1,4 @@
-"""The wheels of a robot as a scenario has them: with what they hold at the start."""
+"""The reaction wheels of a robot in a scenario file, with their momenta at the start."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class WheelsFile(Wheels):
 
     @property
     def wheels(self) -> Wheels:
-        """The wheels alone."""
+        """The wheels without their momenta."""
         return Wheels(self.axes, self.momentum, self.torque)
 
 

@@ -1,4 +1,4 @@
-"""A target body along a plan: it moves freely, and from the grasp on with the end effector."""
+"""The motion of a captured body along a plan: torque-free, then fixed to the end effector."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ff_planner_ros.planning.problem.target_body import TargetBody
 
 @dataclass(frozen=True, eq=False)
 class CapturedBody:
-    """A body that a plan captures, and holds from then on where a phase follows."""
+    """A body that a plan captures; it is held from then on if another phase follows."""
 
-    body: TargetBody  # as it is at the plan's first point
-    held_from: float = math.inf  # from the plan's first point on [s]; infinite: it is never held
+    body: TargetBody  # in its state at the plan's first point
+    held_from: float = math.inf  # time since the plan's first point [s]; infinite: it is never held
 
     @property
     def place(self) -> pin.SE3:
-        """The body's frame in the end effector's, at its grasp."""
+        """Pose of the body's frame in the end effector's frame while it is held."""
         turn = pin.Quaternion(self.body.grasp_quaternion_xyzw)
         return pin.SE3(turn, self.body.grasp_position).inverse()
 
     def along(self, motion: Trajectory) -> BodyMotion:
-        """Return the body's motion at the points of the whole plan."""
+        """Return the body's motion in the inertial frame at the points of the whole plan."""
         # The point of the contact is the end of the approach.
         free = int(np.searchsorted(motion.time, self.held_from, side="right"))
         there = self.body.motion(np.zeros(3), motion.time[:free])
@@ -41,6 +41,6 @@ class CapturedBody:
 
 
 def captured_in(scene: Scene) -> CapturedBody | None:
-    """Return the body that is captured in a scene; None: none is."""
+    """Return the body that is captured in a scene; None: no body is."""
     body = scene.target_body
     return None if body is None else CapturedBody(body, scene.held_from)

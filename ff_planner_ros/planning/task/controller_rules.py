@@ -1,4 +1,4 @@
-"""Whether ROS's `joint_trajectory_controller` takes a trajectory: its rules, before it is sent.
+"""The rules by which ROS's `joint_trajectory_controller` accepts trajectories, checked beforehand.
 
 The controller logs a refusal where no planner sees it, and the arm stays where it is. Its rules are
 in `JointTrajectoryController::validate_trajectory_msg` of ros-controls/ros2_controllers, here as of
@@ -13,14 +13,15 @@ branch jazzy, version 4.42.1:
    before that never);
 6. the trajectory does not end before now.
 
-After the last point it goes on to want that point's position and velocities (`tolerances.hpp`).
-Joints that stop there are off by these velocities: where it measures velocities, more than
-`constraints.stopped_velocity_tolerance` is no success, and once `constraints.goal_time` is over it
-gives the plan up. A goal of its action can erase that tolerance, a topic cannot.
+After the last point the controller keeps that point's positions and velocities as its reference
+(`tolerances.hpp`). Joints that stop there are off by these velocities. If the controller measures
+velocities and one is off by more than `constraints.stopped_velocity_tolerance`, it reports no
+success and aborts the plan after `constraints.goal_time`. A goal of its action can erase that
+tolerance, a topic cannot.
 
-Ours are stricter where the controller lets pass what does harm: a joint named twice takes another
-one's place, numbers that are not finite go to the motors, and of a trajectory that has begun the
-first part is skipped, so that the arm jumps: it must not begin before now.
+Three rules here are stricter, because the controller accepts what does harm: a joint named twice
+takes the place of another one, numbers that are not finite go to the motors, and a trajectory that
+began before now starts in its middle, so that the arm jumps.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _Rows = Sequence[Sequence[float]]
 
 @dataclass(frozen=True)
 class Controller:
-    """How the controller is set up."""
+    """The parameters of the controller that its rules depend on."""
 
     SINCE: ClassVar[str] = "0.3"
 
@@ -70,21 +71,21 @@ class Controller:
 
 @dataclass(frozen=True)
 class Command:
-    """What a trajectory message holds: a row a point of each quantity, empty where it is absent."""
+    """The content of a trajectory message: for each quantity one row per point, empty if absent."""
 
     joint_names: Sequence[str]  # of the columns
     time_from_start_ns: Sequence[int]  # one per point
-    positions: _Rows  # [rad]
-    velocities: _Rows  # [rad/s]
-    accelerations: _Rows  # [rad/s2]
-    effort: _Rows  # [N m]
+    positions: _Rows  # [rad or m]
+    velocities: _Rows  # [rad/s or m/s]
+    accelerations: _Rows  # [rad/s2 or m/s2]
+    effort: _Rows  # [N m or N]
 
 
 def require_acceptable(controller: Controller, command: Command) -> None:
-    """Refuse a trajectory that the controller would not take, or would not execute as it is.
+    """Refuse a trajectory that the controller would not accept, or not execute as it is.
 
     Raises:
-        NoPlanFound: Names the rule that is broken, and where (CONTROLLER_CONSTRAINT).
+        NoPlanFound: A rule is broken; the message names it and the place (CONTROLLER_CONSTRAINT).
     """
     _require_joints(controller.joints, command.joint_names)
     _require_times(command.time_from_start_ns)
@@ -104,7 +105,7 @@ def require_in_time(start_ns: int, now_ns: int) -> None:
     """Refuse a trajectory that begins, by the stamp in its header, before now.
 
     Raises:
-        NoPlanFound: It is late (TOO_LATE).
+        NoPlanFound: It begins before now (TOO_LATE).
     """
     if start_ns < now_ns:
         raise NoPlanFound(

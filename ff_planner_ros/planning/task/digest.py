@@ -1,4 +1,4 @@
-"""The digest of a task: a hash that is the same for equal tasks, whichever version made it."""
+"""The digest of a task: a hash that is equal for equal tasks, also across versions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DIGESTED_AS = {
 
 
 def digest_of(value: Any) -> str:
-    """Return the hash of a dataclass, from its fields."""
+    """Return the digest of a dataclass, array, number, text or sequence: 16 hexadecimal digits."""
     return hashlib.sha256(b"".join(canonical(value))).hexdigest()[:_DIGITS]
 
 
@@ -74,7 +74,7 @@ def _canonical_fields(value: Any) -> Iterator[bytes]:
 
 
 def _parts_of_robot(robot: Robot) -> list[Any]:
-    """Return what a robot is to a plan; what older versions did not have is left out."""
+    """Return the properties of a robot that plans depend on, without defaults that came later."""
     parts: list[Any] = [robot.urdf, robot.base_link, robot.tip_link]
     if robot.base is not Base.FREE_FLYER:
         parts.append(robot.base)

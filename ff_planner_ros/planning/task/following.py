@@ -29,8 +29,11 @@ from ff_planner_ros.robot.urdf.payload import HeldShape, Payload, with_payload
 def following(task: PlanningTask, plan: Plan) -> PlanningTask:
     """Return the task of the next phase, from the predicted end of a plan, contact included.
 
+    Args:
+        task: Task of the phase that `plan` is for, with at least one phase in `then`.
+
     Raises:
-        InvalidInput: The phase cannot begin there: what is captured has no mass, say.
+        InvalidInput: The phase cannot begin there: the captured body has no mass, say.
     """
     phase, *rest = task.then
     before = lasting(task.problem, plan.duration)
@@ -116,7 +119,7 @@ def _holding(
 
 
 def held_body(body: TargetBody, robot: Robot) -> Payload:
-    """Return a captured body as the payload of the end effector, at rest at its grasp."""
+    """Return a captured body as a payload of the end effector, held at its grasp."""
     to_body = pin.Quaternion(body.grasp_quaternion_xyzw).toRotationMatrix()
     shapes, inertia = list[HeldShape](), body.inertia_at_grasp
     for one in body.obstacles if robot.geometry is Geometry.SHAPES else ():

@@ -1,18 +1,15 @@
-"""Plans that were made before, as first guesses for problems that are like theirs.
+"""The warm-start library: earlier plans as initial guesses for similar problems.
 
-Two problems of one kind differ by numbers alone, and the distance between them is Euclidean. Both
-are seen in the frame that plans are made in (`system_frame`), so that neither the user's frame nor
-where the system is in it counts. One unit is a joint that is one radian elsewhere, and all else
-counts by how far it moves joints:
+Problems of one kind differ by numbers alone. Their distance d is Euclidean, in the frame that plans
+are made in (`system_frame`), so that it does not depend on the user's frame. With differences D,
+duration T and the arm's reach R,
 
-- an angle [rad], and a rate [rad/s] times the duration, by itself;
-- a length [m] by the arm's reach: a joint that turns by 1 rad moves the hand by at most the reach;
-- a speed [m/s] likewise, times the duration;
-- the duration by its logarithm: of a motion that is run slower, joints are off by the part of the
-  duration, times the way of about 1 rad that they make.
+    d^2 = sum (D angle)^2 + (D(rate T))^2 + (D length / R)^2 + (D(speed T) / R)^2 + (D log T)^2.
 
-What is found is a first guess: the planner solves from it and checks what comes of it. So a
-neighbour that is no good costs time, and nothing else.
+Its unit is 1 rad of a joint, which moves the end effector by at most R. In a slower motion, joints
+are off by the relative change of T times their path of about 1 rad.
+
+The planner solves from the initial guess and checks the plan: a bad neighbour only costs time.
 """
 
 from __future__ import annotations
@@ -35,13 +32,13 @@ from ff_planner_ros.planning.task.task import PlanningTask, as_it_begins
 from ff_planner_ros.robot.model import Robot
 
 _DIGITS = 16  # of a kind
-# A joint that is as far off as this leads to another way round rather than to the same one.
+# Plans at a larger distance [rad] tend to lead to another path, not to a similar one.
 _FARTHEST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class StoredPlan:
-    """A plan in the library: where its problem lies, and its path."""
+    """A plan in the library: the coordinates of its problem, and its path."""
 
     kind: str  # a hash of what its problem shares with its neighbours; see `kind_and_place`
     place: Array  # among the problems of its kind, in the units above
@@ -54,27 +51,27 @@ class StoredPlan:
 
 
 class Guesses(Protocol):
-    """What tells a task what to begin with."""
+    """A source of initial guesses for tasks."""
 
     def first_guess(self, task: PlanningTask) -> Array | None:
-        """Return a path to try first; None: there is none."""
+        """Return the path to try first, as decision variables of its family; None: none."""
 
 
 @dataclass(frozen=True, eq=False)
 class KnownGuess:
-    """The guess that a task is known to have had, from a record of it."""
+    """The initial guess that a task had, from a record of it."""
 
     coefficients: Array  # empty: it had none
 
     def first_guess(self, task: PlanningTask) -> Array | None:
-        """Return it; None where the task was changed and takes no paths of so many numbers."""
+        """Return the recorded guess; None: there was none, or it fits no family of the task."""
         known = frozen(self.coefficients)
         return known if len(known) and len(known) in _variables(task) else None
 
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """Plans that were made before."""
+    """A warm-start library of earlier plans."""
 
     plans: tuple[StoredPlan, ...]
 
@@ -87,10 +84,10 @@ class Library:
         return {key: (np.array([p.place for p in some]), some) for key, some in found.items()}
 
     def first_guess(self, task: PlanningTask) -> Array | None:
-        """Return the path of the plan that is nearest to a task; None: none is near.
+        """Return the path of the plan nearest to a task; None: none is nearer than 1 rad.
 
-        Of those equally near, the first is taken. A plan that goes on from a running one begins
-        with that, and gets none; nor does a task that is refused for what it asks.
+        Of plans equally near, the first is taken. A task that takes over from a running plan gets
+        none, since its search begins with that plan; nor does a task that is refused as invalid.
         """
         if task.running_goal is not None or not self.plans:
             return None
@@ -104,7 +101,7 @@ class Library:
             if (kind, len(place), variables) not in self._by_kind:
                 continue
             places, plans = self._by_kind[kind, len(place), variables]
-            with np.errstate(over="ignore"):  # what is as far as that is far
+            with np.errstate(over="ignore"):  # an infinite distance is a large one
                 apart = np.linalg.norm(places - place, axis=1)
             if apart.min() < nearest[0]:
                 nearest = float(apart.min()), plans[int(apart.argmin())]
@@ -112,11 +109,11 @@ class Library:
 
 
 def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
-    """Return what a task shares with its neighbours, and where it lies among them.
+    """Return the kind of a task's problem, and its coordinates among problems of that kind.
 
-    The kind is a hash of robot, objective, parametrisation, what the target leaves open, how many
-    obstacles there are, and the shapes of bodies among them. Limits, margins and what the arm does
-    at the end are none of it: a path that breaks them is as good to begin with as another.
+    The kind is a hash of robot, objective, parameterisation, the free directions of the goal, the
+    number of obstacles and the shapes of bodies among them. Limits, margins and the end behaviour
+    do not count: a path that violates them is as good an initial guess as another.
     """
     _, problem = as_it_begins(task.problem, task.ahead, task.running)
     target, reach = problem.target, _reach(problem.robot)
@@ -164,9 +161,9 @@ def _canonical_robot(robot: Robot) -> bytes:
 
 
 def _attitude(problem: PlanningProblem) -> Array:
-    """Return numbers of which those of two attitudes are as far apart as the angle between them.
+    """Return coordinates of the goal attitude, whose distances are about the angle between two.
 
-    The rotation matrices of attitudes that are a small angle apart differ by sqrt(2) times that.
+    Rotation matrices of attitudes that are a small angle a apart differ by sqrt(2) a.
     """
     target = problem.target
     if target.orientation is Orientation.FREE:
@@ -190,7 +187,7 @@ def _reach(robot: Robot) -> float:
 
 
 def _variables(task: PlanningTask) -> Sequence[int]:
-    """Return how many decision variables paths of the families have that apply."""
+    """Return the numbers of decision variables of the path families that apply."""
     _, problem = as_it_begins(task.problem, task.ahead, task.running)
     groups = path_families(lasting(problem, None), task.settings)
     return [ways[0].variables for ways in groups]

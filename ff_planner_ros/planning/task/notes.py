@@ -1,4 +1,4 @@
-"""What a user should know of the problem that a plan was made for."""
+"""Notes for the user on the problem that a plan was made for."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MUCH, _MOST_TOLD = 10.0, 5
 
 
 def hull_notes(bodies: Sequence[ObstacleBody]) -> tuple[str, ...]:
-    """Return a note on meshes whose hulls are much larger than they are; empty: there is none."""
+    """Return a note on meshes whose convex hulls have over 10 % more volume; empty: none has."""
     larger = {one.id: 100.0 * (one.solid.hull_share - 1.0) for one in bodies}
     told = [f"{name} by {by:.0f} %" for name, by in larger.items() if by > _MUCH]
     if not told:

@@ -1,4 +1,4 @@
-"""What follows a goal: a sequence of phases is planned one after the other."""
+"""The phases that follow the first goal, planned one after the other."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SEARCH = "search."
 
 
 def of_problem(name: str, **default: Any) -> Any:
-    """Declare a field as that of the problem is declared."""
+    """Declare a field of a phase like the field of PlanningProblem that has the name."""
     said = declared_by_name(PlanningProblem)[name]
     place = None if said.message is None else said.message.removeprefix(_SEARCH)
     one = replace(said, since="0.3", optional=bool(default), formerly="", message=place)
@@ -43,10 +43,11 @@ def of_problem(name: str, **default: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Phase:
-    """What follows a goal, from where the phase before ends.
+    """A phase that follows another one: it begins where the phase before ends.
 
     Raises:
-        InvalidInput: It has no goal or two, or a value is not allowed.
+        InvalidInput: Neither `target` nor `target_body` is given, or both; or a value is not
+            allowed.
     """
 
     SINCE: ClassVar[str] = "0.3"
@@ -55,7 +56,7 @@ class Phase:
     duration: float | DurationRange = of_problem("duration")
     # Where the target is when the phase ends, as in a problem of its own; None: a body's grasp
     target: Target | Posture | None = of_problem("target", default=None)
-    # As it is at the first point of the whole sequence
+    # In its state at the first point of the whole sequence
     target_body: TargetBody | None = of_problem("target_body", default=None)
     # None: as in the phase before
     objective: Objective | None = of_problem("objective", default=None)
@@ -90,7 +91,7 @@ class Phase:
             raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
 
     def after(self, before: PlanningProblem | Phase) -> Phase:
-        """Return the phase with what it leaves out as in the one before."""
+        """Return the phase with the values that it omits taken from the phase before."""
         return replace(
             self,
             objective=self.objective or before.objective,
@@ -101,10 +102,10 @@ class Phase:
 
 
 def require_mass(body: TargetBody) -> None:
-    """Refuse to plan on with a captured body whose mass nobody knows.
+    """Refuse a captured body of unknown mass: the phases that follow depend on it.
 
     Raises:
-        InvalidInput: It is not known.
+        InvalidInput: The mass is zero, which means unknown.
     """
     if body.mass == 0.0:
         allowed = "what follows a capture needs it, and the inertia in kg m2"

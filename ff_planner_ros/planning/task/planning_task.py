@@ -40,7 +40,8 @@ class PlanningTask:
     """A problem with everything else that its plan depends on.
 
     Raises:
-        InvalidInput: A time that is negative, or a number that is not finite.
+        InvalidInput: A value is not allowed, `running_goal` is not ahead on `running`, there are
+            too many phases, or the mass of a captured body is missing.
     """
 
     problem: PlanningProblem  # its start is the state as measured
@@ -66,7 +67,7 @@ class PlanningTask:
         since="0.3",
         default=None,
     )
-    # It begins exactly on that motion, and is looked for near what remains of it
+    # The plan begins exactly on that motion, and is searched for near its remainder
     running_goal: float | None = declare(
         a_number(),
         "time at which that motion reaches its goal: the plan takes over from it; default: a plan "
@@ -153,7 +154,11 @@ class PlanningTask:
             raise InvalidInput(Status.OUT_OF_RANGE, "running_goal", goal, allowed)
 
     def ended_at(self, *efforts: int) -> PlanningTask:
-        """Return the task whose phases' searches end at steps, as an answer tells; zero: never."""
+        """Return the task with the search of each phase limited to a step, as in an answer.
+
+        Args:
+            *efforts: Last step of each phase's search; zero: unchanged.
+        """
         if not any(efforts):
             return self
         first, *others = efforts
@@ -165,7 +170,7 @@ class PlanningTask:
 
     @cached_property
     def digest(self) -> str:
-        """A hash of everything that the plan depends on: equal tasks have equal digests."""
+        """Hash of everything that the plan depends on: equal tasks have equal digests."""
         # A controller that lets joints move at the end takes every sound plan.
         strict = self.controller
         if strict is not None and strict.takes_every_end:

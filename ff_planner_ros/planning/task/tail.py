@@ -1,4 +1,4 @@
-"""What the arm does after the goal: a plan ends with moving joints, since the chaser drifts."""
+"""The post-goal segment: at the goal the joints of a plan still move, since the chaser drifts."""
 
 from __future__ import annotations
 
@@ -51,23 +51,27 @@ def with_tail(
     seconds: float,
     settings: PlannerSettings,
 ) -> Plan:
-    """Return a plan continued beyond its goal, and checked as a whole.
+    """Return a plan with a post-goal segment, checked as a whole.
 
     - `none`: the plan itself. Its joints still move at its last point.
-    - `hold_end_effector`: the end effector stays at its goal, or goes on with the target's twist or
-      the target body's grasp, while the chaser moves on. The joints still move at the last point.
-    - `stop_joints`: joint rates fall to zero, their accelerations go on from the plan's and end at
-      zero. The end effector leaves its goal with the chaser.
+    - `hold_end_effector`: the end effector stays at its goal, or follows the target's twist or the
+      target body's grasp, while the chaser moves. The joints still move at the last point.
+    - `stop_joints`: joint velocities fall to zero; accelerations are continuous at the goal and
+      end at zero. The end effector leaves its goal with the chaser.
 
-    The points of a tail are equally far apart, never further than the plan's.
+    The points of the segment are equally spaced in time, not further apart than the plan's.
+
+    Args:
+        seconds: Duration of the segment; without effect for `none`.
 
     Returns:
-        Its metrics are those of the whole motion, but for what refers to the goal (`Metrics`).
+        Its metrics are those of the whole motion, except those that refer to the goal (`Metrics`).
 
     Raises:
-        InvalidInput: `seconds` is not positive, or so long that the points become too many.
-        NoPlanFound: The tail violates what a plan must keep, or meets a dynamic singularity; the
-            message names the tail, and the attempt is the plan with it.
+        InvalidInput: `seconds` is not positive, or so long that the points become too many, or the
+            end effector is to be held after a goal of the joints.
+        NoPlanFound: The segment violates what a plan must keep; then the attempt is the plan with
+            it. Or it meets a dynamic singularity; then the attempt is the plan without it.
     """
     if end_behaviour is EndBehaviour.NONE:
         return plan
@@ -78,7 +82,7 @@ def with_tail(
     seconds = finite_number("post_goal_duration", seconds, above=0.0)
     name = f"{end_behaviour}, {seconds:g} s"
     time = np.linspace(0.0, seconds, 1 + _intervals(problem, motion, seconds))
-    # Few points are few points told, not a coarser motion.
+    # A plan with few points has few points published, not a coarser motion.
     steps = int(np.ceil(time[1] * _STEPS / problem.duration - 1e-9))
     finer = np.interp(np.arange(steps * (len(time) - 1) + 1), steps * np.arange(len(time)), time)
     q, v = from_trajectory(robot, motion)
@@ -90,7 +94,7 @@ def with_tail(
             tail = hold(problem, q[-1], v[-1, 6:], momentum, finer)
         except NoPlanFound as singular:
             raise _refusal(name, singular.status, str(singular), plan) from None
-        if steps > 1:  # what comes of the points, which are not all of the motion
+        if steps > 1:  # the motion between the points is the controller's interpolation
             samples = (rows[::steps] for rows in (tail[0][:, 7:], tail[1][:, 6:], tail[2][:, 6:]))
             tail = driven(robot, q[-1], momentum, JointMotion(time, *samples), finer)
     else:
@@ -110,7 +114,7 @@ def with_tail(
 
 
 def _intervals(problem: PlanningProblem, motion: Trajectory, seconds: float) -> int:
-    """Return into how many intervals a tail is cut."""
+    """Return the number of intervals of a post-goal segment."""
     in_plan = len(motion.time) - 1
     # A whole number of the plan's steps, but for rounding, takes no more than these.
     wanted = max(np.ceil(seconds / problem.duration * in_plan - 1e-9), _LEAST_INTERVALS)
@@ -128,9 +132,9 @@ def _intervals(problem: PlanningProblem, motion: Trajectory, seconds: float) -> 
 def _holding(
     problem: PlanningProblem, q_goal: Array, _rates: Array, momentum: Array, time: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the motion that lets the end effector go on with the target's twist, Eq. (31).
+    """Return q, v and accelerations of a motion with the end effector at the target's twist.
 
-    A path of the paper's family ends with its rates.
+    Eq. (31). A path of the paper's family ends with the joint velocities that this begins with.
 
     Raises:
         NoPlanFound: It meets a dynamic singularity.
@@ -160,7 +164,7 @@ def _holding(
 
 
 def _ramp(positions: Array, rates: Array, accelerations: Array, seconds: float) -> JointMotion:
-    """Return the motion to rest whose rates are cubics: what a controller's quintics reproduce."""
+    """Return a motion to rest with cubic joint velocities, which a quintic spline reproduces."""
     way = seconds / 2 * rates + seconds**2 / 12 * accelerations
     rest = np.zeros_like(rates)
     return JointMotion(
@@ -174,9 +178,9 @@ def _ramp(positions: Array, rates: Array, accelerations: Array, seconds: float) 
 def _lost_hold(
     problem: PlanningProblem, whole: Trajectory, settings: PlannerSettings
 ) -> Iterator[Failure]:
-    """Yield where the end effector is not with the target, whose twist stays, or with its body.
+    """Yield failures of the end effector to follow the target or the target body after the goal.
 
-    It is looked at where it comes, and at the points where it should come.
+    Both the points of the plan and the motion that follows from them are looked at.
     """
     samples, target = Samples(problem, settings, whole), problem.target
     told, comes = slice(samples.goal, None), slice(samples.followed.pieces * samples.goal, None)

@@ -1,4 +1,4 @@
-"""The one door to the planner: the way from a task to its plan."""
+"""The entry point of the planner: from a task to its plan."""
 
 from __future__ import annotations
 
@@ -45,32 +45,34 @@ __all__ = [
     "without_search",
 ]
 
-# Problem, in the frame that the plan is made in, settings, who watches, first guess.
+# Takes the problem in the frame that the plan is made in, settings, watch and initial guess.
 Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, FirstGuess | None], Plan]
 
 _NANOSECONDS = 1e9
-# A phase that another follows keeps so much more clear of everything [m], where one of a few first
-# guesses leads to such a plan: the next one begins there, with a body more.
+# A phase that another follows keeps so much more clearance [m], if one of a few initial guesses
+# leads to such a plan: the next phase begins there, with one body more.
 _ROOM, _FEW = 0.02, 3
-# Among the ways of such a phase, the number of that which keeps no more.
+# Index among the tasks of such a phase of the one without more clearance.
 _AS_IT_IS = 1
-# Durations that are tried where the tail of the one that was chosen cannot be driven: as far apart
-# as an eighth of the range.
+# Durations that are tried if the post-goal segment of the chosen one cannot be driven: an eighth of
+# the range apart.
 _OTHER_MOMENTS = 9
 
 
 def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:
-    """Return a method that searches for nothing: a first guess and a watch are of no use to it."""
+    """Return a method from a function that uses neither a watch nor an initial guess."""
     return lambda problem, settings, _watch, _guess: solve(problem, settings)
 
 
 def in_frame_of_user(
     solve: Callable[[PlanningProblem, PlannerSettings], Plan], problem: PlanningProblem
 ) -> Method:
-    """Return a method for one task whose motion depends on the frame: it solves the user's problem.
+    """Return a method for one task from a function whose plan depends on the frame.
+
+    The function solves the problem in the user's frame instead of that of the system.
 
     Args:
-        problem: The task's, from whose start it plans.
+        problem: The task's problem, in the user's frame; the plan begins at its start.
     """
     frame = system_frame(problem.robot, problem.start)
     return lambda _problem, settings, _watch, _guess: frame.plan(solve(problem, settings))
@@ -79,20 +81,22 @@ def in_frame_of_user(
 def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) -> Plan:
     """Plan from the predicted start to the end of the post-goal segment, and check the plan.
 
-    The same task gives the same plan. Where the watch ends the search, the same task with the
-    effort that the plan, or the refusal, tells gives the same again. The plan is made and judged in
-    the frame of the system's centre of mass (`system_frame`), where it does not depend on the frame
-    of the task; the plan, and the attempt of a refusal, are in the frame of the task.
+    The same task gives the same plan. If the watch ended the search, the same task with the
+    `effort` of the plan or of the refusal gives the same plan or refusal again. The plan is made
+    and checked in the frame of the system's centre of mass (`system_frame`), so that it does not
+    depend on the frame of the task; the plan, and the attempt of a refusal, are in the frame of the
+    task.
 
-    Of a sequence of phases, each begins where the plan before ends, and the last one has the tail.
-    The plan is that of the first, with those of the others in `then`.
+    In a sequence of phases each begins where the plan before ends, and the last one has the
+    post-goal segment. The plan is that of the first phase, with those of the others in `then`.
 
     Raises:
-        InvalidInput: The start violates what the plan must keep, or the tail is too long.
-        NoPlanFound: The method found no plan, or what it found does not pass the check, with its
-            tail or without; or the controller would not take it; or the watch ended the search.
-            Of a sequence it, and an InvalidInput of a later phase, tells which phase has no plan,
-            and holds the plans before it.
+        InvalidInput: The start violates what the plan must keep, or the post-goal segment is too
+            long.
+        NoPlanFound: The method found no plan; or its plan does not pass the check, with the
+            post-goal segment or without; or the controller would not accept it; or the watch ended
+            the search. In a sequence, the message names the phase, `found` holds the plans before
+            it, and `cause` an InvalidInput of a later phase.
     """
     if not task.then:
         return _perform(task, watch, method)
@@ -125,7 +129,7 @@ def _first(ways: Iterator[PlanningTask], watch: Watch, method: Method) -> Plan:
     """Return the plan of the first task that has one.
 
     Raises:
-        InvalidInput, NoPlanFound: None has one; it is that of the phase as it is.
+        InvalidInput, NoPlanFound: No task has one; the error is that of the phase as it is.
     """
     refused = list[FfPlannerError]()
     for task in ways:
@@ -141,9 +145,9 @@ def _first(ways: Iterator[PlanningTask], watch: Watch, method: Method) -> Plan:
 def _otherwise(
     plans: Sequence[Plan], others: Sequence[Iterator[PlanningTask]], watch: Watch, method: Method
 ) -> Plan | None:
-    """Return another plan of the last phase that has one, for what follows; None: there is none.
+    """Return another plan of the last planned phase, for the next one; None: there is none.
 
-    The clock has ended nothing before, so that the same task goes the same ways again.
+    There is none if the clock ended a search before: a repetition would not go the same way.
     """
     if not plans or any(one.effort for one in plans):
         return None
@@ -155,7 +159,7 @@ def _otherwise(
 
 
 def _ways(task: PlanningTask) -> Iterator[PlanningTask]:
-    """Yield the tasks that a phase is planned by: with room for what follows, then as it is."""
+    """Yield the tasks to try for a phase: with more clearance for the next one, then as it is."""
     alone = _to_goal_alone(task)
     if not task.then:
         yield alone
@@ -170,7 +174,7 @@ def _ways(task: PlanningTask) -> Iterator[PlanningTask]:
 
 
 def _to_goal_alone(task: PlanningTask) -> PlanningTask:
-    """Return the task of a phase by itself: another one goes on from its end."""
+    """Return the task of the first phase by itself, without a post-goal segment."""
     if not task.then:
         return task
     controller = task.controller
@@ -180,7 +184,7 @@ def _to_goal_alone(task: PlanningTask) -> PlanningTask:
 
 
 def _without_rest(error: FfPlannerError, plans: Sequence[Plan], count: int) -> FfPlannerError:
-    """Return the error that tells which phase of how many has no plan."""
+    """Return the error with the number of the phase that has no plan, and the plans before it."""
     which = f"phase {len(plans) + 1} of {count}"
     if not plans and isinstance(error, InvalidInput):
         return error  # of the start
@@ -229,13 +233,13 @@ def _perform(task: PlanningTask, watch: Watch, method: Method) -> Plan:
 def as_it_begins(
     problem: PlanningProblem, ahead: float, running: JointMotion | None
 ) -> tuple[SystemFrame, PlanningProblem]:
-    """Return the frame that a plan of its own is made in, and the problem from its start there.
+    """Return the frame that a plan is made in, and the problem from the plan's start in that frame.
 
-    A library asks for it before the plan is made.
+    Not for a plan that takes over from a running one. A library needs both before the planner.
 
     Args:
         ahead: Time from the measurement to the plan's first point [s].
-        running: Of the joints meanwhile; None: they keep their measured rates.
+        running: Motion of the joints until then; None: they keep their measured velocities.
     """
     start = carried_forward(problem.robot, problem.start, ahead, running)
     return _seen_from_system(problem, start)
@@ -244,7 +248,7 @@ def as_it_begins(
 def _seen_from_system(
     problem: PlanningProblem, start: SystemState
 ) -> tuple[SystemFrame, PlanningProblem]:
-    """Return the frame of a system at the plan's first point, and the problem from there in it."""
+    """Return the `system_frame` of the plan's first state, and the problem from there in it."""
     frame = system_frame(problem.robot, start)
     return frame, frame.problem(replace(problem, start=start))
 
@@ -256,7 +260,7 @@ def _performed(
     method: Method,
     guess: FirstGuess | None,
 ) -> Plan:
-    """Return the plan for a problem in the frame of the plan, judged."""
+    """Return the checked plan, with its post-goal segment, in the frame that it is made in."""
     settings, window = task.settings, problem.duration_range
 
     def whole_of(to_goal: Plan) -> Plan:
@@ -290,10 +294,10 @@ def _at_another_moment(
     moments: Sequence[float],
     undrivable: NoPlanFound,
 ) -> Plan:
-    """Return the plan of the first duration that has one with its tail.
+    """Return the plan of the first duration that has one with its post-goal segment.
 
     Args:
-        undrivable: Why there is none of the duration that was chosen; raised where none has one.
+        undrivable: Error of the duration that was chosen; raised if no other has a plan.
     """
     for moment in moments:
         with suppress(InvalidInput, NoPlanFound):
@@ -304,7 +308,7 @@ def _at_another_moment(
 def attempted(
     task: PlanningTask, method: Method
 ) -> tuple[Plan | FfPlannerError, tuple[Failure, ...]]:
-    """Return a method's motion, sound or not, or why it made none; and what the check found."""
+    """Return a method's plan, valid or not, or its error; and the failures that the check found."""
     made: list[Plan] = []
 
     def kept(*arguments: Any) -> Plan:
@@ -328,7 +332,7 @@ def _refused(found: Plan, why: tuple[Failure, ...], is_planner: bool) -> NoPlanF
 
 
 def _command(plan: Plan, controller: Controller) -> Command:
-    """Return what a controller is sent of a plan."""
+    """Return a plan as the message that a controller is sent."""
     motion = plan.trajectory
     torques = motion.joint_torques if controller.effort_interface else motion.joint_torques[:, :0]
     return Command(

@@ -1,4 +1,4 @@
-"""The plans of a sequence's phases as one: what a controller is sent, and how good it is."""
+"""The plans of a sequence's phases as one plan, for the controller and for reports."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 
-# Of all phases: their sum; others are the largest, those named `min_` the least.
+# Metrics of which all phases' sum counts; else the largest counts, of those named `min_` the least.
 _SUMS = ("joint_path_length", "penalty")
 
 
 def whole(plan: Plan) -> Plan:
-    """Return a plan with those of the phases that follow as one; a plan by itself stays as it is.
+    """Return the plans of all phases joined to one plan; a plan of one phase stays as it is.
 
-    The point that two phases share is the end of the first: joint rates may jump there by what the
-    contact does. Metrics are sums or the worst of all phases; the chaser's turns are each since
-    the start of a phase. It has no path of a family.
+    The point that two phases share is the end of the first; joint velocities may jump there by the
+    contact. Metrics are sums or the worst of all phases; the chaser's rotation is measured from the
+    start of each phase. The joined plan has no decision variables.
     """
     if not plan.then:
         return plan
@@ -51,9 +51,9 @@ def whole(plan: Plan) -> Plan:
 
 
 def whole_scene(task: PlanningTask, plan: Plan) -> Scene:
-    """Return what all phases of a plan are made among: the first one's, and what is captured.
+    """Return the scene of all phases: that of the first, with the body that a phase captures.
 
-    What a later phase captures takes the place of the first one's goal, approach and camera.
+    A body that a later phase captures replaces the goal, approach and camera of the first.
     """
     scene, bodies = scene_of(lasting(task.problem, plan.duration)), captured_bodies(task)
     phase = next((k for k, one in enumerate(bodies[: len(plan.phases)]) if one is not None), None)
@@ -67,7 +67,7 @@ def whole_scene(task: PlanningTask, plan: Plan) -> Scene:
 
 
 def captured_bodies(task: PlanningTask) -> list[TargetBody | None]:
-    """Return what each phase captures, as it is at the first point of the first."""
+    """Return the body that each phase captures, in its state at the first point of the first."""
     return [task.problem.target_body, *(phase.target_body for phase in task.then)]
 
 

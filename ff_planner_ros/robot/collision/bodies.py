@@ -1,4 +1,4 @@
-"""The solids of a robot: what its URDF's `<collision>` elements say that its links fill."""
+"""The collision bodies of a robot, from the `<collision>` elements of its URDF."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed
 
 
 def _settle_boxes() -> None:
-    """Ask Coal for the distance of a box that is turned, before anybody asks for another.
+    """Ask Coal for the distance of a rotated box, before any other query.
 
     The first direction that Coal 3.0.3 looks along in a box decides whether boxes are larger by one
     in 1e10 as long as the process lives: a `static` in its `getShapeSupport` of boxes. So plans of
@@ -35,8 +35,8 @@ def _settle_boxes() -> None:
 
 _settle_boxes()
 
-# The sizes that each kind of solid has, in the URDF's words, a cone's in those of SDFormat, and how
-# many numbers each is [m].
+# The attributes of each kind's sizes in a URDF, a cone's as in SDFormat, and how many numbers each
+# has [m].
 SIZES = {
     "box": {"size": 3},
     "capsule": {"radius": 1, "length": 1},
@@ -62,17 +62,17 @@ class Body:
 
 
 class Kind(enum.IntEnum):
-    """Of what kind a solid is: which formula measures it. The core has the same numbers."""
+    """Kind of a solid, which selects the formula of distances. The core has the same numbers."""
 
-    ROUND = 0  # what is within a radius of a piece of the z axis: spheres and capsules
+    ROUND = 0  # all points within a radius of a segment of the z axis: spheres and capsules
     BOX = 1
     CYLINDER = 2
-    HULL = 3  # there is none: Coal measures it
+    HULL = 3  # no formula: Coal measures distances
     CONE = 4  # likewise
 
 
 def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
-    """Return a solid's kind, and its half edges, or radius and half length."""
+    """Return a solid's kind, and its half edges, or radius and half length, padded by zeros [m]."""
     if isinstance(solid, coal.Sphere):
         return Kind.ROUND, (solid.radius, 0.0, 0.0)
     if isinstance(solid, coal.Capsule):
@@ -87,12 +87,12 @@ def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]
 
 
 def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) -> tuple[Body, ...]:
-    """Return the bodies of a robot.
+    """Return the collision bodies of a robot; empty if there are too many.
 
     Args:
-        robot: `<robot>` with the `<collision>` elements of its links; a mesh among them that is in
-            a file is there afterwards itself, as its convex hull.
-        faults: Takes what is wrong with them.
+        robot: `<robot>` with the `<collision>` elements of its links; meshes in files are replaced
+            in it by their convex hulls.
+        faults: Collects what is wrong with the elements.
     """
     found: list[Body] = []
     if (count := len(robot.findall("link/collision"))) > MAX_BODIES:
@@ -114,7 +114,7 @@ def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) 
 
 
 def defining_numbers(body: Body) -> tuple[str, Array, Array]:
-    """Return what a body is: kind, sizes or corners [m], and placement in its joint."""
+    """Return a body's kind, sizes or corners [m], and placement in its joint, shape (4, 4)."""
     solid = body.solid
     match solid:
         case coal.Box():
@@ -137,7 +137,7 @@ def _body(name: str, link: str, joint: int, solid: coal.CollisionGeometry, place
 
 
 def radius_around(solid: coal.CollisionGeometry, center: Array) -> float:
-    """Return the radius of a sphere about a centre that holds a solid."""
+    """Return the radius of a sphere about a solid's centre that holds the solid [m]."""
     if isinstance(solid, coal.Sphere):
         return float(solid.radius)
     if isinstance(solid, coal.Capsule):
@@ -152,7 +152,7 @@ def radius_around(solid: coal.CollisionGeometry, center: Array) -> float:
 def collision_solid(
     link: str, collision: Element, meshes: Meshes, faults: Faults
 ) -> coal.CollisionGeometry | None:
-    """Return what a `<collision>` of a link describes; None: a fault, which `faults` takes."""
+    """Return the solid of a `<collision>` of a link; None: it is faulty, and `faults` says how."""
     shape = collision.find("geometry/*")
     if shape is None:
         allowed = f"it must be one of {listed(SIZES)}, mesh"
@@ -181,7 +181,7 @@ def collision_solid(
 
 
 def _numbers(link: str, part: str, text: str | None, count: int, faults: Faults) -> list[float]:
-    """Return sizes; zeros where there is a fault."""
+    """Return sizes [m]; zeros: they are faulty."""
     try:
         sizes = [float(word) for word in (text or "").split()]
     except ValueError:

@@ -1,4 +1,4 @@
-"""The arm's centre lines as bodies without thickness: what shapes are kept clear of with lines."""
+"""The arm's link centre lines as bodies without thickness, for distances from obstacle bodies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SAME_POINT = 1e-6
 
 @lru_cache(maxsize=8)
 def with_bodies(robot: Robot) -> Robot:
-    """Return a robot whose bodies are its shapes, or its lines if it has none."""
+    """Return a robot whose bodies are its shapes, or its link centre lines if it has none."""
     return robot if robot.bodies else replace(robot, bodies=_lines(robot))
 
 

@@ -17,8 +17,8 @@ from ff_planner_ros.robot.urdf.urdf_tree import link_of
 
 Pairs: TypeAlias = tuple[tuple[int, int], ...]  # of bodies, by index
 
-# Links that touch in so many random postures do so because of how they are drawn; MoveIt's
-# assistant counts the same share.
+# Links that touch in this share of random postures overlap by design; MoveIt's assistant uses the
+# same share.
 ALWAYS_SHARE = 0.95
 # Random postures for that while a robot is loaded, and for an SRDF, as many as MoveIt's draws.
 QUICK_SAMPLES, SAMPLES = 200, 10_000
@@ -28,7 +28,7 @@ _SEED = 0
 
 
 def pairs_of(bodies: Sequence[Body], may_touch: Collection[Links]) -> Pairs:
-    """Return the pairs that move against each other, without those of links that may touch."""
+    """Return the pairs of bodies that can move relative to each other and may not touch."""
     return tuple(
         (first, second)
         for first, second in itertools.combinations(range(len(bodies)), 2)
@@ -38,7 +38,7 @@ def pairs_of(bodies: Sequence[Body], may_touch: Collection[Links]) -> Pairs:
 
 
 def neighbours(robot: Element, bodies: Sequence[Body]) -> list[MayTouch]:
-    """Return links of which one carries the other; a link without a solid between does not count.
+    """Return pairs of links of which one carries the other, skipping links without a solid.
 
     Args:
         robot: `<robot>` with all links and joints.
@@ -60,7 +60,7 @@ def always_touching(
 ) -> list[MayTouch]:
     """Return further links that touch in nearly every posture: a wrist drawn with overlap, say."""
     pairs = pairs_of(bodies, may_touch)
-    # What is apart in more than half of the first tenth cannot reach that share any more.
+    # Pairs that are apart in more than half of the first tenth cannot reach that share any more.
     first = touching_share(model, bodies, pairs, QUICK_SAMPLES // 10)
     pairs = tuple(pair for pair, share in zip(pairs, first, strict=True) if share >= 0.5)
     shares = touching_share(model, bodies, pairs, QUICK_SAMPLES)
@@ -72,9 +72,9 @@ def always_touching(
 
 
 def moveit_pairs(robot: Element, model: pin.Model, bodies: Sequence[Body]) -> list[MayTouch]:
-    """Return what MoveIt's assistant writes: neighbours, links that always touch or never do.
+    """Return the pairs that MoveIt's assistant disables: neighbours, always or never touching.
 
-    Links that are fixed to each other are among them: MoveIt takes them for any others.
+    Links that are fixed to each other count, too, as in MoveIt.
 
     Args:
         robot: `<robot>` with all links and joints.
@@ -98,11 +98,11 @@ def moveit_pairs(robot: Element, model: pin.Model, bodies: Sequence[Body]) -> li
 def touching_share(
     model: pin.Model, bodies: Sequence[Body], pairs: Pairs, samples: int, margin: float = 0.0
 ) -> Array:
-    """Return in which share of random postures the bodies of each pair touch. Shape (pairs,).
+    """Return the share of random postures in which the bodies of each pair touch. Shape (pairs,).
 
     Args:
-        samples: How many postures, within the limits of the joints.
-        margin: What is as near as this counts as touching [m].
+        samples: Number of postures, within the limits of the joints.
+        margin: Largest distance that counts as touching [m].
     """
     if not pairs:
         return np.zeros(0)
@@ -124,7 +124,7 @@ def touching_share(
 
 
 def _postures(model: pin.Model, samples: int) -> Iterator[Array]:
-    """Yield configurations with the chaser in the origin, always the same ones."""
+    """Yield random configurations with the chaser at the origin, always the same ones."""
     rng = np.random.default_rng(_SEED)
     q = pin.neutral(model)
     for _ in range(samples):
@@ -142,5 +142,5 @@ def _by_links(bodies: Sequence[Body], pairs: Pairs, shares: Array) -> dict[tuple
 
 
 def _links(bodies: Sequence[Body], pair: tuple[int, int]) -> tuple[str, str]:
-    """Return the links of two bodies; those of a link follow each other."""
+    """Return the links of two bodies, always in the same order: a link's bodies are consecutive."""
     return bodies[pair[0]].link, bodies[pair[1]].link

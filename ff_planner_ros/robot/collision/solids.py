@@ -25,7 +25,7 @@ from ff_planner_ros.robot.urdf.convex_hull import (
 )
 from ff_planner_ros.robot.urdf.meshes import Meshes
 
-# The words of each kind's sizes and how many numbers each is [m]. Cylinders, capsules and cones are
+# The keys of each kind's sizes and how many numbers each has [m]. Cylinders, capsules and cones are
 # about the z axis through their middle, a cone's apex at +z; a capsule's length has no caps.
 _ROUND = {"radius": 1, "length": 1}
 SIZES: Mapping[str, Mapping[str, int]] = {
@@ -37,7 +37,7 @@ SIZES: Mapping[str, Mapping[str, int]] = {
 }
 MESH = "mesh"
 KINDS = (*SIZES, MESH)
-# Of a mesh in a file or message: its hull is made in the process that asks.
+# Of a mesh in a file or message, whose hull is computed in the calling process.
 MAX_MESH_VERTICES = 100_000
 
 
@@ -46,15 +46,15 @@ class Solid:
     """A convex solid in its own frame.
 
     Raises:
-        InvalidInput: A kind that is none, or sizes that it does not have or that are out of range.
+        InvalidInput: The kind is unknown, or a size is missing, surplus or out of range.
     """
 
     kind: str  # of `KINDS`
-    sizes: Array = field(default_factory=lambda: np.zeros(0))  # in the order of their words [m]
+    sizes: Array = field(default_factory=lambda: np.zeros(0))  # in the order of `SIZES` [m]
     corners: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of a mesh's hull [m]
-    # Volume of the hull by that of the mesh, where that is known: of one that is not convex
+    # Volume of the hull divided by that of the mesh, which need not be convex; 1: not known
     hull_share: float = 1.0
-    # How far it is grown to all sides, its corners then round; of no file and no message [m]
+    # Inflation in all directions, with rounded corners; in no file and no message [m]
     grown: float = 0.0
 
     def __post_init__(self) -> None:
@@ -72,14 +72,14 @@ class Solid:
 
     @property
     def words(self) -> str:
-        """Kind and sizes, or number of corners [m]."""
+        """Kind and sizes [m], or number of corners, as text."""
         if self.kind == MESH:
             return f"mesh of {len(self.corners)} corners"
         return f"{self.kind} {' x '.join(format(size, 'g') for size in self.sizes.tolist())}"
 
     @cached_property
     def geometry(self) -> coal.CollisionGeometry:
-        """The solid as Coal holds it."""
+        """The solid as a Coal geometry, inflated by `grown`."""
         match self.kind:
             case "sphere":
                 geometry = coal.Sphere(*self.sizes)
@@ -99,24 +99,24 @@ class Solid:
 
     @cached_property
     def center(self) -> Array:
-        """Centre of a sphere around it. Shape (3,) [m]."""
+        """Centre of a bounding sphere. Shape (3,) [m]."""
         return frozen(self.geometry.aabb_center)
 
     @cached_property
     def radius(self) -> float:
-        """Radius of that sphere [m]."""
+        """Radius of the bounding sphere about `center` [m]."""
         return radius_around(self.geometry, self.center) + self.grown
 
     @cached_property
     def reach(self) -> float:
-        """How far any point of it is at most from the origin of its frame [m]."""
+        """Upper bound of the distance of its points from the origin of its frame [m]."""
         return float(np.linalg.norm(self.center)) + self.radius
 
     def furthest(self, ways: Array) -> Array:
-        """Return how far it reaches from the origin of its frame along ways. Shape (ways,) [m].
+        """Return the support function: the largest coordinate along each direction [m]. (ways,).
 
         Args:
-            ways: In its frame, of unit length. Shape (ways, 3).
+            ways: Directions in its frame, of unit length. Shape (ways, 3).
         """
         return self._furthest(ways) + self.grown
 
@@ -146,14 +146,15 @@ class MeshFile:
     scale: tuple[float, ...]
 
     def load(self, told: str, directory: Path | None) -> Solid:
-        """Return its convex hull.
+        """Read the mesh and return its convex hull.
 
         Args:
-            told: Its field in errors.
-            directory: That its path is relative to; None: no file may be read.
+            told: Field of the mesh in errors.
+            directory: Directory that its path is relative to; None: no file may be read.
 
         Raises:
-            InvalidInput: It is not read within the bounds of a robot's meshes, or has no hull.
+            InvalidInput: The file cannot be read within the limits of a robot's meshes, or the mesh
+                has no hull.
         """
         scale = np.array(self.scale)
         try:
@@ -162,7 +163,7 @@ class MeshFile:
         except NoSolid as fault:
             allowed = str(fault)
             raise InvalidInput(Status.OUT_OF_RANGE, f"{told}.file", self.file, allowed) from None
-        # In the order of what is written of them, and read again.
+        # The same order of corners as after writing and reading them.
         return replace(hull_of_vertices(f"{told}.file", corners * scale), hull_share=share)
 
 
@@ -170,11 +171,11 @@ def hull_of_vertices(told: str, vertices: Array) -> Solid:
     """Return the convex hull of vertices as a solid.
 
     Args:
-        told: Its field in errors.
+        told: Field of the vertices in errors.
         vertices: Shape (vertices, 3) [m].
 
     Raises:
-        InvalidInput: There are too many, or they have no hull: they lie in a plane, say.
+        InvalidInput: There are too many vertices, or they have no hull: they lie in a plane, say.
     """
     many = f"{len(vertices)} vertices"
     if len(vertices) > MAX_MESH_VERTICES:
@@ -189,7 +190,7 @@ def hull_of_vertices(told: str, vertices: Array) -> Solid:
 
 
 def solid_of(geometry: coal.CollisionGeometry) -> Solid:
-    """Return what Coal holds as a solid."""
+    """Return the solid of a Coal geometry."""
     match geometry:
         case coal.Sphere():
             return Solid("sphere", np.array([geometry.radius]))
@@ -202,7 +203,7 @@ def solid_of(geometry: coal.CollisionGeometry) -> Solid:
 
 
 def _read(told: str, value: object) -> Solid | MeshFile:
-    """Return what a mapping of one kind stands for: `{box: {size: [..]}}`."""
+    """Return the solid of a mapping with one kind: `{box: {size: [..]}}`."""
     if not isinstance(value, dict) or len(value) != 1 or next(iter(value)) not in KINDS:
         raise InvalidInput(Status.UNSUPPORTED, told, quoted(value), _one_of_kinds())
     ((kind, given),) = value.items()

@@ -1,6 +1,6 @@
-"""A URDF or SDF as one rigid body: the solids of its links and what they weigh together.
+"""A URDF or SDF as one rigid body: the solids of its links, and their total mass and inertia.
 
-Its joints do not move: each is at zero.
+All joints are fixed at zero.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class PlacedSolid:
 
     name: str  # of its link; `link#2` for a link's second solid
     solid: Solid
-    place: pin.SE3  # axes of the root link, from the body's centre of mass
+    place: pin.SE3  # in the frame at the body's centre of mass with axes of the root link
 
 
 @dataclass(frozen=True, eq=False)
 class UrdfBody:
-    """What a URDF is as one body."""
+    """One rigid body from a URDF."""
 
     solids: tuple[PlacedSolid, ...]
     inertia: Array  # about its centre of mass, axes of the root link; shape (3, 3) [kg m2]
@@ -42,15 +42,15 @@ class UrdfBody:
 
 
 def urdf_body(text: str, told: str, directory: Path | None = None) -> UrdfBody:
-    """Return a URDF as one body.
+    """Return the rigid body that the links of a URDF form together.
 
     Args:
-        told: What errors call the URDF.
-        directory: Of its file, from which the paths of its meshes start. None: it is from
-            elsewhere, and no file is read.
+        told: Name of the URDF in errors.
+        directory: Directory of its file, from which the paths of its meshes start. None: no file
+            is read.
 
     Raises:
-        InvalidInput: It is no URDF, weighs nothing, or has a solid that cannot be read.
+        InvalidInput: The text is no URDF, its links have no mass, or a solid cannot be read.
     """
     try:
         return _read(text, directory)
@@ -60,7 +60,7 @@ def urdf_body(text: str, told: str, directory: Path | None = None) -> UrdfBody:
 
 
 def _of(told: str, error: InvalidInput) -> InvalidInput:
-    """Return an error of the URDF of a body, which is not the robot's."""
+    """Return an error of a robot's URDF, renamed to that of a body's."""
     inside = error.field.removeprefix("robot.urdf")
     field = f"{told} {inside}" if inside else told
     return InvalidInput(Status.OUT_OF_RANGE, field, error.value, error.allowed)
@@ -103,7 +103,7 @@ def _read(text: str, directory: Path | None) -> UrdfBody:
 
 
 def _places(tree: Tree, faults: Faults) -> dict[str, pin.SE3]:
-    """Return where the links are in the frame of the root, with all joints at zero."""
+    """Return the placement of each link in the frame of the root, with all joints at zero."""
     places = dict[str, pin.SE3]()
     for link in tree.order:
         joint = tree.above.get(link)

@@ -1,4 +1,4 @@
-"""What of a robot is kept clear: its bodies, the pairs of them, and how to hand both on."""
+"""The collision geometry of a robot: bodies, pairs that must not touch, and a URDF with both."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
 
 class WholeBody(NamedTuple):
-    """The fields of a `Robot` that say what of it is kept clear."""
+    """The fields of a `Robot` that describe its collision geometry, and notes for the user."""
 
     geometry: Geometry
     bodies: tuple[Body, ...]
@@ -40,14 +40,15 @@ def whole_body(
     srdf: str | None,
     directory: Path | None,
 ) -> WholeBody:
-    """Return what of a robot is kept clear.
+    """Return the collision geometry of a robot.
 
     Args:
         checked: The URDF that the model was built from, without shapes.
         text: The URDF as given.
-        geometry: None: shapes where the arm has any, else lines.
-        srdf: None: the URDF says itself which links may touch, or it is found out.
-        directory: Of the URDF; None: no mesh is read from a file.
+        geometry: None: shapes if the arm has any, else lines.
+        srdf: SRDF of links that may touch. None: those that the URDF names, or else those that
+            touch in nearly every posture.
+        directory: Directory of the URDF; None: no mesh is read from a file.
 
     Raises:
         InvalidInput: A shape, a mesh or the SRDF is refused.
@@ -91,7 +92,7 @@ def whole_body(
 
 
 def _joints_with_solids(solids: Element, model: pin.Model) -> dict[str, int]:
-    """Return the joint that carries it for each link with a `<collision>`."""
+    """Return the joint that carries each link with a `<collision>`, by the link's name."""
     links = [str(link.get("name")) for link in solids.findall("link[collision]")]
     frames = (model.frames[model.getFrameId(link, pin.FrameType.BODY)] for link in links)
     return {link: frame.parentJoint for link, frame in zip(links, frames, strict=True)}
@@ -109,7 +110,7 @@ def _that_count(may_touch: list[MayTouch], joints: dict[str, int]) -> list[MayTo
 def _notes(model: pin.Model, bodies: tuple[Body, ...], may_touch: list[MayTouch]) -> list[str]:
     always = [f"{pair.link1} and {pair.link2}" for pair in may_touch if pair.reason == ALWAYS]
     bare = {*range(2, model.njoints)} - {body.joint for body in bodies}
-    # A link without length needs none: the next joint turns about the same point.
+    # A link without length needs none: the next joint is at the same point.
     bare -= {
         j - 1 for j in range(3, model.njoints) if not model.jointPlacements[j].translation.any()
     }
@@ -128,7 +129,7 @@ def _notes(model: pin.Model, bodies: tuple[Body, ...], may_touch: list[MayTouch]
 def _handed_on(
     drawn: str, solids: Element, may_touch: list[MayTouch], apart: Collection[Links]
 ) -> str:
-    """Return a drawn URDF with its solids, and the links that may touch."""
+    """Return a drawn URDF with collision solids, and the links that may touch."""
     robot = ElementTree.fromstring(drawn)
     given = {link.get("name"): link.findall("collision") for link in solids.findall("link")}
     for link in robot.findall("link"):

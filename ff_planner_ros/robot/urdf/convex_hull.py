@@ -1,4 +1,4 @@
-"""Convex hulls of points that are few enough to ask for distances again and again."""
+"""Convex hulls of points, simplified to few corners for fast distance queries."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.urdf.outermost import Boxes
 
-# A solid that is smaller is a slip of the pen, and one that is larger no robot [m].
+# Smaller solids are mistakes, and larger ones no robots [m].
 SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
-# Of its length: what is thinner is flat but for rounding, and has no convex hull.
+# Thickness over length below which points are flat but for rounding, and have no convex hull.
 _THINNEST = 1e-6
-# Those of robots have a few hundred; each point costs time at every distance.
+# Hulls of robots have a few hundred corners; each costs time in every distance query.
 MAX_VERTICES = 1000
-# Directions in which a hull of more is kept as large as it is: twice as many vertices at most.
+# Directions in which a simplified hull touches the original: it has at most twice as many vertices.
 _DIRECTIONS = 300
-# Of more points, first those are left out that lie well inside; if they are still more, their hull
-# is not even tried: Qhull's time grows with the square of the corners of a face.
+# Of more points, those well inside are removed first; if there are still more, the exact hull is
+# not tried: Qhull's time grows with the square of the corners of a face.
 _MANY = 10_000
 
 
 class NoSolid(ValueError):
-    """Why points have no convex hull."""
+    """Points have no convex hull; the message says why."""
 
 
 def convex_solid(points: Array, scale: Array) -> tuple[Array, coal.Convex, float]:
-    """Return the corners of a convex solid that holds points, and the solid after `scale`.
+    """Return the corners of a convex solid that holds points, the scaled solid, and its growth.
 
-    It is the hull, or, where that has very many corners, one that is larger by the share of its
-    width that is returned, too. The corners of corners are they themselves, in their order.
+    The solid is the convex hull, or, if that has too many corners, a simpler one around it. Growth
+    is by how much that is larger, relative to its width. Corners of a solid are returned unchanged.
 
     Args:
-        points: Before they are scaled; shape (points, 3).
-        scale: Along each axis; shape (3,).
+        points: Before scaling; shape (points, 3).
+        scale: Factor along each axis; shape (3,).
 
     Raises:
-        ValueError: A `NoSolid`. They lie in a plane, say.
+        ValueError: A `NoSolid`: the points lie in a plane, say.
     """
     points, growth = once(points), 0.0
     for _ in range(2):
@@ -57,7 +57,7 @@ def convex_solid(points: Array, scale: Array) -> tuple[Array, coal.Convex, float
 
 
 def _convex(corners: Array) -> coal.Convex:
-    """Return the hull of corners as Coal holds it."""
+    """Return the hull of corners as a Coal geometry."""
     rows = coal.StdVec_Vec3s()
     rows.extend(list(corners))
     return coal.Convex.convexHull(rows, True, "Qt")
@@ -69,13 +69,13 @@ def hull_volume(points: Array) -> float:
 
 
 def enclosed_volume(triangles: Array) -> float:
-    """Return the volume that triangles enclose, shape (triangles, 3, 3), wound one way."""
+    """Return the volume that triangles of one orientation enclose. Shape (triangles, 3, 3)."""
     a, b, c = np.moveaxis(np.asarray(triangles, float), 1, 0)
     return abs(float(np.einsum("ti,ti->", a, np.cross(b, c)))) / 6.0
 
 
 def once(points: Array) -> Array:
-    """Return the rows in order, each once."""
+    """Return the rows sorted, without duplicates."""
     points = points[np.lexsort(points.T)] + 0.0  # no negative zeros
     new = np.ones(len(points), bool)
     new[1:] = (points[1:] != points[:-1]).any(axis=1)
@@ -83,7 +83,7 @@ def once(points: Array) -> Array:
 
 
 def _require_solid(points: Array) -> None:
-    """Refuse points that have no hull: Coal would not only refuse, but crash."""
+    """Refuse points that have no hull: Coal would crash."""
     if not len(points) or not (np.abs(points) <= LARGEST_SIZE).all():
         raise NoSolid(f"it must have vertices, none further than {LARGEST_SIZE:g} m")
     extents = np.ptp(points @ _axes(points), axis=0)
@@ -100,7 +100,7 @@ def _axes(points: Array) -> Array:
 def _corners(points: Array, boxes: Boxes, scale: Array) -> Array | None:
     """Return the points at the corners of the hull after `scale`; None: more than `MAX_VERTICES`.
 
-    The hull of what is returned has all of it as its corners.
+    All points that are returned are corners of their hull.
     """
     if len(points) > _MANY:
         outer = _outer(boxes, scale)
@@ -128,7 +128,7 @@ def _outer(boxes: Boxes, scale: Array) -> Array | None:
 
 
 def _hull(points: Array) -> Any:
-    """Return Qhull's hull of points, as SciPy holds it."""
+    """Return Qhull's hull of points, by SciPy."""
     from scipy.spatial import ConvexHull  # a tenth of a second, for meshes alone
 
     return ConvexHull(points)
@@ -137,13 +137,13 @@ def _hull(points: Array) -> Any:
 def _around(points: Array, boxes: Boxes, scale: Array) -> Array:
     """Return the corners of the solid between planes that touch the points from outside.
 
-    Planes n.(x - c) = h about an inner point c have the solid's corners as the planes of the hull
-    of the points n / h: each is the dual of the other. Seen along its axes in units of its widths,
-    a long tube is as round as a ball.
+    For planes n.(x - c) = h about an inner point c, the solid's corners are dual to the faces of
+    the hull of the points n / h. Directions are chosen along principal axes in units of the widths,
+    in which a long tube is as round as a ball.
 
     Args:
-        points: After `scale`.
-        boxes: The same before it.
+        points: After scaling.
+        boxes: The points before scaling.
     """
     ways, axes = _ways(_DIRECTIONS), _axes(points)
     widths = np.ptp(points @ axes, axis=0)
@@ -162,7 +162,7 @@ def _around(points: Array, boxes: Boxes, scale: Array) -> Array:
 
 
 def _ways(count: int) -> Array:
-    """Return directions all around, the axes among them; shape (count + 6, 3)."""
+    """Return evenly distributed directions, with those of the axes; shape (count + 6, 3)."""
     k = np.arange(count) + 0.5
     height, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
     across = np.sqrt(1.0 - height**2)
@@ -171,7 +171,7 @@ def _ways(count: int) -> Array:
 
 
 def _growth(boxes: Boxes, scale: Array, simple: Array) -> float:
-    """Return how much further a solid reaches than the points, of their width, in many ways."""
+    """Return by how much a solid exceeds the points, relative to their width, at most."""
     ways = _ways(_DIRECTIONS // 2)
     reach, back = (
         (boxes.outermost(side * scale) * scale * side).sum(axis=1) for side in (ways, -ways)

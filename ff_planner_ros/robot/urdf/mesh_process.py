@@ -1,4 +1,4 @@
-"""The process that reads mesh files, as its caller sees it."""
+"""The caller's side of the process that reads mesh files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ff_planner_ros.robot.urdf.convex_hull import NoSolid
 
 _PROGRAM = [sys.executable, "-P", "-m", mesh_reader.__name__]
 _LONGEST = 1_000_000  # [characters] of an answer: a thousand corners are 16,000
-# What a process says by how it ended.
+# Causes by the signal that ended the process.
 _ENDS: dict[int, str] = {
     signal.SIGXCPU: f"to read it takes more than {mesh_reader.MAX_SECONDS} s of a processor",
     signal.SIGALRM: f"to read it takes more than {mesh_reader.MAX_WAIT} s",
@@ -35,24 +35,28 @@ class Hull(NamedTuple):
     """The convex hull of a file's mesh."""
 
     corners: Array  # before `scale`; shape (corners, 3) [m]
-    growth: float  # by which it was simplified, of its width
-    vertices: int  # of the mesh
-    unit: float  # that the file's lengths are in [m]
-    share: float  # of the hull's volume in the mesh's; 1: not known
+    growth: float  # by simplification, relative to its width
+    vertices: int  # number of the mesh's vertices
+    unit: float  # of the file's lengths [m]
+    share: float  # volume of the hull divided by that of the mesh; 1: not known
 
 
 class MeshProcess:
-    """Reads files until it is closed; begins with the first one, and again where one ended it."""
+    """Reads mesh files in a process, which starts with the first file, and again after a crash."""
 
     def __init__(self) -> None:
-        """Start nothing yet."""
+        """Start no process yet."""
         self._process: subprocess.Popen[str] | None = None
 
     def read(self, path: Path, scale: Sequence[float]) -> Hull:
-        """Return the hull of a mesh.
+        """Return the convex hull of the mesh in a file.
+
+        Args:
+            scale: Factor along each axis, with which the hull is simplified.
 
         Raises:
-            ValueError: A `NoSolid`. It has none, or is not read within the limits of `mesh_reader`.
+            ValueError: A `NoSolid`: the mesh has no hull, or the file cannot be read within the
+                limits of `mesh_reader`.
             OSError: No process can be started.
         """
         asked = json.dumps({"path": str(path), "scale": list(scale)})
@@ -72,12 +76,12 @@ class MeshProcess:
         """End the process."""
         if self._process is not None:
             self._process.kill()
-            with suppress(BrokenPipeError):  # of what it was not told any more
+            with suppress(BrokenPipeError):  # a request may still be buffered
                 self._process.communicate()
             self._process = None
 
     def _answer(self, asked: str) -> str:
-        """Return a line; it has no end where the process ended instead."""
+        """Return a line of the process; cut off or empty if the process ended instead."""
         if self._process is None:
             self._process = subprocess.Popen(
                 _PROGRAM,
@@ -95,7 +99,7 @@ class MeshProcess:
         return ""
 
     def _how_it_ended(self) -> str:
-        """Return why there was no answer, and begin anew with the next file."""
+        """Return why there was no answer, and close the process: the next file starts another."""
         code = 0 if self._process is None else self._process.wait()
         self.close()
         return _ENDS.get(-code, _CRASHED) if code < 0 else "it cannot be read"

@@ -1,7 +1,7 @@
-"""What reads mesh files: a program that one file may end, and that never takes more than it may.
+"""The program that reads mesh files in a process of its own, with limits of time and memory.
 
-Coal and Assimp read whatever a file says, and some files crash them or take all memory. A line of
-standard input names a file, a line of standard output says what became of it; both are JSON.
+Some files crash Coal and Assimp or take all memory. A line of standard input names a file, a line
+of standard output holds its hull or the fault; both are JSON.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from ff_planner_ros.robot.urdf.convex_hull import (
     once,
 )
 
-# For one file: a million triangles take half of either, of a core and beside what was loaded.
+# Processor time [s] and additional memory for one file: a million triangles take half of either.
 MAX_SECONDS, MAX_BYTES = 10, 2_000_000_000
-# By the clock [s]: on a busy machine the above takes longer, and a pipe may never end.
+# Wall-clock time [s]: on a busy machine the above takes longer, and a pipe may never end.
 MAX_WAIT = 60
 TOO_LARGE = f"to read it takes more than {MAX_BYTES / 1e9:g} GB of memory"
 
@@ -42,10 +42,10 @@ _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("at
 
 
 def main() -> None:
-    """Read the files that are named, until nobody names one any more."""
+    """Answer the requests on standard input until it is closed."""
     answers = os.fdopen(os.dup(1), "w")
     nothing = os.open(os.devnull, os.O_RDWR)
-    for said in (1, 2):  # Assimp tells of files as it likes
+    for said in (1, 2):  # Assimp prints to both
         os.dup2(nothing, said)
     for what in (resource.RLIMIT_CORE, resource.RLIMIT_FSIZE):
         _at_most(what, 0)
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _limit() -> None:
-    """Let the kernel end this process where the next file takes more than it may."""
+    """Let the kernel end this process if the next file exceeds the limits."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     _at_most(resource.RLIMIT_CPU, math.ceil(used.ru_utime + used.ru_stime) + MAX_SECONDS)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -75,7 +75,7 @@ def _at_most(what: int, limit: int) -> None:
 
 
 def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float, float]]) -> dict[str, Any]:
-    """Return the corners of a file's convex hull, or why it has none."""
+    """Return the answer to a request: the corners of a file's convex hull, or its fault."""
     try:
         path, scale = asked["path"], np.array(asked["scale"])
         if path not in files:
@@ -95,9 +95,9 @@ def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float, float]])
 
 
 def _vertices(path: Path) -> tuple[Array, float, float]:
-    """Return the vertices of a file [m], as a recorded URDF carries them, and its unit [m].
+    """Return the vertices of a file [m], its unit [m], and the volume that its triangles enclose.
 
-    And the volume that its triangles enclose [m3]; zero: not known.
+    Vertices are rounded to single precision, as in a recorded URDF. Volume zero: not known [m3].
     """
     suffix, unit = path.suffix.lower(), 1.0
     if suffix == ".stl" and (triangles := _binary_stl(path)) is not None:
@@ -117,7 +117,7 @@ def _vertices(path: Path) -> tuple[Array, float, float]:
 
 
 def _binary_stl(path: Path) -> Array | None:
-    """Return the triangles of a binary STL file, shape (triangles, 3, 3); None: it is none.
+    """Return the triangles of a binary STL file, shape (triangles, 3, 3); None: it is no such file.
 
     Assimp takes several times as long.
     """
@@ -134,7 +134,7 @@ def _binary_stl(path: Path) -> Array | None:
 
 
 def _unit(path: Path) -> float:
-    """Return what a Collada file's lengths are in [m]. Coal passes over what it says of it."""
+    """Return the unit of a Collada file's lengths [m], which Coal ignores."""
     said: list[str] = []
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -159,7 +159,7 @@ def _unit(path: Path) -> float:
 
 
 def _reason(error: Exception) -> str:
-    """Return what Coal says, without where in its code it says so."""
+    """Return the message of a Coal error, without its place in Coal's code."""
     words = str(error).partition("message: ")[2].split("\n")[0].strip()
     return "there is no mesh in it" if not words or words.startswith("Could not load") else words
 

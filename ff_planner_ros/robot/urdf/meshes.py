@@ -1,4 +1,4 @@
-"""Meshes as convex solids: from files, or as a recorded URDF carries them itself."""
+"""Meshes as convex solids: from files, or embedded in a recorded URDF."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_
 from ff_planner_ros.robot.urdf.mesh_process import Hull, MeshProcess
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, shortened
 
-# A binary STL of a million triangles: it is read in two seconds. And all files of a robot [bytes].
+# Largest file, a binary STL of a million triangles (two seconds), and all of a robot [bytes].
 MAX_FILE, MAX_FILES = 50_000_100, 200_000_000
 _SUFFIXES = (".stl", ".obj", ".dae")
 # How a recorded URDF carries a hull: x, y, z of each vertex, before `scale`, little-endian.
@@ -29,12 +29,13 @@ _LINES_NEED_NONE = "with robot.geometry lines no mesh is read"
 
 
 class Meshes:
-    """Reads the meshes of one robot, in a process of its own for as long as it is entered."""
+    """Context manager that reads the meshes of one robot in a process of its own."""
 
     def __init__(self, directory: Path | None) -> None:
         """Take the directory of the URDF; None: it is from elsewhere, and no file is read."""
-        self.notes: list[str] = []  # on what was simplified
-        self.shares: dict[Element, float] = {}  # of a hull's volume, by its `<collision>`
+        self.notes: list[str] = []  # on simplified hulls and units
+        # Volume of a hull divided by that of the mesh, by the mesh's `<collision>`
+        self.shares: dict[Element, float] = {}
         self._directory = directory
         self._sizes: dict[Path, int] = {}  # of the files that were read [bytes]
         self._reader = MeshProcess()
@@ -48,7 +49,7 @@ class Meshes:
         self._reader.close()
 
     def hull(self, link: str, collision: Element, faults: Faults) -> coal.Convex | None:
-        """Return the convex hull of a `<mesh>`, and write it into the element; None: a fault."""
+        """Return the convex hull of a `<mesh>`, and embed it in the element; None: it is faulty."""
         mesh = collision.find("geometry/mesh")
         if mesh is None:
             raise ValueError("the collision has another geometry")
@@ -65,14 +66,14 @@ class Meshes:
         return hull
 
     def convex(self, name: str, scale: Array) -> tuple[Array, coal.Convex, float]:
-        """Return the corners of a mesh's hull before `scale`, the hull, and its volume's share.
+        """Return a hull's corners before scaling, the scaled hull, and its share as in `shares`.
 
         Args:
-            name: Of its file, or what a recorded URDF has instead.
-            scale: Along each axis; shape (3,).
+            name: Path of the mesh's file, or the embedded corners of a recorded URDF.
+            scale: Factor along each axis; shape (3,).
 
         Raises:
-            ValueError: A `NoSolid`. It has none, or is not read within the bounds.
+            ValueError: A `NoSolid`: the mesh has no hull, or cannot be read within the limits.
         """
         try:
             if name.startswith(EMBEDDED):
@@ -129,7 +130,7 @@ def _decoded(uri: str) -> Array:
 
 
 def _path(name: str, directory: Path | None) -> Path:
-    """Return where a file is that a URDF in a directory names."""
+    """Return the path of a file that a URDF in a directory names."""
     if directory is None:
         raise NoSolid(
             "this URDF is not from a file, and may name no others; the planner's own records "
@@ -142,7 +143,7 @@ def _path(name: str, directory: Path | None) -> Path:
         above = [
             parent / package
             for parent in (directory, *directory.parents)
-            if package.strip(".")  # neither nothing nor a way up
+            if package.strip(".")  # neither empty nor a parent directory
         ]
         for share in filter(None, (package_directory(package), *above)):
             if (share / inside).is_file():

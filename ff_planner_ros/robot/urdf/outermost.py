@@ -1,6 +1,6 @@
-"""Millions of points, asked which is the furthest in a direction and which are outside of a solid.
+"""Support points of millions of points, and the points among them outside a solid.
 
-They are sorted into boxes of a few hundred neighbours each, and most boxes need no look inside.
+Points are sorted into boxes of a few hundred neighbours each; most boxes are decided as a whole.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ _IN_A_BOX = 500
 
 
 class Boxes:
-    """Points, sorted into boxes with equally many each."""
+    """Points sorted into boxes of equal numbers."""
 
     def __init__(self, points: Array) -> None:
         """Sort points; shape (points, 3), one at least."""
@@ -36,7 +36,7 @@ class Boxes:
         """Return the points that are not below every plane; None: they are more than `most`.
 
         Args:
-            planes: n.x + d is negative below; rows of n and d, shape (planes, 4).
+            planes: Rows of n and d, where n.x + d is negative below; shape (planes, 4).
         """
         found: list[Array] = [np.empty((0, 3))]
         highest = np.stack([self._reach(plane[:3]) + plane[3] for plane in planes], axis=1)

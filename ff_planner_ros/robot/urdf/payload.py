@@ -1,4 +1,4 @@
-"""A body that a link holds, as one link more of the robot: the same equations hold for both."""
+"""A body that a link holds, as one more link of the robot, so that the same equations hold."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from ff_planner_ros.robot.urdf.srdf import MayTouch, write_pairs
 if TYPE_CHECKING:
     from pathlib import Path
 
-# Of the link, and in errors of its field.
+# Name of the link.
 PAYLOAD = "payload"
-_JOINT = f"{PAYLOAD}_on_"  # and the link's name
-# Why links may touch it.
+_JOINT = f"{PAYLOAD}_on_"  # prefix of the joint's name, before that of the link
+# Reason by which links may touch it.
 GRASPED = "Grasped"
 FIELD = "robot.payload"
 
 
 @dataclass(frozen=True, eq=False)
 class HeldShape:
-    """A solid of a payload, or of what else it is fixed to.
+    """A collision solid that is fixed to a payload, or to another body in a subclass.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
@@ -79,8 +79,8 @@ class Payload:
     """A body that a link holds from the start on.
 
     Raises:
-        InvalidInput: Wrong size, not finite, a mass that is not positive, an inertia that no body
-            has, or two shapes with one id.
+        InvalidInput: Wrong size, not finite, a mass that is not positive, or two shapes with one
+            id.
     """
 
     SINCE: ClassVar[str] = "0.3"
@@ -119,7 +119,7 @@ class Payload:
             raise InvalidInput(Status.OUT_OF_RANGE, told, quoted(twice), allowed)
 
     def loaded(self, directory: Path | None) -> Payload:
-        """Return it with meshes in place of their files, relative to a directory.
+        """Return the payload with its mesh files, relative to a directory, read.
 
         Raises:
             InvalidInput: A mesh cannot be read, or has no hull.
@@ -128,14 +128,14 @@ class Payload:
 
 
 def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -> Robot:
-    """Return a robot that holds a body: what moves the link moves the body, too.
+    """Return the robot with a body fixed to one of its links.
 
     Args:
-        touching: Links that may touch it, beside what it is fixed to.
+        touching: Links that may touch the body, beside the one that it is fixed to.
 
     Raises:
-        InvalidInput: The link is none that the arm moves, no body has such an inertia, or shapes
-            are given for a robot of lines.
+        InvalidInput: The arm does not move the link, the robot holds a payload already, the
+            inertia is impossible, or shapes are given for a robot of lines.
     """
     _require_moved_link(robot, payload.link)
     if payload.shapes and robot.geometry is Geometry.LINES:
@@ -163,7 +163,7 @@ def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -
 
 
 def payload_frame(robot: Robot) -> int | None:
-    """Return the frame of the payload that a robot holds, its joint's; None: it holds none."""
+    """Return the index of the frame of a payload's fixed joint; None: the robot holds none."""
     for number, one in enumerate(robot.model.frames):
         if one.type is pin.FrameType.FIXED_JOINT and one.name.startswith(_JOINT):
             return number
@@ -171,7 +171,7 @@ def payload_frame(robot: Robot) -> int | None:
 
 
 def _require_moved_link(robot: Robot, link: str) -> None:
-    """Refuse a link that there is not, or that no joint of the arm moves."""
+    """Refuse a link that does not exist or that no joint of the arm moves, and a second payload."""
     frames = [one for one in robot.model.frames if one.type is pin.FrameType.BODY]
     moved = [one.name for one in frames if one.parentJoint > 1]
     if PAYLOAD in moved:
@@ -214,10 +214,10 @@ def _urdf_with(urdf: str, payload: Payload, touching: Sequence[str]) -> str:
 
 
 def _collision(shape: HeldShape) -> Element:
-    """Return a solid as a URDF has it.
+    """Return the `<collision>` of a solid.
 
     Raises:
-        InvalidInput: Its file has not been read.
+        InvalidInput: Its mesh file has not been read.
     """
     solid = shape.shape
     if isinstance(solid, MeshFile):

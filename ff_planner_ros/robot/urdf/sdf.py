@@ -1,7 +1,7 @@
-"""Models in SDFormat as URDFs: what links weigh and fill, and the joints between them.
+"""Conversion of SDFormat models to URDFs: inertias and solids of links, and joints between them.
 
-SDFormat tells poses of links in the model, or in any frame of it; a URDF those of joints, each in
-the link that carries it. Of what a URDF does not know, no part is left out without a word.
+SDFormat gives the poses of links in the model or in any of its frames; a URDF those of joints, each
+in the link that carries it. Parts that a URDF cannot express are refused.
 """
 
 from __future__ import annotations
@@ -23,19 +23,20 @@ from ff_planner_ros.robot.urdf.urdf_faults import finite_numbers, listed, shorte
 _JOINTS = ("fixed", "revolute", "continuous", "prismatic")
 _SHAPES = ("box", "capsule", "cone", "cylinder", "sphere")
 _ENTRIES = {"ixx": None, "iyy": None, "izz": None, "ixy": "0", "ixz": "0", "iyz": "0"}
-# A limit that is larger is none: the format says so of 1e16.
+# Larger limits are none: the format uses 1e16.
 _NO_LIMIT = 1e15
-# What two products of poses differ by at most where they are the same.
+# Rounding error of products of poses.
 _SAME_PLACE = 1e-9
-# Where a file of a model is said to be: beside the model's, as with a package.
+# Schemes of files: a model's is resolved like a package's.
 _MODEL_SCHEME, _PACKAGE_SCHEME = "model://", "package://"
 
 
 def urdf_of(text: str) -> str:
-    """Return the URDF of a model in SDFormat; any other text stays what it is.
+    """Return the URDF of a model in SDFormat; any other text is returned unchanged.
 
     Raises:
-        InvalidInput: It is of another version, or has something that a URDF cannot say.
+        InvalidInput: The version is not supported, or the model has parts that a URDF cannot
+            express.
     """
     model = read_model(text)
     if model is None:
@@ -56,7 +57,7 @@ def _add_link(robot: Element, link: Element, frames: Frames) -> None:
     made = SubElement(robot, "link", name=name)
     told, inertial = f"link {shortened(name)!r}", link.find("inertial")
     if inertial is None:
-        # The format would take 1 kg and 1 kg m2 for granted.
+        # The format's default is 1 kg and 1 kg m2.
         _refuse(f"{told} inertial", "missing", "every link must have one")
     if inertial.get("auto", "false").strip().lower() not in ("false", "0"):
         _refuse(f"{told} inertial auto", "true", "write mass and inertia")
@@ -84,7 +85,7 @@ def _add_link(robot: Element, link: Element, frames: Frames) -> None:
 def _add_shape(geometry: Element, shape: Element, told: str) -> None:
     if shape.tag != "mesh":
         sizes = {size.tag: (size.text or "").strip() for size in shape}
-        SubElement(geometry, shape.tag, sizes)  # their reader tells of what is missing
+        SubElement(geometry, shape.tag, sizes)  # missing ones are refused by their reader
         return
     uri = _text(shape, "uri", f"{told} collision mesh")
     if uri.startswith(_MODEL_SCHEME):
@@ -108,7 +109,7 @@ def _add_joint(
     placed, carried = frames.place(parent).inverse() * here, here.inverse() * frames.place(child)
     lower_end = child
     if not carried.isIdentity(_SAME_PLACE):
-        # A URDF's link begins at the joint above it: between both stands a link of no weight.
+        # A URDF's link begins at the joint above it: a link without mass is put between.
         lower_end = _unused(f"{name}_frame", used)
         SubElement(robot, "link", name=lower_end)
         fixed = SubElement(robot, "joint", name=_unused(f"{name}_fixed", used), type="fixed")
@@ -152,7 +153,7 @@ def _add_axis(made: Element, joint: Element, frames: Frames, told: str) -> None:
     }
     kept = {key: text for key, text in found.items() if key not in free}
     if "effort" not in kept:
-        kept["effort"] = "0"  # as a URDF says that it is not known
+        kept["effort"] = "0"  # a URDF's word for unknown
     if made.get("type") == "revolute" and not {"lower", "upper"} & kept.keys():
         made.set("type", "continuous")
     SubElement(made, "limit", kept)

@@ -1,4 +1,4 @@
-"""Where the frames of a model in SDFormat are: each is told in another one, or in the model's."""
+"""The frames of a model in SDFormat, whose poses are relative to other frames or to the model."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ class Frames:
     """The frames of a model by their names."""
 
     def __init__(self, model: Element) -> None:
-        """Follow each frame to the model's.
+        """Resolve the pose of each frame in the model's.
 
         Raises:
-            InvalidInput: A pose that is none, a frame that is not there, or frames in a ring.
+            InvalidInput: A pose is malformed, a frame has no unique name or does not exist, or
+                frames refer to each other in a loop.
         """
-        self._told: dict[str, tuple[str, pin.SE3]] = {}  # of which frame, and where in it
+        self._told: dict[str, tuple[str, pin.SE3]] = {}  # reference frame, and pose in it
         for tag in ("link", "joint", "frame"):
             for element in model.findall(tag):
                 name, above = named(element), MODEL
@@ -43,10 +44,13 @@ class Frames:
             self.place(name)
 
     def place(self, name: str, told: str = "") -> pin.SE3:
-        """Return where a frame is in the model's.
+        """Return the pose of a frame in the model's frame.
 
         Args:
-            told: What names it, for errors.
+            told: Name of the element that refers to the frame, for errors.
+
+        Raises:
+            InvalidInput: There is no such frame.
         """
         way = dict[str, None]()  # in their order
         at = name
@@ -66,7 +70,7 @@ class Frames:
         return self._places[name]
 
     def pose_in(self, element: Element, link: str) -> pin.SE3:
-        """Return where a part of a link is in the link's frame."""
+        """Return the pose of a part of a link, `<collision>` say, in the link's frame."""
         pose, told = element.find("pose"), f"link {shortened(link)!r} {element.tag}"
         found, other = _pose(pose, told), "" if pose is None else pose.get("relative_to", "")
         if not other or other == link:
@@ -75,7 +79,7 @@ class Frames:
 
 
 def named(element: Element) -> str:
-    """Return the name of a link, joint or frame."""
+    """Return the name of a link, joint or frame; refuse one without."""
     name = element.get("name", "")
     if not name:
         _refuse(element.tag, "nameless", "it must have a name")
@@ -83,7 +87,7 @@ def named(element: Element) -> str:
 
 
 def words_of(element: Element | None) -> str:
-    """Return the text of an element without what is around it; empty: there is none."""
+    """Return the text of an element without surrounding blanks; empty: there is none."""
     return "" if element is None else (element.text or "").strip()
 
 

@@ -1,7 +1,7 @@
-"""The XML of a model in SDFormat: what weighs, fills or moves is kept, all else named.
+"""The XML of a model in SDFormat, reduced to inertias, solids and joints.
 
-What only draws, senses or steers a simulator is passed over; a part that would change where bodies
-are or what they weigh, and is not known here, is refused.
+Elements that only draw, sense or configure a simulator are ignored; any other unknown element is
+refused, since it might change poses or inertias.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.urdf.urdf_faults import listed, shortened
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS
 
-# Of the format: in older ones axes and poses mean something else.
+# Versions of the format: in older ones axes and poses mean something else.
 _OLDEST, _NEWEST = (1, 5), (1, 99)
 _MOST_ELEMENTS = 50 * MAX_LINKS
 _POSE: dict[str, Any] = {"pose": {}}
@@ -39,9 +39,9 @@ _MODEL: dict[str, Any] = {
     },
     "joint": {"parent": {}, "child": {}, "axis": _AXIS, **_POSE},
     "frame": _POSE,
-    **_POSE,  # where it stands in a world, which counts for nothing here
+    **_POSE,  # in a world, without effect here
 }
-# Nobody weighs, fills or moves otherwise by these.
+# Ignored: they change no inertia, solid or motion.
 _PASSED_OVER = frozenset(
     (
         *("allow_auto_disable", "audio_sink", "audio_source", "battery", "density", "dissipation"),
@@ -54,13 +54,13 @@ _PASSED_OVER = frozenset(
 
 
 def read_model(text: str) -> Element | None:
-    """Return the `<model>` of a text in SDFormat; None: it is something else.
+    """Return the `<model>` of a text in SDFormat; None: the text is something else.
 
     Raises:
-        InvalidInput: It is of another version, too large, with declarations of its own, holds no
-            model or several, or something that is not known.
+        InvalidInput: The SDF is of another version, not XML, too large, with declarations of its
+            own, holds no model or several, or an unknown element.
     """
-    # What is no XML, or too large, is for the reader of URDFs to tell.
+    # The reader of URDFs refuses other texts that are no XML, or too large.
     if len(text) > MAX_CHARACTERS or "<sdf" not in text:
         return None
     reader = _Reader()
@@ -86,7 +86,7 @@ class _OtherDocument(Exception):
 
 
 class _Reader:
-    """Builds elements; what is passed over may be nested as deep as it likes."""
+    """Builds elements; those that are ignored may be nested to any depth."""
 
     def __init__(self) -> None:
         self._sdf = Element("sdf")
@@ -104,7 +104,7 @@ class _Reader:
             self._open.append((self._sdf, {"model": _MODEL}, []))
             return
         owner, parts, _ = self._open[-1]
-        # What has a prefix is nobody's but its author's: the format says so.
+        # By the format, elements with a prefix are extensions of their author's.
         if self._passed_over or tag in _PASSED_OVER or ":" in tag:
             self._passed_over += 1
             return

@@ -1,7 +1,7 @@
-"""Links that may touch, as an SRDF says it: `<disable_collisions link1="" link2="" reason=""/>`.
+"""Links that may touch, in an SRDF: `<disable_collisions link1="" link2="" reason=""/>`.
 
 MoveIt has two more elements: `<disable_default_collisions link=""/>` for a link that may touch any
-other, and `<enable_collisions link1="" link2=""/>` for a pair that may not touch all the same.
+other, and `<enable_collisions link1="" link2=""/>` for a pair that may not touch nevertheless.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class MayTouch(NamedTuple):
 
     @property
     def links(self) -> Links:
-        """The two, in no order."""
+        """Both links, unordered."""
         return frozenset((self.link1, self.link2))
 
 
@@ -38,13 +38,13 @@ def read_srdf(
 ) -> tuple[list[MayTouch], set[Links]]:
     """Return the pairs that an SRDF, or a recorded URDF, disables, and those that it enables.
 
-    As in MoveIt, a pair that is disabled by name is so even if it is enabled, too.
+    As in MoveIt, a pair that is disabled by name stays disabled even if it is enabled, too.
 
     Args:
-        links: Of the robot; others are faults.
+        links: Names of the robot's links; others are faults.
 
     Raises:
-        InvalidInput: It is no XML, or too large.
+        InvalidInput: The text is no XML, another document, or too large.
     """
     disabled, enabled, of_any = list[MayTouch](), set[Links](), list[str]()
     for element in read_collisions(text, field):
@@ -70,7 +70,7 @@ def read_srdf(
 
 
 def write_pairs(robot: Element, pairs: Iterable[MayTouch], apart: Iterable[Links] = ()) -> None:
-    """Append pairs to a `<robot>`, and neighbours that are kept apart."""
+    """Append pairs that may touch to a `<robot>`, and neighbours (`apart`) that may not."""
     for pair in pairs:
         SubElement(robot, DISABLE, pair._asdict())
     for first, second in sorted(map(sorted, apart)):
@@ -78,7 +78,7 @@ def write_pairs(robot: Element, pairs: Iterable[MayTouch], apart: Iterable[Links
 
 
 def srdf_text(name: str, pairs: Iterable[MayTouch]) -> str:
-    """Return an SRDF."""
+    """Return the text of an SRDF for a robot's name with pairs that may touch."""
     robot = Element("robot", name=name)
     write_pairs(robot, pairs)
     ElementTree.indent(robot)

@@ -1,4 +1,4 @@
-"""A URDF checked before Pinocchio reads it, so that each fault is named where it lies."""
+"""The check of a URDF before Pinocchio reads it, so that errors name each fault and its place."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from ff_planner_ros.robot.urdf.urdf_faults import LARGEST, Faults, listed, short
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
-# How far a joint without limits may be planned to turn, either way from zero [rad].
+# Position limit of continuous joints, either way from zero [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi
 
-# An axis that is much shorter than the unit vector it should be says nothing but rounding.
+# Shortest axis, which should be a unit vector; a shorter one is rounding.
 SHORTEST_AXIS = 1e-6
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
@@ -30,12 +30,12 @@ NOTHING_HELD: Mapping[str, float] = MappingProxyType({})
 
 
 class CheckedUrdf(NamedTuple):
-    """A URDF that can be planned with."""
+    """A URDF that passed the check, with its base and tip link."""
 
     xml: str  # links and joints, without shapes, transmissions and simulator tags
     base_link: str
     tip_link: str
-    notes: tuple[str, ...]  # what a user should know: joints that are held, say
+    notes: tuple[str, ...]  # for the user: joints that are locked, say
 
 
 def checked_urdf(
@@ -45,20 +45,20 @@ def checked_urdf(
     held_at: Mapping[str, float] = NOTHING_HELD,
     holds_slides: bool = False,
 ) -> CheckedUrdf:
-    """Return what a URDF says, checked.
+    """Check a URDF, and return it reduced to links and joints, with all but the arm's joints fixed.
 
-    The arm is what turns or slides between base and tip. All other joints, those of a gripper or of
-    another arm, become fixed joints, at zero or at the limit that is next to it.
+    The arm's joints are the revolute and prismatic ones between base and tip. All others, those of
+    a gripper or of another arm, become fixed joints, at zero or at the limit nearest to zero.
 
     Args:
         base_link: None: the root.
         tip_link: None: the only link that moves and carries no other.
-        held_at: Where joints are held [rad] or [m], those of the arm among them.
-        holds_slides: Joints of the arm that slide are held, too.
+        held_at: Positions of joints that are locked [rad, m]; they may be in the arm.
+        holds_slides: Prismatic joints of the arm are locked, too.
 
     Raises:
-        InvalidInput: No chain of joints that move from the base link to the tip link, or an inertia
-            that no body has. It tells of all such faults.
+        InvalidInput: No chain of movable joints leads from base link to tip link, an inertia is
+            impossible, or the URDF is otherwise faulty. The error tells all faults.
     """
     faults = Faults()
     robot = read_elements(text)
@@ -67,7 +67,7 @@ def checked_urdf(
     if tree.links:
         broken = len(faults) > 0
         if base_link is None:
-            base_link = next(iter(tree.roots), None)  # none: a loop, which is told
+            base_link = next(iter(tree.roots), None)  # none: a loop, which is a fault already
         if tip_link is None:
             tip_link = _only_leaf(tree, faults)
         chain = _chain(tree, base_link, tip_link, broken, faults)
@@ -96,7 +96,7 @@ def _name(joint: Element) -> str:
 
 def _only_leaf(tree: Tree, faults: Faults) -> str | None:
     leaves = tree.leaves
-    # What is fixed to the chaser, a panel say, is no end effector.
+    # A link that is fixed to the chaser, a panel say, is no end effector.
     moved = [
         leaf for leaf in leaves if any(j.get("type") != "fixed" for j in tree.upwards(leaf))
     ] or leaves
@@ -110,7 +110,7 @@ def _only_leaf(tree: Tree, faults: Faults) -> str | None:
 def _chain(
     tree: Tree, base_link: str | None, tip_link: str | None, broken: bool, faults: Faults
 ) -> list[Element] | None:
-    """Return the joints from base to tip; None where a fault hides them."""
+    """Return the joints from base to tip; None: a fault hides them."""
     known = True
     for field, link in (("robot.base_link", base_link), ("robot.tip_link", tip_link)):
         if link is not None and link not in tree.links:
@@ -133,7 +133,7 @@ def _check_joints(
     held_at: Mapping[str, float],
     faults: Faults,
 ) -> list[str]:
-    """Check the joints of the arm, and hold all others: return notes on these."""
+    """Check the joints of the arm, fix all others, and return notes on these."""
     movable = {_name(joint) for joint in tree.above.values() if joint.get("type") != "fixed"}
     for name in [name for name in held_at if name not in movable]:
         allowed = f"it must be one of the joints that move: {listed(sorted(movable))}"
@@ -147,7 +147,7 @@ def _check_joints(
     if not moving:
         allowed = "at least one must turn or slide between base and tip"
         faults.add("number of joints from base to tip", "", "", 0, allowed)
-    # Whatever moves with the tip, and all that hangs on it.
+    # Links that move with the tip, and all that they carry.
     under_base = {link_of(joint, "child") for joint in tree.upwards(base_link)}
     first = link_of(moving[-1], "child") if moving else tree.order[0]
     beyond: set[str] = {first}
@@ -176,13 +176,13 @@ def _check_joints(
 
 
 def _held_where_they_are(tree: Tree, names: Sequence[str]) -> dict[str, float]:
-    """Return where joints are held that nobody says it of: at zero, or at the limit next to it."""
+    """Return the default positions of locked joints: zero, or the limit nearest to it."""
     still = {name: tree.joints[name] for name in names}
     return {name: _where_held(name, still, NOTHING_HELD) for name in names}
 
 
 def _can_be_held(tree: Tree, name: str, at: float, faults: Faults) -> bool:
-    """Tell whether a joint can be held somewhere: a fault, if it has no position of one number."""
+    """Tell whether a joint can be locked at a position; add a fault if it cannot."""
     kind = tree.joints[name].get("type") if name in tree.joints else None
     if kind not in (*_UNITS, "fixed", None):
         allowed = f"only joints that are {', '.join(_UNITS)} can be held somewhere"
@@ -208,7 +208,7 @@ def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
         _check_limits(name, joint, faults)
     axis = joint.find("axis")
     if axis is None:
-        SubElement(joint, "axis", xyz="1.0 0.0 0.0")  # what the format takes for granted
+        SubElement(joint, "axis", xyz="1.0 0.0 0.0")  # the format's default
     elif axis.get("xyz") is None:
         faults.add("joint", name, "axis xyz", "missing", "it must be three finite numbers")
     elif faults.vectors("joint", name, "axis", axis) and _length(axis) < SHORTEST_AXIS:
@@ -240,7 +240,7 @@ def _check_limits(name: str, joint: Element, faults: Faults) -> None:
 
 
 def _limit_continuous(joint: Element) -> None:
-    """Make a joint that turns without end a revolute one; whoever reads the URDF sees one kind."""
+    """Make a continuous joint a revolute one, so that readers of the URDF see one kind."""
     joint.set("type", "revolute")
     limit = joint.find("limit")
     if limit is not None:
@@ -249,13 +249,13 @@ def _limit_continuous(joint: Element) -> None:
 
 
 def _where_held(name: str, still: dict[str, Element], held_at: Mapping[str, float]) -> float:
-    """Return where a joint is held: as asked for, or as one that is held has it move along.
+    """Return the position of a locked joint: as given, or as the locked joint that it mimics.
 
-    Else at zero, or at the limit next to it.
+    Else zero, or the limit nearest to it.
     """
     factor, offset = 1.0, 0.0
-    aside = Faults()  # a held joint has no use for its limits
-    for _ in still:  # more joints that move along with one another are a loop
+    aside = Faults()  # faulty limits of a locked joint do not matter
+    for _ in still:  # a longer chain of mimic joints is a loop
         mimic = still[name].find("mimic")
         if name in held_at or mimic is None or mimic.get("joint") not in still:
             break
@@ -275,7 +275,7 @@ def _where_held(name: str, still: dict[str, Element], held_at: Mapping[str, floa
 
 
 def _hold(joint: Element, placements: dict[str, pin.SE3 | None], link: str, at: float) -> str:
-    """Make a joint a fixed one, and return its name and where it is held."""
+    """Make a joint a fixed one, and return its name and position as text."""
     kind, aside = joint.get("type", ""), Faults()
     axis = joint.find("axis")
     direction = np.array([1.0, 0.0, 0.0])

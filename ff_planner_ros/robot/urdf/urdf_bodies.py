@@ -1,4 +1,4 @@
-"""The bodies of a URDF: links that are fixed to each other weigh and turn as one."""
+"""The rigid bodies of a URDF, of links fixed to each other, and their mass and inertia."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of
 # with equality, rounding must not count as a fault.
 TRIANGLE_TOLERANCE = 1e-6
 
-# The smallest part of a robot is heavier [kg], harder to turn [kg m2] and faster [rad/s]. What is
-# less than this is nothing but rounding.
+# Smallest mass [kg], principal moment of inertia [kg m2] and velocity limit [rad/s, m/s] of a
+# robot; smaller values are rounding.
 SMALLEST = 1e-12
 
 
@@ -38,7 +38,7 @@ class Weight(NamedTuple):
 
 
 def placement(element: Element | None) -> pin.SE3:
-    """Return what an `<origin>` with sound numbers says."""
+    """Return the pose of an `<origin>` whose numbers are sound; None: identity."""
     xyz, rpy = (
         np.array((element.get(key) or "0 0 0").split() if element is not None else 3 * [0], float)
         for key in ("xyz", "rpy")
@@ -49,20 +49,20 @@ def placement(element: Element | None) -> pin.SE3:
 def check_bodies(
     tree: Tree, placements: dict[str, pin.SE3 | None], base_link: str, faults: Faults
 ) -> list[str]:
-    """Check what every body weighs, and write it in a way that every reader of URDFs takes.
+    """Check mass and inertia of every body, and rewrite them so that every URDF reader takes them.
 
-    What counts is the body: a link that is fixed to another may be a point, with a mass and nothing
-    to turn, or be careless about a small inertia. Where a body has such links, its first link gets
-    the mass and inertia of all. Returns notes on what was careless.
+    The body as a whole counts: a link fixed to another may be a point mass without inertia, or have
+    a small inertia that is impossible. If a body has such links, its first link gets the mass and
+    inertia of all. Returns notes on impossible inertias.
 
     Args:
-        placements: Of each link in the frame of the one that carries it; None: faulty.
+        placements: Placement of each link in the frame of the one that carries it; None: faulty.
     """
     in_links = {name: _weight_of_link(name, link, faults) for name, link in tree.links.items()}
     notes = []
     for body, places in _bodies(tree, placements).items():
         weights = {link: _placed(in_links[link], place) for link, place in places.items()}
-        # What is faulty, or hangs on nothing, has been told of.
+        # Faulty links and additional roots are faults already.
         members = {link: weight for link, weight in weights.items() if weight is not None}
         if len(members) < len(weights) or (len(tree.roots) > 1 and body in tree.roots):
             continue
@@ -87,9 +87,12 @@ def check_bodies(
 
 
 def joint_weight(tree: Tree, places: dict[str, pin.SE3], faults: Faults) -> Weight:
-    """Return what all links weigh together where they are in the root's frame.
+    """Return mass and inertia of all links together, in the root's frame.
 
-    Each weight must be one that a link can have, and the whole one that a body can have.
+    Impossible inertias of links are faults.
+
+    Args:
+        places: Placement of each link in the root's frame.
     """
     weights = list[Weight]()
     for name in tree.order:
@@ -105,7 +108,7 @@ def joint_weight(tree: Tree, places: dict[str, pin.SE3], faults: Faults) -> Weig
 def _bodies(
     tree: Tree, placements: dict[str, pin.SE3 | None]
 ) -> dict[str, dict[str, pin.SE3 | None]]:
-    """Return, by its first link, the links of each body, and where they are in its frame."""
+    """Return the links of each body, by its first link, with their placements in its frame."""
     first_link: dict[str, str] = {}
     bodies: dict[str, dict[str, pin.SE3 | None]] = {}
     for link in tree.order:
@@ -122,7 +125,7 @@ def _bodies(
 
 
 def _weight_of_link(name: str, link: Element, faults: Faults) -> Weight | None:
-    """Return what a link weighs, in its own frame; None: that is faulty."""
+    """Return mass and inertia of a link in its own frame; None: they are faulty."""
     inertial = link.find("inertial")
     if inertial is None:
         return Weight(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -146,7 +149,7 @@ def _weight_of_link(name: str, link: Element, faults: Faults) -> Weight | None:
 
 
 def _placed(weight: Weight | None, place: pin.SE3 | None) -> Weight | None:
-    """Return a weight as seen in the frame in which its own frame is placed."""
+    """Return a weight in the frame in which its own frame is placed."""
     if weight is None or place is None:
         return None
     turn = place.rotation
@@ -154,7 +157,7 @@ def _placed(weight: Weight | None, place: pin.SE3 | None) -> Weight | None:
 
 
 def _sum(weights: Collection[Weight]) -> Weight:
-    """Return what links that are fixed to each other weigh: Steiner's theorem."""
+    """Return the total weight of links that are fixed to each other, by Steiner's theorem."""
     mass = sum(weight.mass for weight in weights)
     center = sum((weight.mass * weight.center for weight in weights), np.zeros(3))
     if mass > 0.0:
@@ -171,14 +174,14 @@ def _weighs(weight: Weight) -> bool:
 
 
 def _no_link(weight: Weight) -> Fault | None:
-    """Say why a link can have no such inertia; it may be a frame or a point."""
+    """Return why a link cannot have such an inertia; it may be a mere frame or a point."""
     if weight.mass == 0.0 and weight.inertia.any():
         return "mass", weight.mass, "it must be positive: the link has an inertia"
     return _impossible(weight, least=-TRIANGLE_TOLERANCE * np.abs(weight.inertia).max())
 
 
 def _no_body(weight: Weight) -> Fault | None:
-    """Say why a body that moves can have no such inertia."""
+    """Return why a body that moves cannot have such an inertia."""
     if weight.mass < SMALLEST:
         allowed = "a link that moves must have mass, its own or of links fixed to it"
         return "mass", weight.mass, allowed
@@ -196,7 +199,7 @@ def _impossible(weight: Weight, least: float) -> Fault | None:
 
 
 def _write_inertia(link: Element, weight: Weight | None) -> None:
-    """Write what a link weighs in the link's frame; None: the link weighs nothing."""
+    """Write the `<inertial>` of a link, in its frame; None: remove it."""
     before = link.find("inertial")
     if before is not None:
         link.remove(before)

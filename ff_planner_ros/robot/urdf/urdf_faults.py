@@ -1,4 +1,4 @@
-"""The faults of a URDF, collected, so that a user learns of all of them in one run."""
+"""The faults of a URDF, collected so that one error reports all of them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LONGEST_NUMBERS = 1000  # characters that three numbers may take
 
 
 class Fault(NamedTuple):
-    """Something in a URDF that cannot be planned with."""
+    """A fault in a URDF or its parameters."""
 
     kind: str  # of element, or parameter at fault: `joint`, `robot.tip_link`
     name: str  # of the element; empty: it has none
@@ -29,7 +29,7 @@ class Fault(NamedTuple):
 
     @property
     def field(self) -> str:
-        """What is at fault."""
+        """Kind, name and part at fault, as one text for errors."""
         name = repr(shortened(self.name)) if self.name else ""
         return " ".join(word for word in (self.kind, name, self.part) if word)
 
@@ -38,19 +38,19 @@ class Faults:
     """The faults found so far."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without any fault."""
         self._found: list[Fault] = []
 
     def add(self, kind: str, name: str, part: str, value: object, allowed: str) -> None:
-        """Note a fault; the arguments are those of `Fault`."""
+        """Add a fault; the arguments are those of `Fault`."""
         self._found.append(Fault(kind, name, part, str(value), allowed))
 
     def __len__(self) -> int:
-        """How many."""
+        """Return the number of faults."""
         return len(self._found)
 
     def refuse_if_any(self) -> None:
-        """Raise one error for all.
+        """Raise one error for all faults.
 
         Raises:
             InvalidInput: There are faults.
@@ -63,7 +63,7 @@ class Faults:
             raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", count, _told(self._found))
 
     def number(self, kind: str, name: str, part: str, element: Element | None, key: str) -> float:
-        """Return a number, NaN if it is a fault, and write it back: nobody reads it otherwise."""
+        """Return an attribute's number, NaN if it is faulty, and write it back as it was read."""
         text = None if element is None else element.get(key)
         if element is None or text is None:
             self.add(kind, name, part, "missing", "it must be a number")
@@ -79,7 +79,7 @@ class Faults:
         return numbers[0]
 
     def vectors(self, kind: str, name: str, part: str, element: Element | None) -> bool:
-        """Write the `xyz` and `rpy` of an element back as read; tell whether they are sound."""
+        """Rewrite `xyz` and `rpy` of an element as they were read; tell whether they are sound."""
         told = len(self)
         if element is None:
             return True
@@ -99,7 +99,7 @@ class Faults:
 
 
 def listed(names: Iterable[str], longest: int = _LONGEST_LIST) -> str:
-    """Return names with commas, the first ones of many."""
+    """Return names with commas between, the first ones of many."""
     text = ""
     for name in names:
         longer = f"{text}, {shortened(name)}" if text else shortened(name)
@@ -110,13 +110,13 @@ def listed(names: Iterable[str], longest: int = _LONGEST_LIST) -> str:
 
 
 def shortened(text: str) -> str:
-    """Return a name or value that a line of a message can hold."""
+    """Return a name or value cut to 40 printable characters."""
     printable = "".join(one if one.isprintable() else "?" for one in text[: _LONGEST_WORD + 1])
     return printable if len(text) <= _LONGEST_WORD else f"{printable[:_LONGEST_WORD]}..."
 
 
 def finite_numbers(text: str) -> list[float]:
-    """Return the numbers of a text; none where a word of it is no finite number."""
+    """Return the numbers of a text; none if one of its words is no finite number."""
     if len(text) > _LONGEST_NUMBERS:
         return []
     try:

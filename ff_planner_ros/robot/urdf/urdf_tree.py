@@ -1,4 +1,4 @@
-"""The links of a URDF as a tree: which joints are the arm's, and which links move as one body."""
+"""The links and joints of a URDF as a tree, and the chain of joints from base to tip in it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LONGEST_NAME = 200  # characters: names travel in every state and every plan
 
 @dataclass(frozen=True)
 class Tree:
-    """Links and joints by name; what a fault makes meaningless is left out."""
+    """Links and joints by name; faulty ones are left out."""
 
     links: dict[str, Element]
     joints: dict[str, Element]
@@ -22,7 +22,7 @@ class Tree:
 
     @property
     def roots(self) -> list[str]:
-        """Links that hang on no other."""
+        """Links that no other carries."""
         return [link for link in self.links if link not in self.above]
 
     @property
@@ -32,7 +32,7 @@ class Tree:
         return [link for link in self.links if link not in carriers]
 
     def chain(self, base_link: str, tip_link: str) -> list[Element] | None:
-        """Return the joints from base to tip; None where the tip does not hang on the base."""
+        """Return the joints from base to tip, in order; None: the base does not carry the tip."""
         chain: list[Element] = []
         for joint in self.upwards(tip_link):
             chain.insert(0, joint)
@@ -50,7 +50,7 @@ class Tree:
 
 
 def tree_of(robot: Element, faults: Faults) -> Tree:
-    """Return the tree of a `<robot>`; what is no tree is a fault."""
+    """Return the tree of a `<robot>`; whatever makes it no tree is added to `faults`."""
     links, joints = (_by_name(robot, tag, faults) for tag in ("link", "joint"))
     if not links:
         allowed = "it must have links; a xacro file has to be expanded first"
@@ -59,7 +59,7 @@ def tree_of(robot: Element, faults: Faults) -> Tree:
     for name, joint in joints.items():
         _hang_up(name, joint, links, above, faults)
     order = _from_the_root(links, above)
-    # A link below a faulty joint hangs on something: of that the joint's fault tells.
+    # A link below a faulty joint is no root: the joint's fault is enough.
     children = {link_of(joint, "child") for joint in robot.findall("joint")}
     roots = [link for link in links if link not in children]
     if len(roots) > 1:
@@ -79,7 +79,7 @@ def link_of(joint: Element, end: str) -> str:
 
 
 def one_of(links: dict[str, Element]) -> str:
-    """Say which links there are."""
+    """Return the words of an error that lists the links."""
     return f"it must be one of the URDF's links: {listed(links)}"
 
 
@@ -102,7 +102,7 @@ def _by_name(robot: Element, tag: str, faults: Faults) -> dict[str, Element]:
 def _hang_up(
     name: str, joint: Element, links: dict[str, Element], above: dict[str, Element], faults: Faults
 ) -> None:
-    """Put a joint above its child."""
+    """Store a joint as the one above its child link, or add its faults."""
     parent, child = (link_of(joint, end) for end in ("parent", "child"))
     sound = True
     for end, link in (("parent", parent), ("child", child)):

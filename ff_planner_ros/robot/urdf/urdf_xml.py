@@ -1,4 +1,4 @@
-"""The XML of a URDF: whatever the text is, only what weighs or moves is kept."""
+"""The XML of a URDF, read safely from any text, and reduced to the elements that are used."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from xml.parsers import expat
 
 from ff_planner_ros.errors import InvalidInput, Status
 
-# Twenty times the largest robots that ROS users share; a text of this size is read in a second.
+# Twenty times the largest robots that ROS users share; such a text is read in a second.
 MAX_CHARACTERS = 4_000_000
 
 # A humanoid with both hands has two hundred. The time to build a model grows with the square.
 MAX_LINKS = 1000
 
-# What may stand in what, and the attributes of each that are read; all else is passed over: a
-# missing mesh shall not stop a plan.
+# Elements that are read, by their parents; all others are ignored: a missing mesh shall not stop a
+# plan.
 _PARTS: dict[str, Any] = {
     "link": {"inertial": {"origin": {}, "mass": {}, "inertia": {}}},
     "joint": {"origin": {}, "parent": {}, "child": {}, "axis": {}, "limit": {}, "mimic": {}},
 }
-# The same for what links look like; a link may have several of these.
+# The same for the shapes of links; a link may have several of these.
 _GEOMETRY: dict[str, Any] = {
     "box": {},
     "capsule": {},
@@ -32,8 +32,8 @@ _GEOMETRY: dict[str, Any] = {
 _SHAPES: dict[str, Any] = {
     "link": {name: {"origin": {}, "geometry": _GEOMETRY} for name in ("visual", "collision")}
 }
-# What a recorded URDF says of links that may touch, as an SRDF does: pairs that may, those of one
-# link with any other, and pairs that may not all the same.
+# Elements of an SRDF, also in a recorded URDF: pairs of links that may touch, links that may touch
+# any other, and pairs that may not nevertheless.
 DISABLE, DISABLE_ALL = "disable_collisions", "disable_default_collisions"
 ENABLE = "enable_collisions"
 _COLLISIONS: dict[str, Any] = {DISABLE: {}, DISABLE_ALL: {}, ENABLE: {}}
@@ -70,22 +70,26 @@ def read_elements(text: str) -> Element:
     """Return the `<robot>` with its links and joints, without shapes and simulator tags.
 
     Raises:
-        InvalidInput: No XML, another document, too large, or with declarations of its own.
+        InvalidInput: The text is no XML, another document, too large, or declares entities, say.
     """
     _require_short(text)
     return _read(text, _PARTS)
 
 
 def read_shapes(text: str) -> Element:
-    """Return the `<robot>` of a text that `read_elements` takes, its links with their solids."""
+    """Return the `<robot>` of a text that `read_elements` accepts, with the shapes of its links.
+
+    Raises:
+        InvalidInput: As for `read_elements`.
+    """
     return _read(text, _SHAPES)
 
 
 def read_collisions(text: str, field: str) -> list[Element]:
-    """Return what an SRDF, or a recorded URDF, says of links that may touch.
+    """Return the elements of an SRDF, or of a recorded URDF, on links that may touch.
 
     Raises:
-        InvalidInput: As for `read_elements`; it is of the field.
+        InvalidInput: As for `read_elements`; the error names `field`.
     """
     try:
         _require_short(text)
@@ -113,7 +117,7 @@ def _read(text: str, parts: dict[str, Any], most: int = 2 * MAX_LINKS) -> Elemen
 
 
 class _Reader:
-    """Builds elements; what is passed over may be nested as deep as it likes."""
+    """Builds elements; those that are ignored may be nested to any depth."""
 
     def __init__(self, parts: dict[str, Any], most: int) -> None:
         self.robot = Element("robot")
@@ -132,7 +136,7 @@ class _Reader:
             self._enter(self.robot, self._of_robot)
             return
         parent, parts = self._open[-1], self._parts[-1].get(tag)
-        # Of two parts of one kind the first one counts, as for every reader of URDFs.
+        # Of two parts of one kind the first counts, as for every reader of URDFs.
         again = parent is not self.robot and parent.find(tag) is not None
         if tag in _SEVERAL and not self._passed_over and parts is not None:
             self._several[tag] += 1
