@@ -9,8 +9,8 @@ from typing import Any
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.planning.problem.goal_words import GoalKind, Orientation
 
-# Places of fields of version 0.2 in version 0.3. Fields that a switch or zero disabled in version 0.2
-# are arrays of at most one entry now.
+# Places of fields of version 0.2 in version 0.3. A field that a switch or zero disabled is an array
+# of at most one entry now.
 REQUEST_FIELDS: Mapping[str, str] = {
     "target_pose": "goal.pose",
     "target_twist": "goal.twist",
