@@ -1,4 +1,4 @@
-"""Parses records of an MCAP file, and words errors in them."""
+"""Parsing of the records of an MCAP file, and messages on errors in them."""
 
 from __future__ import annotations
 

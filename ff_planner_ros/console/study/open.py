@@ -26,7 +26,7 @@ class StudyPage:
     """A page about one campaign."""
 
     def __init__(self, directory: Path) -> None:
-        """Read its table.
+        """Read the campaign's table of plans.
 
         Raises:
             InvalidInput: There is no campaign, or a file of it is damaged or too large.

@@ -23,7 +23,7 @@ class ClockOffset:
     """Clock offset estimated from the messages of one topic; not thread-safe."""
 
     def __init__(self) -> None:
-        """Begin with nothing heard."""
+        """Begin without messages."""
         self._parts: deque[tuple[int, int]] = deque(maxlen=_PARTS)  # begin, largest lead [ns]
 
     def note(self, lead_ns: int, arrived_ns: int) -> None:

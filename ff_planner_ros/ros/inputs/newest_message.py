@@ -45,7 +45,7 @@ class NewestMessage(Generic[Seen]):
         now_ns: Callable[[], int] | None,
         publishers: Publishers | None,
     ) -> None:
-        """Begin with nothing heard.
+        """Begin without messages.
 
         Args:
             read: Converts a message; raises InvalidInput if the message is invalid.

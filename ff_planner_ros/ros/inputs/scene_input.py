@@ -87,7 +87,7 @@ class SceneInput:
         publishers: Publishers | None = None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Start without messages.
+        """Begin without messages.
 
         Args:
             now_ns: The node's clock [ns]; None: times of arrival are unknown, as in a replay.

@@ -48,7 +48,7 @@ class Speakers(Generic[Message]):
         *,
         once: bool,
     ) -> None:
-        """Begin with nothing heard.
+        """Begin without messages.
 
         Args:
             publishers: None: unknown, as in a replay.

@@ -63,7 +63,7 @@ class StateInput:
         now_ns: Callable[[], int] | None = None,
         publishers: Publishers | None = None,
     ) -> None:
-        """Begin with nothing heard.
+        """Begin without messages.
 
         Args:
             source: Parameter `state_source`: `chaser_state` or `odometry`.

@@ -122,7 +122,7 @@ class TopicMemory(Generic[Part]):
         now_ns: Callable[[], int] | None,
         publishers: Publishers | None,
     ) -> None:
-        """Begin with nothing heard.
+        """Begin without messages.
 
         Args:
             read: Converts a message; raises InvalidInput if the message is invalid.

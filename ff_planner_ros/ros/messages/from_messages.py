@@ -65,7 +65,7 @@ _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
 
 
 class OnCancel(StrEnum):
-    """What the result of a cancelled action goal is."""
+    """Result of an action goal that is cancelled."""
 
     DISCARD = "discard"  # no plan
     BEST = "best"  # the best plan found until then
@@ -314,6 +314,9 @@ def plan_from_answer(answer: PlanAnswer) -> Plan:
     """Read the plan back out of an answer whose status is SOLVED, all phases as one.
 
     Its times are rounded to nanoseconds; it holds NaN where the answer leaves something out.
+
+    Raises:
+        ValueError: Arrays of the answer do not fit each other.
     """
     message, *others = answer.plans
     return Plan(

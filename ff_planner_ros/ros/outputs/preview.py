@@ -34,7 +34,7 @@ from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A plan, and what is needed to draw it."""
+    """A plan with its robot and scene, to be drawn."""
 
     plan_id: str
     robot: Robot

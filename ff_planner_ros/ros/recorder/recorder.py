@@ -103,7 +103,7 @@ class Recorder:
         )
 
     def leave_out(self, topic: str, is_unwanted: Callable[[int], bool]) -> None:
-        """Leave out the messages of a topic whose time of arrival [ns] `is_unwanted`."""
+        """Leave out a topic's messages if `is_unwanted` is true for their time of arrival [ns]."""
         self._unwanted[topic] = is_unwanted
 
     def pause(self) -> str:

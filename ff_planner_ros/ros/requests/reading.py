@@ -90,7 +90,7 @@ class Provenance:
 
 
 class RequestRefused(InvalidInput):
-    """A request that is invalid, or whose inputs are."""
+    """An invalid request, or a request whose inputs are invalid."""
 
     def __init__(self, error: InvalidInput, provenance: Provenance) -> None:
         """Add the provenance to an error."""

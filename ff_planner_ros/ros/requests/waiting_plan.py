@@ -136,7 +136,7 @@ def require_same_start(made: MadePlan, differences: Iterable[Difference]) -> Non
 def start_differences(
     made: MadePlan, own: Sequence[ChaserState], knowledge: Knowledge
 ) -> Iterator[Difference]:
-    """Yield the differences between the system, predicted for a plan's start, and its first point.
+    """Yield how far the system, predicted to a plan's start time, is from the plan's first point.
 
     Args:
         own: Field `start_state` of the request, with one entry at most.
