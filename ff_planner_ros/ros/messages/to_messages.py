@@ -236,7 +236,7 @@ def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> P
 
 
 def status_message(error: FfPlannerError) -> PlanStatus:
-    """Return an error as a status: code, message, field, value, what is allowed, when to retry."""
+    """Return an error as a status: code, text, field, value, what is allowed, whether to retry."""
     retry, field, value, allowed = REMEDIES[error.status]
     refused = error.cause if isinstance(error, NoPlanFound) else error
     if isinstance(refused, InvalidInput):

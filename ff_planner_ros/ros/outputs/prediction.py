@@ -79,7 +79,7 @@ def predicted_relative_pose(
 ) -> PoseStamped | None:
     """Return the end effector's predicted pose in the grasp frame; None outside the plan.
 
-    From the capture on this pose is the identity.
+    While the end effector holds the body, this pose is the identity.
 
     Args:
         time_ns: Time of the prediction, which becomes its stamp [ns].

@@ -12,8 +12,8 @@ _UNNAMED = "another node"  # that the middleware has not told of yet
 def namesakes(node: Node) -> list[str]:
     """Return the names of the other nodes that serve this node's service or action, sorted.
 
-    A node with the name of this node is included. A node that crashed counts until the middleware
-    misses it, with Fast DDS for 20 s.
+    Another node of the same name is included. A crashed node counts until the middleware misses it,
+    with Fast DDS for 20 s.
     """
     services = {node.resolve_service_name(SERVICE)}
     services.add(f"{node.resolve_service_name(ACTION)}/_action/send_goal")

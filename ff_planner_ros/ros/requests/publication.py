@@ -209,7 +209,7 @@ class Publication:
             raise FfPlannerError(*self._refusal)
 
     def _waiting_plan(self, request: PublishPlan.Request) -> MadePlan:
-        """Return the plan that a request names, if its token is right."""
+        """Return the plan that a request names, if its token is right; errors reveal neither."""
         plan_id, last = request.plan_id, self._output.published
         made = self._waiting.get(plan_id)
         if made is not None:
