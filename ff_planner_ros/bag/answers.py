@@ -1,4 +1,4 @@
-"""An answer as a row of a table: what was asked, what came out. All rows have the same columns."""
+"""Answers as rows of a table, with their requests; all rows have the same columns."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ff_planner_ros.planning.problem.goal_words import GoalKind
 if TYPE_CHECKING:
     from ff_planner_ros.bag.plans import RecordedPlan
 
-Cell: TypeAlias = float | int | str | None  # None: there is none
+Cell: TypeAlias = float | int | str | None  # None: no value
 
-# Of a request: its column, and where it is in the message.
+# Fields of a request, by column.
 _ASKED = {
     "target_frame": "goal.pose.header.frame_id",
     **{f"target_{axis}_m": f"goal.pose.pose.position.{axis}" for axis in "xyz"},
@@ -37,7 +37,7 @@ _ASKED = {
     "approach_distance_m": "goal.approach[0].distance",
     "approach_half_angle_rad": "goal.approach[0].half_angle",
 }
-# Zero stands for the node's parameter, or for a duration that is given: nothing was asked.
+# Zero stands for the node's parameter, or for a fixed duration: the request has no value.
 _ZERO_IS_NONE = ("asked_points", "time_budget_s", "duration_max_s", "approach_half_angle_rad")
 _SOLVER = {
     "solve_time_s": "solve_time",
@@ -50,7 +50,7 @@ _GUESS, _LIBRARY = "first_guess", "library"
 
 
 def asked_in(request: Any) -> dict[str, Cell]:
-    """Return what a decoded request asks for, by column."""
+    """Return the fields of a decoded request, by column."""
     row = {column: _cell(value_at(request, path, None)) for column, path in _ASKED.items()}
     kind = int(value_at(request, "goal.kind", GoalKind.POSE))
     row["goal"] = GoalKind(kind).name.lower() if kind in [*GoalKind] else str(kind)
@@ -58,7 +58,7 @@ def asked_in(request: Any) -> dict[str, Cell]:
 
 
 def solver_in(answer: Any) -> dict[str, Cell]:
-    """Return how a decoded answer was found, by column."""
+    """Return the solver's figures in a decoded answer, by column."""
     row = {
         column: _cell(value_at(answer, f"solver.{name}", None)) for column, name in _SOLVER.items()
     }
@@ -66,12 +66,12 @@ def solver_in(answer: Any) -> dict[str, Cell]:
     guess = {_GUESS: _LIBRARY if len(value_at(answer, "inputs.first_guess", ())) else None}
     if row["rollouts"]:
         return row | guess
-    # A refusal without an attempt has zeros in their place, which mean nothing.
+    # A refusal without an attempt has zeros, which mean nothing.
     return {column: row[column] or None for column in ("solve_time_s", "stop_reason")} | guess
 
 
 def answer_row(plan: RecordedPlan) -> dict[str, Cell]:
-    """Return an answer as a row: the same columns for every answer, None where there is none."""
+    """Return an answer as a row: the same columns for every answer, None without a value."""
     asked: Mapping[str, Cell] = plan.asked or {}
     row: dict[str, Cell] = {
         "plan_id": plan.plan_id,
@@ -94,7 +94,7 @@ def answer_row(plan: RecordedPlan) -> dict[str, Cell]:
 
 
 def _behind(unit: str) -> str:
-    """Return a unit as it stands behind the name of a column."""
+    """Return a unit as the suffix of a column's name."""
     return f"_{unit.replace('/', '_per_').replace(' ', '')}" if unit else ""
 
 

@@ -1,4 +1,4 @@
-"""The requests in a bag with their responses: the one reader of the events that hold them."""
+"""Pairs the requests in a bag with their responses; the only reader of their events."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Exchange(Generic[Request, Response]):
 
     @property
     def namespace(self) -> str:
-        """Of the planner, without a slash at its end."""
+        """Namespace of the planner, without a trailing slash."""
         return self.name.rpartition("/")[0]
 
 
@@ -55,9 +55,10 @@ def exchanges(
     """Return every request with its response, in the order in which the requests were recorded.
 
     Args:
-        bag: Open; notes the events that cannot be understood.
-        read_request: Called with each request, in the parts of version 0.3.
-        read_response: Called with the event's message and the answer, likewise; may return None.
+        bag: An open bag, which gets a note for each event that cannot be understood.
+        read_request: Called with each request, as a message of version 0.3.
+        read_response: Called with the event's message and the answer, also as of version 0.3; None
+            leaves the answer out.
 
     Raises:
         BagError: The disk fails.
@@ -107,7 +108,7 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
 
 
 def answer_in(event: Any) -> Any:
-    """Return the answer in a decoded event that holds one."""
+    """Return the answer in a decoded event of a response, as a message of version 0.3."""
     response = event.response[0]
     return present_answer(value_at(response, "result", response))
 

@@ -1,4 +1,4 @@
-"""The plans of a bag for other tools: a directory of CSV files, or one NPZ file of numpy."""
+"""Export of a bag's plans: a directory of CSV files, or one NPZ file of numpy."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LONGEST_NAME = 100  # [characters] of a file; a plan id from a damaged bag may 
 def export_csv(bag: Path, directory: Path) -> Sequence[str]:
     """Write tables of all answers and of every plan into a new directory; return the notes.
 
-    Where plans waited to be published, a table of the requests for that, too.
+    If the bag has requests to publish waiting plans, they get a table, too.
 
     Raises:
         BagError: Nothing of the bag can be read, it holds no answer, or the directory exists or
@@ -91,7 +91,7 @@ def _plans(bag: Path) -> tuple[list[RecordedPlan], list[Publication], Sequence[s
 
 
 def _named(plans: Sequence[RecordedPlan]) -> Iterator[tuple[str, RecordedPlan]]:
-    """Yield those with a trajectory, with names that any file system takes, no two the same."""
+    """Yield the plans with a trajectory, with unique names that any file system accepts."""
     taken = {ANSWERS, PUBLICATIONS}
     for plan in plans:
         if plan.trajectory is not None:
@@ -114,7 +114,7 @@ def _write(file: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> N
 
 
 def _cell(value: Any) -> Any:
-    """Return what a cell holds: a text that a spreadsheet would compute has a ' before it."""
+    """Return the content of a cell; a text that a spreadsheet would compute gets a ' in front."""
     if not isinstance(value, str) or _A_NUMBER.fullmatch(value):
         return value
     computed = value.lstrip()[:1] in _FORMULA or value[:1] in _BREAKS

@@ -1,4 +1,4 @@
-"""The files that a bag is of, opened."""
+"""Opens the files of a bag."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _size(path: Path) -> int:
 
 
 def _mcap_files(path: Path) -> tuple[list[Path], list[str]]:
-    """Return the MCAP files of a bag, in order, and notes of those that should be there."""
+    """Return the MCAP files of a bag, in order, and notes on those that are missing."""
     if not path.is_dir():
         if path.suffix in _FOREIGN:
             raise BagError(f"bag {path} {_FOREIGN[path.suffix]}")

@@ -1,4 +1,4 @@
-"""What is in a bag, as lines for a screen and as a document for programs."""
+"""Summary of a bag, as lines of text and as a JSON document."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LONGEST = 100  # [characters] of a text on a line
 
 
 def info(path: Path) -> Iterator[str]:
-    """Yield what is in a bag, line by line, and at the end what is wrong with it.
+    """Yield the summary of a bag line by line, at the end what is wrong with it.
 
     Raises:
         BagError: Nothing of the bag can be read.
@@ -30,7 +30,7 @@ def info(path: Path) -> Iterator[str]:
 
 
 def bag_document(path: Path) -> dict[str, Any]:
-    """Return what is in a bag, for JSON: all of it in the order in which the files hold it.
+    """Return the summary of a bag as a JSON document, with answers in order of time.
 
     Every chunk is read, so that all damage is known.
 
@@ -74,7 +74,7 @@ def bag_document(path: Path) -> dict[str, Any]:
 
 
 def _requests(bag: Bag) -> dict[str, Any]:
-    """Return the requests with their answers, and how many there are of each status."""
+    """Return the answers, and the number of requests in all and of each status."""
     found = planning_exchanges(bag)
     namespaces = sorted({exchange.namespace for exchange in found})
     if len(namespaces) > 1:

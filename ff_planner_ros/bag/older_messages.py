@@ -1,4 +1,4 @@
-"""Requests and answers of versions 0.1 and 0.2 in the parts that they have since version 0.3."""
+"""Translates requests and answers of versions 0.1 and 0.2 to the messages of version 0.3."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.planning.problem.goal_words import GoalKind, Orientation
 
-# Where a field of version 0.2 is now. What of version 0.2 said whether another field counts, or was
-# zero where it did not, is an array of at most one now.
+# Places of fields of version 0.2 in version 0.3. A field that a switch or zero disabled is an array
+# of at most one entry now.
 REQUEST_FIELDS: Mapping[str, str] = {
     "target_pose": "goal.pose",
     "target_twist": "goal.twist",
@@ -80,7 +80,7 @@ _SWITCHES = ("use_start_state", "use_obstacles", "use_target_body")
 
 
 def _number_of(word: str) -> int:
-    """Return the number of an orientation; one that is unknown stays one."""
+    """Return the number of an orientation; an unknown word gets a number that is unknown, too."""
     words = [str(one) for one in Orientation]
     return words.index(word or Orientation.FIXED) if word in ("", *words) else len(words)
 
@@ -96,7 +96,7 @@ def present_request(request: Any) -> Any:
     """Return a decoded request, of whatever version, as one of version 0.3.
 
     Raises:
-        AttributeError: It is no request.
+        AttributeError: The object is no request.
     """
     present = value_at(request, "request", None)
     if present is not None:
@@ -118,7 +118,7 @@ def present_answer(response: Any) -> Any:
     """Return a decoded answer, of whatever version, as one of version 0.3.
 
     Raises:
-        AttributeError: It is no answer.
+        AttributeError: The object is no answer.
     """
     present = value_at(response, "answer", None)
     if present is not None:
@@ -148,7 +148,7 @@ def _moved(
     translated: Mapping[str, Callable[[Any], Any]],
     absent: set[str],
 ) -> SimpleNamespace:
-    """Return the fields of a message in their present places; what it lacks is not there."""
+    """Return the fields of a message in their present places, without those that it lacks."""
     moved = SimpleNamespace()
     for name, place in places.items():
         value = value_at(old, name, None)

@@ -1,4 +1,4 @@
-"""The planner's answers in a bag, as plain arrays: neither ROS nor our messages are needed."""
+"""The planner's answers in a bag as arrays, read without ROS and without ff_planner_msgs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from ff_planner_ros.planning.motion.plan import (
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
 _AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
-# Of a trajectory's field: what stands before its columns, their names, and behind them the unit.
+# Columns of a trajectory's field: prefix, names, and the unit as suffix.
 _COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     "chaser_positions": ("chaser_", _AXES, "_m"),
     "chaser_quaternions_xyzw": ("chaser_", _QUATERNION, ""),
@@ -52,7 +52,7 @@ _TARGET_BODY_COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     "linear_velocities": ("target_body_velocity_", _AXES, "_m_per_s"),
     "angular_velocities": ("target_body_angular_velocity_", _AXES, "_rad_per_s"),
 }
-# Of a joint that turns, and of one that slides.
+# Quantities of a revolute and of a prismatic joint.
 _JOINT_COLUMNS = {
     "joint_positions": ("position_rad", "position_m"),
     "joint_velocities": ("velocity_rad_per_s", "velocity_m_per_s"),
@@ -68,33 +68,33 @@ class RecordedPlan:
     plan_id: str  # as the planner named it
     topic: str  # of the service's events or the action's results
     answered_ns: int  # when the answer was recorded, since the epoch
-    status: str  # its name (`SOLVED`), or its number where a later version gave it
-    message: str  # why
+    status: str  # name of the status (`SOLVED`), or its number if this version does not know it
+    message: str  # of the status
     start_ns: int  # of the plan, since the epoch; zero without a plan
     # In the order of the trajectory's columns; of a refusal: as in the plan before, or else after
     joint_names: tuple[str, ...]
     trajectory: Trajectory | None  # in the inertial frame, NaN where an old bag lacks it
-    # Of the plan, or of the best attempt if there was any; names as in `PlanMetrics.msg`
+    # Metrics of the plan, or of the best attempt if any; names as in `PlanMetrics.msg`
     metrics: Mapping[str, float | str | tuple[float, ...]]
-    # What was asked for, and how the solver went, by column of the table of answers
+    # Fields of the request, and figures of the solver, by column of the table of answers
     asked: Mapping[str, Cell] = field(default_factory=dict)  # empty: the bag lacks the request
     asked_ns: int = 0  # when the node received the request, by its clock; zero: not known
     solver: Mapping[str, Cell] = field(default_factory=dict)
-    # To the goal, given or chosen [s]; None: no plan, or of an earlier version
+    # From the start to the goal, given or chosen [s]; None: no plan, or an earlier version's
     duration: float | None = None
-    # Of the body that is captured, in the inertial frame, a row per point: `positions`,
-    # `quaternions_xyzw`, `linear_velocities`, `angular_velocities`; empty: none is
+    # Motion of the captured body, in the inertial frame, a row per point: `positions`,
+    # `quaternions_xyzw`, `linear_velocities`, `angular_velocities`; empty: no capture
     target_body: Mapping[str, Array] = field(default_factory=dict)
 
-    wheels: WheelMotion | None = None  # None: the chaser has none, or none are told
-    sliding: frozenset[str] = frozenset()  # joints that slide, as the bag's URDF tells
-    # Of each phase of a sequence, its time from its own first point on; empty: there is one phase
+    wheels: WheelMotion | None = None  # None: the chaser has no wheels, or the bag lacks them
+    sliding: frozenset[str] = frozenset()  # prismatic joints, by the URDF in the bag
+    # Each phase of a sequence, with times from its own first point on; empty: a single phase
     phases: tuple[Trajectory, ...] = ()
 
     def row(self) -> dict[str, Cell]:
         """Return the answer as a row of a table, with units in the names of its columns.
 
-        The columns are the same for every answer of every bag; None where there is nothing.
+        The columns are the same for every answer of every bag; a missing value is None.
         """
         return answer_row(self)
 
@@ -102,7 +102,7 @@ class RecordedPlan:
         """Return the plan as columns of equal length with units in their names; pandas takes them.
 
         Without a plan they are empty. A plan that captures a body has columns of the body, too, and
-        one of a chaser with wheels has columns of these.
+        the plan of a chaser with wheels has columns of the wheels.
         """
         motion = self.trajectory
         if motion is None:
@@ -124,7 +124,7 @@ class RecordedPlan:
 
 
 def _wheel_columns(wheels: WheelMotion) -> dict[str, Array]:
-    """Return what wheels hold and give as columns."""
+    """Return the wheels' momenta and torques as columns."""
     return {
         f"wheel_{wheel}_{quantity}": column
         for quantity, rows in (("momentum_Nms", wheels.momenta), ("torque_Nm", wheels.torques))
@@ -135,7 +135,7 @@ def _wheel_columns(wheels: WheelMotion) -> dict[str, Array]:
 def read_plans(bag: Path | str) -> list[RecordedPlan]:
     """Read every answer of the planner in a bag, in the order of the answers.
 
-    The bag is a directory or one MCAP file. What is wrong with it comes as warnings.
+    The bag is a directory or one MCAP file. Faults of the bag are issued as warnings.
 
     Raises:
         BagError: Nothing of the bag can be read.
@@ -157,7 +157,7 @@ def recorded_plans(bag: Bag) -> list[RecordedPlan]:
 
 
 def plans_of(asked: Sequence[Exchange[dict[str, Cell], RecordedPlan]]) -> list[RecordedPlan]:
-    """Return the answers among `planning_exchanges`, in their order."""
+    """Return the answers among the `planning_exchanges`, in the order of the answers."""
     found = [
         (one.namespace, replace(one.response, asked=one.request or {}, asked_ns=one.received_ns))
         for one in asked
@@ -167,7 +167,7 @@ def plans_of(asked: Sequence[Exchange[dict[str, Cell], RecordedPlan]]) -> list[R
 
 
 def _with_joint_names(found: Sequence[tuple[str, RecordedPlan]]) -> list[RecordedPlan]:
-    """Return answers, each of a planner, so that a refusal has the columns of its plans."""
+    """Return the answers of planners, each refusal with the joint names of its planner's plans."""
     names = {planner: one.joint_names for planner, one in reversed(found) if one.joint_names}
     plans = []
     for planner, one in found:
@@ -177,7 +177,7 @@ def _with_joint_names(found: Sequence[tuple[str, RecordedPlan]]) -> list[Recorde
 
 
 def planning_exchanges(bag: Bag) -> list[Exchange[dict[str, Cell], RecordedPlan]]:
-    """Return what every request asked for, by column, with the answer to it.
+    """Return every request, its fields by column, with its answer.
 
     Raises:
         BagError: The disk fails.
@@ -195,7 +195,7 @@ def planning_exchanges(bag: Bag) -> list[Exchange[dict[str, Cell], RecordedPlan]
 
 
 def _sliding(bag: Bag) -> frozenset[str]:
-    """Return the joints that slide by the URDF that is attached; none: there is no sound one."""
+    """Return the prismatic joints of the attached URDF; empty without a valid URDF."""
     try:
         robot = read_elements(bag.attachments["robot.urdf"].decode())
     except (InvalidInput, LookupError, UnicodeDecodeError):
@@ -204,10 +204,10 @@ def _sliding(bag: Bag) -> frozenset[str]:
 
 
 def recorded_plan(message: Message, answer: Any) -> RecordedPlan:
-    """Return a decoded answer, in the parts of version 0.3, as plain arrays.
+    """Return a decoded answer, a message of version 0.3, as plain arrays.
 
     Raises:
-        BagError: It cannot be understood, or its arrays do not fit each other.
+        BagError: The answer cannot be understood, or its arrays do not fit each other.
     """
     try:
         return _recorded_plan(message, answer)
@@ -245,22 +245,22 @@ def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
 
 
 def _phases(answer: Any) -> tuple[Trajectory, ...]:
-    """Return the motion of each phase of a sequence; of a plan by itself: nothing."""
+    """Return the motion of each phase of a sequence; empty for a single plan."""
     return tuple(map(trajectory_in, answer.plans)) if len(answer.plans) > 1 else ()
 
 
 def _duration(answer: Any) -> float | None:
-    """Return when the last goal is reached, from the first point on [s]; None: not told."""
+    """Return when the last goal is reached, from the first point on [s]; None: not recorded."""
     last = len(answer.plans) - 1
     told = value_at(answer.plans[last], "duration", 0.0)
     return begin_of(answer, last) + told if told else None
 
 
 def _target_body(answer: Any) -> dict[str, Array]:
-    """Return the predicted motion of the body that is captured; empty: none is.
+    """Return the predicted motion of the captured body; empty: no capture.
 
-    Of a sequence it is not told before the phase of the capture (NaN); in the phases after that the
-    end effector holds the body as it is at the end of that phase.
+    In a sequence it is NaN before the phase of the capture; in the phases after, the end effector
+    holds the body as it is at the end of that phase.
     """
     found: BodyMotion | None = None
     before, place = 0, np.empty(7)
@@ -291,5 +291,5 @@ def _metrics(metrics: Any) -> dict[str, float | str | tuple[float, ...]]:
 
 
 def status_name(code: int) -> str:
-    """Return the name of a status, or the code itself where this version knows none."""
+    """Return the name of a status, or the code itself if this version does not know it."""
     return Status(code).name if code in Status.__members__.values() else str(code)

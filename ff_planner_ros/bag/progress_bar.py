@@ -1,4 +1,4 @@
-"""A bar that shows how far something is, if it takes long and somebody watches."""
+"""A progress bar for work that takes long, if standard error is a terminal."""
 
 from __future__ import annotations
 
@@ -16,9 +16,13 @@ _WIDTH = 40  # [characters]
 def progress_bar(
     doing: str, total: int, unit: str = "MB", per_unit: float = 1e6
 ) -> Iterator[Callable[[int], None]]:
-    """Yield a function to call with every amount that is done; the bar is on standard error.
+    """Yield a function to call with every amount of work done; the bar is on standard error.
 
-    The total is counted in bytes; with another `unit`, `per_unit` of it make one.
+    Args:
+        doing: Text in front of the bar.
+        total: Amount of all work, such as bytes.
+        unit: Unit in which the bar shows amounts.
+        per_unit: Amount that makes one unit.
     """
     done = 0
     shown = False

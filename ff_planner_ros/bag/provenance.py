@@ -1,4 +1,4 @@
-"""Where a bag comes from: versions, host and start."""
+"""Provenance of a bag: versions of packages, host and time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pinocchio
 
 # The metadata record of MCAP that holds it.
 PROVENANCE = "ff_planner_ros"
-# As a wheel calls a package, and as ROS installs it.
+# Names of distributions, of wheels and of ROS packages.
 _DISTRIBUTIONS = {
     "ff_planner_ros": ("ff_planner_ros",),
     "ff_planner_msgs": ("ff_planner_msgs",),
@@ -27,9 +27,9 @@ _GIT_PATIENCE = 5.0  # [s]
 
 
 def provenance(**more: str) -> dict[str, str]:
-    """Return what is known of this process: versions by package, `host`, `platform`, `started`, ...
+    """Return the provenance of this process: versions by package, `host`, `platform`, `started`.
 
-    `git` is there only if the package runs from a checkout; `more` is what only the caller knows.
+    `git` is there only if the package runs from a checkout; `more` are entries of the caller.
     """
     known = {
         **{name: _version(names) for name, names in _DISTRIBUTIONS.items()},

@@ -1,4 +1,4 @@
-"""The requests to publish a plan that waits, with their answers."""
+"""Requests in a bag to publish or reject a waiting plan, with their answers."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ _STAMP = struct.Struct("<iI")  # behind the four bytes that each message begins 
 
 @dataclass(frozen=True)
 class Publication:
-    """A request to publish a plan, and its answer."""
+    """A request to publish or reject a plan, and its answer."""
 
     plan_id: str
-    requester: str  # empty: it does not say
+    requester: str  # as the request says; may be empty
     asked_ns: int  # when the request was received, by the node's clock
     answered_ns: int  # when the answer went out, by the node's clock
     status: str  # its name
     message: str
     published: bool
-    # Of the state that the plan had to fit, when it was asked for [s]; None: the bag has none
+    # Age of the state that the plan had to fit, at the request [s]; None: the bag has no state
     state_age_s: float | None
-    previous_plan_id: str  # of the plan published before; empty: the bag has none
+    previous_plan_id: str  # id of the plan published before; empty: the bag has none
 
     def row(self) -> dict[str, Cell]:
-        """Return it as a row of a table, with units in the names of its columns."""
+        """Return the publication as a row of a table, with units in the names of its columns."""
         return {name: None if value == "" else value for name, value in vars(self).items()}
 
 
 def publications(bag: Bag) -> list[Publication]:
-    """Return every answer to a request to publish a plan, in the order in which they went out.
+    """Return every answered request to publish or reject a plan, in the order of the answers.
 
     Args:
-        bag: Open; notes the events that cannot be understood.
+        bag: An open bag, which gets a note for each event that cannot be understood.
 
     Raises:
         BagError: The disk fails.
@@ -96,10 +96,10 @@ def publications(bag: Bag) -> list[Publication]:
 
 
 class _Heard:
-    """What a planner had received and published, by the time of its record."""
+    """States that a planner received and plans that it published, by time of the record."""
 
     def __init__(self, bag: Bag, namespace: str) -> None:
-        """Look through the bag once."""
+        """Read the bag once."""
         self._states: list[tuple[int, int]] = []  # record and stamp [ns]
         self._plans: list[tuple[int, str]] = []  # record [ns] and id
         for name, type_name in _STATES:
@@ -116,7 +116,7 @@ class _Heard:
 
     def state_ns(self, request: Any, asked_ns: int, logged_ns: int) -> int | None:
         """Return the stamp of the state that counted for a request: its own, or the latest."""
-        # Until version 0.3 it was one state, and another field said whether it counts.
+        # Before version 0.3 there was one state, and another field said whether it counts.
         brings = value_at(request, "use_start_state", None)
         own = (
             value_at(request, "start_state[0].header.stamp", None)
@@ -131,7 +131,7 @@ class _Heard:
         return self._states[before - 1][1] if before else None
 
     def plan_before(self, logged_ns: int) -> str:
-        """Return the id of the plan that was published before; empty: none was."""
+        """Return the id of the plan published last before a record; empty: none."""
         before = bisect_right(self._plans, logged_ns, key=lambda one: one[0])
         return self._plans[before - 1][1] if before else ""
 

@@ -1,4 +1,4 @@
-"""Read a bag: topics, documents and messages, byte by byte or decoded by the bag's definitions."""
+"""Reads a bag: topics, documents and messages, serialised or decoded by its own definitions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ff_planner_ros.messages.service_events import recorded_name
 
 @dataclass(frozen=True)
 class Message:
-    """A message as it was written."""
+    """A message of a bag, not decoded."""
 
     topic: str
     type_name: str  # as of `recorded_name`: `package/msg/Name`
@@ -46,10 +46,10 @@ class Bag:
     """A bag open for reading; made by `open_bag`."""
 
     def __init__(self, path: Path, files: Sequence[McapFile], notes: Sequence[str]) -> None:
-        """Put together what the files hold: at least one, open, in order."""
+        """Combine the contents of files: at least one, open, in order."""
         self._mcap_files, self._notes = files, list(notes)
         self._decoders: dict[tuple[str, str], Decoder] = {}  # by topic and type
-        self.path = path  # as it was asked for
+        self.path = path  # as given to `open_bag`
         self.files = tuple(file.path for file in files)
         self.library = files[0].library  # that wrote it
         # By file name and by name of the record; of several records the last
@@ -73,12 +73,12 @@ class Bag:
 
     @property
     def size(self) -> int:
-        """Of all its files [bytes]."""
+        """Size of all files [bytes]."""
         return sum(file.size for file in self._mcap_files)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is wrong with the bag, in words, as far as it is known by now."""
+        """What is wrong with the bag, as far as it is known by now."""
         return (*self._notes, *(note for file in self._mcap_files for note in file.notes))
 
     def note(self, text: str) -> None:
@@ -87,7 +87,7 @@ class Bag:
             self._notes.append(text)
 
     def damaged_blocks(self) -> list[tuple[str, Block]]:
-        """Read all blocks, and return those that are damaged, by name of the file and by place.
+        """Read all blocks; return those that are damaged, with the names of their files, in order.
 
         Raises:
             BagError: The disk fails.
@@ -111,8 +111,8 @@ class Bag:
         What is damaged is left out, and makes a note.
 
         Args:
-            only: Whether a message with these bytes is wanted; None: all are. The others cost
-                little time.
+            only: Returns whether a message with these bytes is wanted; None: all are. Unwanted
+                messages cost little time.
 
         Raises:
             BagError: The disk fails.
@@ -121,7 +121,7 @@ class Bag:
             yield message
 
     def decoded(self, *type_names: str) -> Iterator[tuple[Message, Any]]:
-        """Yield the messages of some types with what they say, by the bag's own definitions.
+        """Yield the messages of some types with their content, by the bag's own definitions.
 
         What is damaged or does not fit its definition is left out, and makes a note.
 
@@ -137,10 +137,10 @@ class Bag:
                 yield message, content
 
     def decode(self, message: Message) -> Any:
-        """Return what one of the `messages` says, by the bag's own definition.
+        """Return the content of one of the `messages`, by the bag's own definition.
 
         Raises:
-            BagError: Its definition cannot be read, or it does not fit it.
+            BagError: The definition cannot be read, or the message does not fit it.
         """
         key = (message.topic, message.type_name)
         if key not in self._decoders:
@@ -199,7 +199,7 @@ class Bag:
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag for reading, a directory or one MCAP file.
 
-    A file without an index is read to its end for that.
+    A file without an index is read to its end at once.
 
     Raises:
         BagError: There is no bag, or nothing of it can be read.

@@ -1,4 +1,4 @@
-"""Save what a damaged bag still holds into a new one; the damaged one stays as it is."""
+"""Copies all that can be read of a damaged bag to a new one; the damaged bag is not changed."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ RECORD = "ff_planner_ros_recovery"  # metadata of the new bag: where it is from,
 
 @dataclass(frozen=True)
 class Recovery:
-    """What was saved."""
+    """Result of a recovery."""
 
-    saved: Mapping[str, int]  # number of messages, by topic; topics without any are in it
-    # Number of messages that the index knows of and that are gone, by topic
+    saved: Mapping[str, int]  # number of messages saved, of every topic
+    # Number of messages that the index lists and that are lost, by topic
     lost: Mapping[str, int]
-    is_whole: bool  # whether everything that the files hold was saved
-    notes: Sequence[str]  # what was wrong, and what became of it
+    is_whole: bool  # whether everything in the files was saved
+    notes: Sequence[str]  # what was wrong, and what was done about it
 
 
 def print_recovery(bag: Path, output: Path | None) -> int:
     """Recover a bag into a new one (None: beside the old one), and print what was saved and lost.
 
     Returns:
-        Exit code: 0 everything in it was saved, 3 a part of it, 1 nothing.
+        Exit code: 0 everything in the bag was saved, 3 a part, 1 nothing.
 
     Raises:
         BagError: There is no bag, or the output exists or cannot be written.
@@ -74,7 +74,7 @@ def print_recovery(bag: Path, output: Path | None) -> int:
 
 
 def recover(bag: Path, output: Path) -> Recovery:
-    """Write everything that can be read of a bag into a new one, file by file.
+    """Copy everything that can be read of a bag to a new one, file by file.
 
     The output, a directory, is not made if there is no message to save.
 
@@ -136,7 +136,7 @@ class _Copy:
         self._custom_data: dict[str, str] = {}
 
     def add(self, file: McapFile, progress: Progress) -> None:
-        """Copy what can be read of a file into a new one."""
+        """Copy all that can be read of a file to a new one."""
         info = FileInfo(f"{self._name}_{len(self._files)}.mcap")
         self._files.append(info)
         with (self._directory / info.name).open("xb") as stream:
@@ -159,7 +159,7 @@ class _Copy:
             writer.finish()
 
     def finish(self) -> None:
-        """Write what rosbag2 reads first."""
+        """Write `metadata.yaml`."""
         text = as_yaml({"rosbag2_bagfile_information": self._document()})
         (self._directory / "metadata.yaml").write_text(text, encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""The robot that is attached to a bag, and the plans for it."""
+"""The robot attached to a bag, and its plans with their scenes and limits."""
 
 from __future__ import annotations
 
@@ -43,20 +43,20 @@ class RobotPlans:
     Of a sequence each phase is a plan, by the plan's id and the phase's number.
     """
 
-    robots: Mapping[str, Robot]  # by plan id, with what they hold
+    robots: Mapping[str, Robot]  # by plan id, with their payloads
     motions: Mapping[str, Trajectory]  # by plan id, in the order of the requests
     # By plan id, as in `PlanMetrics.msg`
     metrics: Mapping[str, Mapping[str, float | str | tuple[float, ...]]]
-    scenes: Mapping[str, Scene]  # by plan id, where the bag tells
-    # By plan id, of what the node was started with and the request asks: the chaser's angles and
-    # torques
+    scenes: Mapping[str, Scene]  # by plan id, without plans whose scene the bag lacks
+    # By plan id, limits of the chaser's angles and of joint torques, from the parameters at the
+    # node's start and from the request
     limits: Mapping[str, Limits]
-    uncertainty: Uncertainty  # of `planner.robust` that the node was started with, or the usual one
+    uncertainty: Uncertainty  # of `planner.robust` at the node's start, or the default
     notes: tuple[str, ...]  # what is wrong with the bag
 
 
 def robot_plans(bag: Path) -> RobotPlans:
-    """Read every plan that was answered with, and the robot.
+    """Read the robot attached to a bag, and every plan in its answers.
 
     Raises:
         BagError: The bag cannot be read, holds no plan, or lacks what is needed to understand it.
@@ -123,10 +123,13 @@ def robot_plans(bag: Path) -> RobotPlans:
 def phases_of(
     motions: Sequence[Trajectory], robot: Robot, scene: Scene, then: Sequence[Payload | None]
 ) -> Iterator[tuple[Trajectory, Robot, Scene]]:
-    """Yield each phase of a sequence with the robot, what it holds, and what is around.
+    """Yield motion, robot with payload, and scene of each phase of a sequence.
 
     Args:
-        then: What the request says that later phases hold; None: what was held, or captured.
+        robot: Robot in the first phase.
+        scene: Scene at the first point of the first phase.
+        then: Payload that the request gives each later phase; None: the payload of the phase
+            before, or the captured body.
     """
     body, free = scene.target_body, [one for one in scene.obstacles if one.body is None]
     touching = [pair.partition("/")[0] for pair in scene.allowed_collisions]
@@ -143,7 +146,7 @@ def phases_of(
 def _asked(
     request: Any,
 ) -> tuple[AskedScene, Mapping[str, float], Payload | None, Sequence[Payload | None]]:
-    """Return a request's scene, angles that it limits, zero: any, payload and later payloads."""
+    """Return a request's scene, limits of angles (zero: none), payload and later payloads."""
     angles = {name: float(value_at(request, f"limits.{name}[0]", 0.0)) for name in _ANGLES}
     try:
         payload = payload_in(request)
@@ -164,10 +167,10 @@ def _uncertainty(parameters: Mapping[str, Any]) -> Uncertainty:
 
 
 def _limits(parameters: Mapping[str, Any], asked: Mapping[str, float]) -> Limits:
-    """Return the limits of angles and torques; what the parameters do not tell is as usual.
+    """Return the limits of angles and torques; what the parameters lack has its default.
 
     Args:
-        asked: Angles that the request asks for, by name; zero: none [rad].
+        asked: Limits of angles in the request, by name; zero: none [rad].
     """
     told = parameters.get("limits", {})
     told = told if isinstance(told, dict) else {}
@@ -185,7 +188,7 @@ def _limits(parameters: Mapping[str, Any], asked: Mapping[str, float]) -> Limits
 
 
 def _answer(message: Message, answer: Any) -> tuple[RecordedPlan, Stamps]:
-    """Return an answer, and the times of what it was made from."""
+    """Return an answer, and the stamps of its inputs."""
     return recorded_plan(message, answer), stamps_of(answer)
 
 
@@ -200,14 +203,14 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
     try:
         links = links["robot"]
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
-        # Bags of earlier versions do not tell: they know no other base.
+        # Bags of earlier versions lack it: there was no other base.
         base = str(links.get("base", Base.FREE_FLYER))
         held = str(links.get("locked_joints", links.get("held_joints", "")))
-        # What they recorded was planned with lines.
+        # Earlier versions planned with lines.
         geometry = str(links.get("geometry", Geometry.LINES))
         told = {name: tuple(given) for name, given in links.get("wheels", {}).items()}
         wheels = replace(OWN_WHEELS, **told)
-        slide_weight = float(links.get("slide_weight", 0.0))  # they held joints that slide
+        slide_weight = float(links.get("slide_weight", 0.0))  # they locked prismatic joints
     except (InvalidInput, LookupError, TypeError, ValueError, AttributeError):
         raise BagError(
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
@@ -218,7 +221,7 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
 
 
 def _parameters(bag: Path, attachments: Mapping[str, bytes]) -> Mapping[str, Any]:
-    """Return the parameters that are attached; empty: they are no such document."""
+    """Return the attached parameters; empty if the document cannot be understood."""
     text = _attached(bag, attachments, "parameters.yaml")
     try:
         found = yaml_document(text, "parameters.yaml", "damaged")["/**"]["ros__parameters"]

@@ -1,4 +1,4 @@
-"""What the plans of a bag were made among: of their requests, or as it was received."""
+"""Scenes of the plans in a bag: from their requests, or from the messages received."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ _TARGET_BODY = "ff_planner_msgs/msg/TargetBody"
 
 Obstacles = tuple[Obstacle, ...]
 
-# What the bag does not hold, or what cannot be read, is None.
+# None stands for what the bag lacks, or what cannot be read.
 
 
 @dataclass(frozen=True, eq=False)
 class AskedScene:
-    """What a request says of the scene of its plan."""
+    """The scene of a plan, as far as it is in the request."""
 
     scene: Scene  # without obstacles and target body
-    obstacles: Obstacles | None  # its own, at their stamp
-    captures: bool  # whether the target is a body
-    body: TargetBody | None  # its own, at its stamp
+    obstacles: Obstacles | None  # that the request brings, at their stamp
+    captures: bool  # whether the goal is the capture of a target body
+    body: TargetBody | None  # that the request brings, at its stamp
 
 
 @dataclass(frozen=True)
 class Stamps:
-    """The times of a plan, as its response says; zero: not known."""
+    """Stamps of a plan's inputs, and its duration, as in the answer; zero: not known."""
 
-    obstacles_ns: int  # when the spheres were seen, or all of the request [ns]
-    target_body_ns: int  # when it was seen [ns]
+    obstacles_ns: int  # of the spheres, or of all obstacles that the request brings [ns]
+    target_body_ns: int  # of the target body [ns]
     duration: float = 0.0  # to the capture [s]
-    bodies_ns: int = 0  # when the bodies of their topic were seen [ns]
+    bodies_ns: int = 0  # of the obstacle bodies [ns]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Received:
 
 
 def asked_scene(request: Any) -> AskedScene:
-    """Return what a request says of the scene."""
+    """Return the scene in a decoded request."""
     captures = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE
     has_place = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.POSE
     goal = ("target",) if has_place else ()
@@ -81,7 +81,7 @@ def asked_scene(request: Any) -> AskedScene:
 
 
 def _told(request: Any, name: str) -> Any:
-    """Return a field of the problem that a request asks for; None: it has none, or a wrong one."""
+    """Return a field of the problem in a request; None: it is missing or invalid."""
     try:
         return values_in(PlanningProblem, request, names=(name,)).get(name)
     except (AttributeError, InvalidInput):
@@ -89,7 +89,7 @@ def _told(request: Any, name: str) -> Any:
 
 
 def stamps_of(answer: Any) -> Stamps:
-    """Return the times in an answer; those of earlier versions tell fewer."""
+    """Return the stamps in a decoded answer; answers of earlier versions have fewer."""
     names = ("obstacles_stamp", "target_body_stamp", "obstacle_bodies_stamp")
     times = (value_at(answer, f"inputs.{name}", None) for name in names)
     spheres_ns, body_ns, bodies_ns = (0 if time is None else nanoseconds(time) for time in times)
@@ -99,11 +99,12 @@ def stamps_of(answer: Any) -> Stamps:
 def scene_at_start(
     asked: AskedScene | None, stamps: Stamps, start_ns: int, received: Received
 ) -> Scene | None:
-    """Return a plan's scene at its first point; None: the bag does not tell all of it.
+    """Return a plan's scene at its first point; None: the bag does not have all of it.
 
     Args:
-        asked: None: the bag lacks the request.
-        start_ns: Of the plan [ns].
+        asked: Scene in the request; None: the bag lacks the request.
+        stamps: Stamps in the answer.
+        start_ns: Time of the plan's first point [ns].
     """
     told = asked or AskedScene(Scene(), None, captures=False, body=None)
     found = told.obstacles
@@ -118,7 +119,7 @@ def scene_at_start(
         if bodies is None:
             return None
         found += carried(bodies, (start_ns - stamps.bodies_ns) / NANOSECONDS)
-    # Answers of earlier versions do not tell: their duration was given.
+    # Answers of earlier versions lack it: the request gave the duration.
     captured = stamps.duration or told.scene.capture_time
     if not told.captures:
         return replace(told.scene, obstacles=found, capture_time=captured)
@@ -154,7 +155,7 @@ def received_scenes(bag: Bag) -> Received:
 
 
 def obstacles_in(scene: Any) -> Obstacles | None:
-    """Return the obstacles in a message, at its stamp; those of earlier versions lack bodies."""
+    """Return the obstacles in a message, at its stamp; messages of earlier versions lack bodies."""
     try:
         return (
             *(Sphere(**values_in(Sphere, one)) for one in value_at(scene, "spheres", ())),

@@ -1,4 +1,4 @@
-"""Write a bag: a directory with MCAP files and their metadata, as rosbag2 of Jazzy does."""
+"""Writes a bag: a directory with MCAP files and their metadata, as rosbag2 of Jazzy does."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def unique_directory(parent: Path, stem: str) -> Path:
 class BagWriter:
     """A bag open for writing; safe to use from several threads.
 
-    A message reaches the operating system at the latest when another one is written that is
-    `flush_interval` later, or with `flush`: call that from a timer if messages may stay away.
+    A message reaches the operating system at the latest when a message is written that is
+    `flush_interval` later, or with `flush`: call it from a timer if messages may stay away.
     After a disk error the bag accepts nothing more; what was flushed before can be recovered.
 
     Every file of a split bag can be read alone: definitions and documents are in each. Latched
@@ -63,11 +63,11 @@ class BagWriter:
         Args:
             directory: Created, with its parents; must not exist.
             flush_interval: Log time that a crash can lose at most [s].
-            max_size: Before a file becomes larger, its index not counted, another one is begun
-                [bytes]; 0: never.
-            max_duration: Before a file becomes longer, another one is begun [s]; 0: never.
-            owner_only: Nobody else may enter the directory or read a file; if false, the umask of
-                the process decides.
+            max_size: Largest size of a file without its index; then a new file is begun [bytes];
+                0: no limit.
+            max_duration: Longest duration of a file; then a new file is begun [s]; 0: no limit.
+            owner_only: Whether only the owner may enter the directory and read its files; if not,
+                the umask of the process decides.
 
         Raises:
             BagError: The directory exists or cannot be written.
@@ -108,8 +108,8 @@ class BagWriter:
 
         Args:
             type_name: `package/msg/Name` or `package/srv/Name_Event`; a part of a service or an
-                action is held as the message with the same bytes (see `recorded_name`).
-            qos: What each publisher of the topic offers; may be empty.
+                action is recorded as the message with the same bytes (see `recorded_name`).
+            qos: Quality of service of each publisher of the topic; may be empty.
 
         Raises:
             BagError: The topic is there already, the type is not installed, the bag is closed,
@@ -166,7 +166,7 @@ class BagWriter:
                 self._flush()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Keep a document under a file name (`robot.urdf`) and MIME type: the bag explains itself.
+        """Attach a document, by file name (`robot.urdf`) and MIME type, to this and later files.
 
         Raises:
             BagError: The bag is closed, or the disk failed.
@@ -177,7 +177,7 @@ class BagWriter:
             self._mcap.flush()
 
     def add_record(self, name: str, data: Mapping[str, str]) -> None:
-        """Keep words with the messages, as a metadata record of MCAP.
+        """Add a metadata record of MCAP to this and later files.
 
         Raises:
             BagError: The bag is closed, or the disk failed.
@@ -188,7 +188,7 @@ class BagWriter:
             self._mcap.flush()
 
     def flush(self) -> None:
-        """Bring everything written so far to the disk: not even a power cut loses it.
+        """Write everything so far to the disk, so that not even a power cut loses it.
 
         Raises:
             BagError: The bag is closed, or the disk failed.
@@ -200,7 +200,7 @@ class BagWriter:
                 self._is_on_disk = True
 
     def split(self) -> tuple[Path, Path]:
-        """Complete the file, go on in another one, and return both.
+        """Complete the current file, begin another one, and return both paths.
 
         Raises:
             BagError: The bag is closed, or the disk failed.
@@ -307,7 +307,7 @@ class BagWriter:
         self._unflushed_ns, self._unflushed_size = None, 0
 
     def _write_metadata(self) -> dict[str, Any]:
-        """Write what rosbag2 reads first beside the MCAP files, and return it."""
+        """Write `metadata.yaml`, and return its content."""
         document = metadata(self._files, self._topics, self.custom_data)
         path = self._directory / "metadata.yaml"
         partial = path.with_suffix(".partial")

@@ -1,8 +1,8 @@
-"""Who may come to the page: whoever knows its token, and no page of others in the same browser.
+"""Access control of the page: only for who knows its token, and for no other web page.
 
-The loopback keeps other machines away, but neither other users of this one nor the web pages that
-its browser has open. So every request, the handshake of a websocket included, shows the token: in
-the address, which is answered by a cookie, or in that cookie; and it comes from no other page.
+The loopback keeps other machines away, but neither other users of this one nor web pages that its
+browser has open. So every request, the handshake of a websocket included, must have the token: in
+the address, which is answered by a cookie, or in that cookie. Its origin must be this page.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ CHOOSE, OWN_HEADER = "/choose", "X-FF-Planner-Console"
 
 
 class Access:
-    """Judges every request to the page's server, before the server sees it."""
+    """Accepts or rejects every request to the page's server, before the server sees it."""
 
     def __init__(self) -> None:
-        """Draw a token."""
+        """Generate the token."""
         self.token = secrets.token_urlsafe(24)
         self.port = 0  # of the server: two consoles have cookies of their own
-        self.choose: Callable[[str], None] = lambda _: None  # is told the name of an entry
+        self.choose: Callable[[str], None] = lambda _: None  # called with an entry's name
         self._guards = False
 
     @contextmanager
     def guarding(self) -> Iterator[None]:
-        """Guard the server of viser that is started meanwhile; viser itself judges nothing.
+        """Guard a server of viser that is started in this context; viser has no guard of its own.
 
         Raises:
-            RuntimeError: It was started in another way, and is not guarded.
+            RuntimeError: No server was started in a known way, so none is guarded.
         """
         serve: Any = server.serve
 
@@ -63,7 +63,7 @@ class Access:
             raise RuntimeError("this version of viser starts its server in an unknown way")
 
     def answer(self, request: Request) -> Response | None:
-        """Return the answer to a request; None: it may pass."""
+        """Return the response to a request that does not reach the server; None: it may pass."""
         headers = request.headers
         host = headers.get_all("Host")
         if any([urlsplit(origin).netloc] != host for origin in headers.get_all("Origin")):

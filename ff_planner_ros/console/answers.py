@@ -1,4 +1,4 @@
-"""The answer of a planner node as the page lists it, recorded or live."""
+"""Entries of the page from a planner node's answers, recorded or live."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ff_planner_ros.ros.messages.from_messages import metrics_from_message, plan
 def entry_of_answer(
     name: str, task: PlanningTask | None, answer: PlanAnswer, missing: str = ""
 ) -> Entry:
-    """Return an answer with what was asked.
+    """Return the entry of a request's answer.
 
     Args:
-        task: None: it is not known, and nothing is drawn.
-        missing: Why not.
+        task: Task of the request; None: not known, nothing is drawn.
+        missing: Why the task is not known.
     """
     code = answer.status.code
     status = Status(code) if code in iter(Status) else None

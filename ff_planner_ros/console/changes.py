@@ -1,4 +1,4 @@
-"""A task with one thing changed by hand: goal, obstacle, weights or duration."""
+"""Changes of a task by hand: goal, obstacle, weights or duration."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ GOAL = "goal"
 
 
 def movable(problem: PlanningProblem) -> tuple[str, ...]:
-    """Return what can be moved: `GOAL`, unless it is a grasp or a posture, and free obstacles."""
+    """Return what can be moved: `GOAL`, if it is a pose, and the ids of free obstacles."""
     fixed = problem.target_body is not None or problem.posture is not None
     free = [one.id for one in problem.obstacles if one.body is None]
     return (*(() if fixed else (GOAL,)), *(one for one in free if one != GOAL))
 
 
 def place_of(problem: PlanningProblem, name: str) -> tuple[Array, Array | None]:
-    """Return position [m] and quaternion, x y z w, of what can be moved; None: it has no axes."""
+    """Return position [m] and quaternion, x y z w, of a movable thing; None: it has no axes."""
     if name == GOAL:
         target = problem.target
         turned = None if target.orientation is Orientation.FREE else target.quaternion_xyzw
@@ -43,14 +43,15 @@ def place_of(problem: PlanningProblem, name: str) -> tuple[Array, Array | None]:
 def moved(
     task: PlanningTask, name: str, position: Array, quaternion_xyzw: Array | None = None
 ) -> PlanningTask:
-    """Return a task with the goal, or an obstacle, elsewhere at the same time as before.
+    """Return a task with the goal or an obstacle at another pose, at the same time as before.
 
     Args:
-        position: Shape (3,) [m].
-        quaternion_xyzw: None: it stays turned as it is.
+        name: One of `movable`.
+        position: In the inertial frame. Shape (3,) [m].
+        quaternion_xyzw: None: the orientation stays.
 
     Raises:
-        InvalidInput: It cannot be there.
+        InvalidInput: Nothing of this name can be moved, or the pose is invalid.
     """
     problem = task.problem
     if name not in movable(problem):
@@ -74,7 +75,7 @@ def moved(
 
 
 def weighted(task: PlanningTask, joint_path: float, attitude: float) -> PlanningTask:
-    """Return a task with other weights of joint path and chaser attitude; others stay.
+    """Return a task with other weights of joint path and chaser attitude; other weights stay.
 
     Raises:
         InvalidInput: All weights are zero.
@@ -85,12 +86,12 @@ def weighted(task: PlanningTask, joint_path: float, attitude: float) -> Planning
 
 
 def lasting_for(task: PlanningTask, shortest: float, longest: float) -> PlanningTask:
-    """Return a task with another duration, or a range of them to choose from [s].
+    """Return a task with another duration, or another range if the task has a range [s].
 
-    The grasp of a target body is where the body is after the longest.
+    The grasp of a target body is where the body is after the longest duration.
 
     Raises:
-        InvalidInput: They are not positive, or a target body turns too far.
+        InvalidInput: A duration is not positive, or a target body rotates too far.
     """
     problem, window = task.problem, task.problem.duration_range
     if window is not None:
@@ -107,5 +108,5 @@ def _with(task: PlanningTask, problem: PlanningProblem) -> PlanningTask:
 
 
 def rounded(position: Array) -> Array:
-    """Return a place to a tenth of a millimetre, as a person means it. Shape (3,) [m]."""
+    """Return a position rounded to a tenth of a millimetre. Shape (3,) [m]."""
     return np.asarray(np.round(position, 4), np.float64)

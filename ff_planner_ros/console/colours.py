@@ -1,4 +1,4 @@
-"""Every colour of the page: told apart by colour-blind people, and text of enough contrast."""
+"""Colours of the page: distinct for colour-blind people, and text with enough contrast."""
 
 from __future__ import annotations
 

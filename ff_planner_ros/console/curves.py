@@ -1,4 +1,4 @@
-"""What a plan does over time, against its limits, with a line at the time of the slider."""
+"""Curves of a plan over time with its limits, and a line at the time of the slider."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ _AIR = 0.06  # above and below the curves, in parts of their span
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Some numbers over the time of a plan."""
+    """Quantities over the time of a plan."""
 
     times: Array  # from the first point on; shape (times,) [s]
     values: dict[str, Array]  # by name; each of shape (times,)
-    limits: tuple[float, ...] = ()  # that all of them keep
+    limits: tuple[float, ...] = ()  # of all of them
 
 
 def curves_of(name: str, stages: Sequence[Stage]) -> Curves | None:
-    """Return what one of `NAMES` means for a plan; None: nothing is planned, or it means nothing.
+    """Return the curves of one of `NAMES` for a plan; None: no plan, or no such limit.
 
     Args:
-        stages: Phases, one after the other.
+        stages: Phases of the plan, in order.
     """
     motions = [stage.motion for stage in stages if stage.motion is not None]
     if not motions or len(motions) < len(stages):
@@ -82,7 +82,7 @@ def _shares(motion: Trajectory, quantity: Quantity, joints: Sequence[str]) -> Cu
 
 
 def _clearance(stages: Sequence[Stage]) -> Curves | None:
-    """Return the distance to the closest obstacle, which what may touch at the goal is not."""
+    """Return the distance to the closest obstacle, without pairs that may touch at the goal."""
     times, values = list[Array](), list[Array]()
     for stage in stages:
         problem = stage.problem
@@ -100,10 +100,10 @@ def _clearance(stages: Sequence[Stage]) -> Curves | None:
 
 
 class CurvesView:
-    """A panel with one choice of curves, and a line at the time of the slider.
+    """A panel with a choice of curves, and a line at the time of the slider.
 
     Attributes:
-        panel: That others may add tabs to.
+        panel: Panel of the page, to which others may add tabs.
     """
 
     def __init__(self, server: viser.ViserServer) -> None:

@@ -1,4 +1,4 @@
-"""What the page lists: tasks with their plans or refusals, and how it comes to them."""
+"""Entries of the page: tasks with their plans or refusals, and how the page plans them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PLANNED = "planned"
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A task, and what came of it."""
+    """A task, with its plan or the refusal."""
 
     name: str
     task: PlanningTask | None  # None: not known, there is nothing to draw
@@ -52,7 +52,7 @@ class Entry:
 
     @cached_property
     def stages(self) -> tuple[Stage, ...]:
-        """What is drawn over time: the plan, or the best attempt, or the start."""
+        """Phases to draw: of the plan, of the best attempt, or the robot at its start."""
         if self.task is None:
             return ()
         motion = self.plan
@@ -62,14 +62,14 @@ class Entry:
 
     @cached_property
     def fault(self) -> Place | None:
-        """Where a refusal has its cause; None: there is none, or it has no place."""
+        """Place in the scene that caused a refusal; None: no refusal, or its cause has no place."""
         if self.task is None or self.error is None:
             return None
         return place_of_fault(self.task, self.error)
 
     @cached_property
     def metrics(self) -> Metrics | None:
-        """Of the plan, of all phases as one, or of the best attempt."""
+        """Metrics of the plan, of all phases as one, or of the best attempt; None: neither."""
         if self.given is not None or self.plan is None:
             attempt = self.error.attempt if isinstance(self.error, NoPlanFound) else None
             return self.given or (attempt.metrics if isinstance(attempt, Plan) else None)
@@ -77,7 +77,7 @@ class Entry:
 
     @property
     def objective(self) -> str:
-        """The value of what is minimised, by the weights of the task."""
+        """Value of the objective, with the weights of the task, as text."""
         metrics = self.metrics
         if self.task is None or metrics is None:
             return "-"
@@ -92,7 +92,7 @@ class Entry:
 
 
 def entry_of(name: str, answer: Answer) -> Entry:
-    """Return what a search on the page came to."""
+    """Return the entry of a search on the page."""
     if answer.plan is not None:
         message = answer.plan.message
         return Entry(name, answer.task, answer.plan, status=PLANNED, words=message)
@@ -102,16 +102,16 @@ def entry_of(name: str, answer: Answer) -> Entry:
 
 
 class Running(Protocol):
-    """A plan that is looked for."""
+    """A search that runs."""
 
     def cancel(self) -> None:
-        """End it at its next step."""
+        """End the search at its next step."""
 
     def wait(self) -> None:
-        """Wait until it has ended, and its entry was given."""
+        """Wait until the search has ended and passed on its entry."""
 
 
-# Begins to plan a task. It is given what takes each progress in words, and what takes the entry.
+# Begins to plan a task; the callbacks take the progress in words, and the entry at the end.
 Begin: TypeAlias = Callable[[PlanningTask, Callable[[str], None], Callable[[Entry], None]], Running]
 
 
@@ -119,13 +119,13 @@ class PlansHere:
     """Plans in this process."""
 
     def __init__(self) -> None:
-        """Begin to count."""
+        """Start the numbers of plans at 1."""
         self._planned = 0
 
     def __call__(
         self, task: PlanningTask, told: Callable[[str], None], done: Callable[[Entry], None]
     ) -> Running:
-        """Begin to plan."""
+        """Begin to plan a task; see `Begin`."""
         self._planned += 1
         name = f"plan {self._planned}"
         return Search(task, told, lambda answer: done(entry_of(name, answer)))
@@ -142,7 +142,7 @@ def table_of(entries: Sequence[Entry], chosen: Entry) -> str:
 
 
 def clickable(name: str, words: str) -> str:
-    """Return the attributes of an element in HTML that shows an entry when it is clicked."""
+    """Return attributes for an HTML element that shows an entry when it is clicked."""
     named = f"data-name='{html.escape(name)}' aria-label='{html.escape(words)}'"
     return f"role='button' tabindex='0' {named} {_CLICK}"
 
@@ -162,7 +162,7 @@ def _row(entry: Entry, is_chosen: bool) -> str:
 
 
 def in_words(entry: Entry) -> str:
-    """Return what is said of an entry, in HTML."""
+    """Return name, status and message of an entry, in HTML."""
     where = "" if entry.fault is None else f" (marked in the scene: {entry.fault.words})"
     said = html.escape(f"{entry.words}{where}")
     named = html.escape(f"{entry.name}: {entry.status}")

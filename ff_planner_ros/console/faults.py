@@ -1,4 +1,4 @@
-"""Where in the scene a refusal has its cause."""
+"""Places in the scene that caused a refusal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _OF_JOINTS = {Status.LIMIT_VIOLATED, Status.TORQUE_TOO_HIGH}
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A place of the scene."""
+    """A place in the scene at a time of the motion."""
 
     time: float  # from the first point on [s]
     points: Array  # one, or the two ends of a line; shape (1 or 2, 3) [m]
@@ -28,10 +28,7 @@ class Place:
 
 
 def attempt_in(error: FfPlannerError) -> Plan | None:
-    """Return the motion that a refusal tells of: the phases that have plans, and the best attempt.
-
-    None: it tells of none.
-    """
+    """Return the motion in a refusal: plans of earlier phases, and the best attempt; None: none."""
     if not isinstance(error, NoPlanFound):
         return None
     found = error.found if isinstance(error.found, Plan) else None
@@ -42,7 +39,7 @@ def attempt_in(error: FfPlannerError) -> Plan | None:
 
 
 def place_of_fault(task: PlanningTask, error: FfPlannerError) -> Place | None:
-    """Return where a refusal has its cause; None: it has no place, as a wrong number has none."""
+    """Return the place that caused a refusal; None: it has none, as an invalid number."""
     problem = task.problem
     if error.status is Status.START_IN_COLLISION and (gaps := gaps_at_start(problem)):
         near = gaps[0]

@@ -1,4 +1,4 @@
-"""The requests of a bag with their answers, refused ones too, as the page lists them."""
+"""Entries of the page from the requests in a bag and their answers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 
 
 def entries_of_bag(bag: Path) -> tuple[list[Entry], tuple[str, ...]]:
-    """Return an entry for each request in the order in which they came, and notes on the bag.
+    """Return an entry for each request in order of arrival, and notes on the bag.
 
     Raises:
         BagError: The bag cannot be read, or holds no request, or neither robot nor parameters.

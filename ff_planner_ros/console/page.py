@@ -1,4 +1,4 @@
-"""The page: a scene, a slider through time, what can be changed, and a table of plans."""
+"""The page: a scene, a slider through time, controls that change the task, a table of plans."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _HANDLE = "/handle"
 
 
 class Page:
-    """What all who look on see alike: a change by one is seen by the others."""
+    """One page that all viewers share: a change by one of them is seen by the others."""
 
     def __init__(
         self,
@@ -43,10 +43,10 @@ class Page:
         begin: Begin | None = None,
         moves_obstacles: bool = True,
     ) -> None:
-        """Show the first of some entries of which anything can be drawn.
+        """Show the first entry of which anything can be drawn, or else the first one.
 
         Args:
-            begin: None: plans are made in this process.
+            begin: How a task is planned; None: in this process.
             moves_obstacles: Whether obstacles can be moved by hand.
         """
         self._lock = RLock()  # callbacks come in many threads
@@ -55,10 +55,10 @@ class Page:
         self.entries = list(entries)
         self.chosen = next((one for one in self.entries if one.stages), self.entries[0])
         self.task: PlanningTask | None = None  # what will be planned
-        self.search: Running | None = None  # that runs
-        self._next: list[tuple[Begin, PlanningTask]] = []  # that are planned after it
-        self.unlisted: Callable[[str], None] = lambda _: None  # takes a name that no entry has
-        self.shown: Callable[[Entry], None] = lambda _: None  # takes each entry that is shown
+        self.search: Running | None = None  # None: no search runs
+        self._next: list[tuple[Begin, PlanningTask]] = []  # planned after the search that runs
+        self.unlisted: Callable[[str], None] = lambda _: None  # called with a name without an entry
+        self.shown: Callable[[Entry], None] = lambda _: None  # called with each entry that is shown
         self._scene = SceneView(server)
         self._curves = CurvesView(server)
         self._handle: viser.TransformControlsHandle | None = None
@@ -117,7 +117,7 @@ class Page:
             self._locked(what)
 
     def choose(self, name: str) -> None:
-        """Show an entry, and go on from its task; what no entry is named, `unlisted` takes."""
+        """Show the entry of a name, and its task; without an entry, call `unlisted`."""
         with self._lock:
             found = next((one for one in self.entries if one.name == name), None)
             if found is None:
@@ -127,11 +127,11 @@ class Page:
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing is changed or planned, so that another entry may be shown."""
+        """Whether nothing is being changed or planned, so that another entry may be shown."""
         return self.search is None and bool(self._undo.disabled)
 
     def put(self, entry: Entry) -> None:
-        """List an entry, in the place of one of its name; it is shown if nothing is changed."""
+        """Add an entry or replace the one of its name; show a new one if the page is idle."""
         with self._lock:
             names = [one.name for one in self.entries]
             if entry.name not in names:
@@ -159,10 +159,10 @@ class Page:
             self._show_time()
 
     def change(self, task: PlanningTask, is_elsewhere: bool = True) -> None:
-        """Take a task that is not planned yet.
+        """Make a changed task the one to plan next.
 
         Args:
-            is_elsewhere: Whether anything is at another place, or time: it is drawn then.
+            is_elsewhere: Whether places or times have changed, so that the task is drawn again.
         """
         with self._lock:
             self.task = task
@@ -172,20 +172,20 @@ class Page:
                 self._draw(Entry("changed", task))
 
     def plan(self) -> None:
-        """Begin to plan the task as it is changed; not while another search runs."""
+        """Begin to plan the current task, unless a search runs."""
         with self._lock:
             if self.task is not None and self.search is None:
                 self._plan_next([(self._begin, self.task)])
 
     def plan_front(self) -> None:
-        """Plan the task with weights from least joint path to least attitude, one by one."""
+        """Plan a Pareto front: the task with one pair of weights after the other."""
         with self._lock:
             if self.task is not None and self.search is None:
                 pairs = ((one.joint_path_length, one.chaser_attitude) for one in WEIGHTS)
                 self._plan_next([(self._begin, weighted(self.task, *pair)) for pair in pairs])
 
     def plan_by(self, begin: Begin, task: PlanningTask) -> None:
-        """Plan a task in another way than the page's own; after the searches before it."""
+        """Plan a task by another `Begin` than the page's own, after the searches before it."""
         with self._lock:
             self._next.append((begin, task))
             if self.search is None:
@@ -253,7 +253,7 @@ class Page:
         self._curves.move_to(time)
 
     def _set_sliders(self) -> None:
-        """Set what can be changed to the task's values."""
+        """Set the controls to the task's values."""
         names = () if self.task is None else movable(self.task.problem)
         shown = (name for name in names if name == GOAL or self._moves_obstacles)
         self._move.options = (_NOTHING, *shown)
@@ -296,7 +296,7 @@ class Page:
         self.change(task, is_other)
 
     def _place_handle(self) -> None:
-        """Put the handle on what is to be moved."""
+        """Put the handle on the goal or obstacle that is chosen to be moved."""
         if self._handle is not None:
             self._handle.remove()
             self._handle = None
@@ -329,7 +329,7 @@ class Page:
         self.move(self._move.value, np.array(self._place.value), None)
 
     def move(self, name: str, position: Any, quaternion_xyzw: Any) -> None:
-        """Move the goal or an obstacle; a refusal is told, and everything stays."""
+        """Move the goal or an obstacle; a refusal is shown and changes nothing."""
         with self._lock:
             if self.task is None or name == _NOTHING:
                 return

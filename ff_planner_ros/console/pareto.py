@@ -1,4 +1,4 @@
-"""The trade of joint path and chaser attitude as a picture: a click on a plan shows it."""
+"""Picture of plans by joint path and chaser attitude; a click on a plan shows it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _AIR = 0.1  # beside the outermost points, in parts of their span
 
 
 def picture_of(entries: Sequence[Entry], chosen: Entry) -> str:
-    """Return the plans over joint path [rad] and attitude [deg] in HTML, to be clicked in."""
+    """Return the plans over joint path [rad] and attitude [deg] as clickable HTML."""
     planned = [
         (one, metrics.joint_path_length, float(np.rad2deg(metrics.max_chaser_euler)))
         for one in entries

@@ -1,4 +1,4 @@
-"""The rigid parts of a stage as surfaces, and where each is at every point."""
+"""The rigid parts of a stage as surfaces, with their poses at every point."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class Part:
 
 
 def robot_parts(robot: Robot, q: Array) -> Iterator[Part]:
-    """Yield what each joint moves, the chaser first: a box stands for one that has no shape.
+    """Yield the part that each joint moves, the chaser first; a box stands for one without shapes.
 
     Args:
-        q: Shape (points, 7 + joints).
+        q: Configurations. Shape (points, 7 + joints).
     """
     surface = robot_surface(robot)
     of_triangle = surface.joints[surface.triangles[:, 0]]
@@ -59,7 +59,7 @@ def robot_parts(robot: Robot, q: Array) -> Iterator[Part]:
 
 
 def obstacle_parts(stage: Stage) -> Iterator[Part]:
-    """Yield the obstacles."""
+    """Yield a part for each obstacle of a stage."""
     obstacles = stage.problem.obstacles
     for one in obstacles:
         corners, triangles = obstacle_surface(one, _AROUND if len(obstacles) <= _FEW else _COARSE)
@@ -74,7 +74,11 @@ def wxyz(rotations: NDArray[np.float64]) -> Array:
 
 
 def joint_places(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Return positions and quaternions, w x y z, of all joints' frames at every point."""
+    """Return positions and quaternions of the frames of all joints of the model.
+
+    Returns:
+        Shape (points, joints of the model, 3) [m], and (points, joints of the model, 4), w x y z.
+    """
     model = robot.model
     data = model.createData()
     positions = np.empty((len(q), model.njoints, 3))

@@ -1,4 +1,4 @@
-"""The scene of the page: what is shown, and where everything is at a time."""
+"""The scene of the page: a motion or task in the browser, at the time of the slider."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class _Drawn:
     stage: Stage
     node: viser.FrameHandle  # above all that belongs to the stage
     parts: list[tuple[Part, viser.MeshHandle]] = field(default_factory=list)
-    arm: viser.LineSegmentsHandle | None = None  # where lines are kept clear
+    arm: viser.LineSegmentsHandle | None = None  # of a robot without shapes
 
 
 class SceneView:
@@ -80,7 +80,7 @@ class SceneView:
         return not self._drawn
 
     def show(self, stages: Sequence[Stage], fault: Place | None = None) -> None:
-        """Replace what is shown."""
+        """Replace the stages that are shown, and mark a fault if there is one."""
         scene = self._server.scene
         with self._server.atomic():
             scene.add_frame(_SHOWN, show_axes=False).remove()
@@ -98,7 +98,7 @@ class SceneView:
             self._is_framed = True
 
     def move_to(self, time: float) -> str:
-        """Move everything to a time [s], and return what is nearest then in words."""
+        """Move everything to a time [s], and return a sentence on the smallest distance then."""
         number, point = at_time([one.stage for one in self._drawn], time)
         drawn = self._drawn[number]
         near = drawn.stage.nearest(point)
@@ -191,7 +191,7 @@ class SceneView:
         )
 
     def _frame(self, stages: Sequence[Stage]) -> None:
-        """Look at all of the arm's way, from where it fills the page."""
+        """Point the camera at the arm's motion so that it fills the page."""
         points = np.concatenate(
             [arm_points(one.problem.robot, one.q[[0, -1]]).reshape(-1, 3) for one in stages]
         )

@@ -18,16 +18,16 @@ _SHOWN = ("joint_path_length", "max_chaser_euler", "min_clearance")
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What came of a search."""
+    """Result of a search."""
 
     task: PlanningTask
-    plan: Plan | None  # None: refused
+    plan: Plan | None  # None: refused or cancelled
     error: FfPlannerError | None  # None: there is a plan
-    cancelled: bool = False
+    cancelled: bool = False  # before there was a plan
 
 
 class Search:
-    """A plan that is looked for; it begins at once."""
+    """A search, which begins at once."""
 
     def __init__(
         self,
@@ -36,12 +36,12 @@ class Search:
         done: Callable[[Answer], None],
         method: Method = plan,
     ) -> None:
-        """Begin.
+        """Begin to plan a task.
 
         Args:
-            told: Is given each progress in words.
-            done: Is given the answer; a defect of ours is a refusal, INTERNAL_ERROR.
-            method: That plans.
+            told: Called with the progress in words.
+            done: Called with the answer; an unforeseen error is a refusal, INTERNAL_ERROR.
+            method: Planning method.
         """
         self._task, self._done, self._method = task, done, method
         self._watch = _Watch(told)
@@ -53,7 +53,7 @@ class Search:
         self._watch.cancelled.set()
 
     def wait(self) -> None:
-        """Wait until it has ended, and `done` was called."""
+        """Wait until the search has ended and `done` was called."""
         self._thread.join()
 
     def _run(self) -> None:
@@ -90,14 +90,14 @@ class _Watch(Watch):
 
 
 def progress_words(progress: Progress) -> str:
-    """Return how far a search has come, and the best plan until then."""
+    """Return the progress of a search, and its best plan until then, in words."""
     starts = f"{progress.starts} initial guess{'es' if progress.starts != 1 else ''}"
     best = best_in_words(progress.best)
     return f"{progress.phase}, {starts}, {progress.iterations} iterations; {best}"
 
 
 def best_in_words(metrics: Metrics | None) -> str:
-    """Return the metrics of the best plan until now; None: there is none yet."""
+    """Return the metrics of the best plan until now in words; None: no plan yet."""
     if metrics is None:
         return "no plan yet"
     shown = (

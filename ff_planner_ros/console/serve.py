@@ -29,12 +29,12 @@ def serve(page_on: Callable[[viser.ViserServer], Page], host: str, port: int) ->
     """Serve a page until the process ends.
 
     Args:
-        page_on: Makes the page.
+        page_on: Builds the page on a server.
         host: Name or address of this machine.
-        port: Where it is taken, the next one that is free.
+        port: Port; if it is taken, the next free one is used.
 
     Raises:
-        OSError: The host is none of this machine's.
+        OSError: `host` is no name or address of this machine.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     socket.create_server((host, 0), family=family).close()  # viser would look for a port for ever
@@ -50,7 +50,7 @@ def serve(page_on: Callable[[viser.ViserServer], Page], host: str, port: int) ->
 
 
 class _Server(viser.ViserServer):
-    """Never asks a server of others for a public address, whatever a browser sends."""
+    """Never requests a public address from viser's share server, whatever a browser sends."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002 (as viser's)
         return None

@@ -1,4 +1,4 @@
-"""What is shown over time: the motion of each phase, or the robot at its start before a plan."""
+"""Stages of the scene: the motion of each phase, or the robot at its start before a plan."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.configuration import configuration
 
-# Moments at which obstacles are shown where nothing is planned yet.
+# Number of times at which obstacles are shown before there is a plan.
 _MOMENTS = 25
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A phase: one robot among obstacles, at some moments."""
+    """A phase: one robot among obstacles, at some times."""
 
     begin: float  # of the phase, from the first point of the first one [s]
     problem: PlanningProblem  # its obstacles are those at the first point of the phase
@@ -37,22 +37,22 @@ class Stage:
 
     @property
     def end(self) -> float:
-        """When the phase ends [s]."""
+        """When the phase ends, from the first point of the first one [s]."""
         return self.begin + float(self.times[-1])
 
     @property
     def tip(self) -> Array:
-        """Way of the end effector. Shape (points, 3) [m]."""
+        """Path of the end effector. Shape (points, 3) [m]."""
         return arm_points(self.problem.robot, self.q)[:, -1]
 
     def nearest(self, point: int) -> Nearest | None:
-        """Return where bodies come nearest at a point; None: the robot has no bodies."""
+        """Return the pair at the smallest distance at a point; None: the robot has no bodies."""
         only = slice(point, point + 1)
         problem = self.problem
         return nearest_of(problem.robot, self.q[only], self.times[only], problem.obstacles)
 
     def may_touch(self, pair: str) -> bool:
-        """Say whether a pair, of bodies' names, is allowed to touch near the goal."""
+        """Return whether a pair, `body/other`, is allowed to touch near the goal."""
         one, _, other = pair.partition("/")
         link, other_link = one.partition("#")[0], other.partition("#")[0]
         names = {f"{link}/{other}", f"{link}/{other_link}", f"{other_link}/{link}"}
@@ -75,7 +75,7 @@ def stages_of(task: PlanningTask, plan: Plan | None) -> tuple[Stage, ...]:
 
 
 def at_time(stages: Sequence[Stage], time: float) -> tuple[int, int]:
-    """Return the stage, and of its points the one that is nearest, at a time [s]."""
+    """Return the index of the stage at a time [s], and of its point nearest in time."""
     begins = [stage.begin for stage in stages]
     number = max(0, int(np.searchsorted(begins, time, side="right")) - 1)
     stage = stages[number]

@@ -1,4 +1,4 @@
-"""Obstacles of a message, as it is or decoded from a bag, as planning has them."""
+"""Obstacles from ROS messages, or from messages decoded from a bag without ROS."""
 
 from __future__ import annotations
 
@@ -30,26 +30,28 @@ MAX_TRIANGLES = 2 * MAX_MESH_VERTICES
 
 
 def spheres_of(message: Any, source: str) -> tuple[Sphere, ...]:
-    """Return the spheres of a scene or an array, at its stamp.
+    """Return the spheres of a scene or an obstacle array, at the message's stamp.
 
     Args:
-        source: Topic or field of the message, in front of fields in errors.
+        source: Topic or field of the message; prefix of the fields that errors name.
 
     Raises:
-        InvalidInput: One cannot be used, or turns, or two share an id.
+        InvalidInput: A sphere is invalid or has an angular velocity, or two share an id.
     """
     _require_unique(source, {"spheres": message.spheres})
     return tuple(_sphere(f"{source}.spheres[{i}]", one) for i, one in enumerate(message.spheres))
 
 
 def bodies_of(message: Any, source: str) -> tuple[Obstacle, ...]:
-    """Return the bodies of a scene or an array, at its stamp; round ones are spheres.
+    """Return the bodies of a scene or an obstacle array, at the message's stamp.
+
+    A body whose primitive is a sphere becomes a `Sphere`.
 
     Args:
-        source: Topic or field of the message, in front of fields in errors.
+        source: Topic or field of the message; prefix of the fields that errors name.
 
     Raises:
-        InvalidInput: One cannot be used, or two share an id.
+        InvalidInput: A body is invalid, or two share an id.
     """
     _require_unique(source, {BODIES: value_at(message, BODIES, ())})
     found = list[Obstacle]()
@@ -63,10 +65,10 @@ def bodies_of(message: Any, source: str) -> tuple[Obstacle, ...]:
 
 
 def scene_obstacles_of(message: Any, source: str) -> tuple[Obstacle, ...]:
-    """Return spheres and bodies of a scene, at its stamp.
+    """Return the spheres and bodies of a scene, at its stamp.
 
     Raises:
-        InvalidInput: One cannot be used, or two share an id.
+        InvalidInput: An obstacle is invalid, or two share an id.
     """
     bodies = value_at(message, BODIES, ())
     _require_unique(source, {"spheres": message.spheres, BODIES: bodies})
@@ -74,10 +76,10 @@ def scene_obstacles_of(message: Any, source: str) -> tuple[Obstacle, ...]:
 
 
 def attached_bodies_of(message: Any, source: str) -> tuple[AttachedBody, ...]:
-    """Return the bodies that are fixed to a target body, of its message.
+    """Return the bodies in a target body's message, which are fixed to the target body.
 
     Raises:
-        InvalidInput: One cannot be used, or moves by itself.
+        InvalidInput: A body is invalid or has a velocity of its own.
     """
     found = list[AttachedBody]()
     for index, one in enumerate(value_at(message, BODIES, ())):
@@ -91,13 +93,13 @@ def attached_bodies_of(message: Any, source: str) -> tuple[AttachedBody, ...]:
 
 
 def solid_in(message: Any, field: str) -> Solid:
-    """Return the shape of an `Obstacle`: its primitive, or the hull of its mesh.
+    """Return the shape of an `Obstacle` message: its primitive, or its mesh's convex hull.
 
     Args:
-        field: Of the obstacle, in front of fields in errors.
+        field: Place of the obstacle; prefix of the fields that errors name.
 
     Raises:
-        InvalidInput: It has neither or both, or one that cannot be planned with.
+        InvalidInput: There is not exactly one primitive or mesh, or the shape is invalid.
     """
     primitives, meshes = message.primitive, message.mesh
     if len(primitives) + len(meshes) != 1:
@@ -109,16 +111,17 @@ def solid_in(message: Any, field: str) -> Solid:
 
 
 def primitive_sizes(solid: Solid) -> list[float]:
-    """Return a solid's dimensions in the order of messages: of round ones the length first."""
+    """Return a solid's dimensions as `SolidPrimitive` orders them: height before radius [m]."""
     sizes: list[float] = solid.sizes.tolist()
     return sizes if solid.kind == "box" else sizes[::-1]
 
 
 def require_zero(message: Any, path: str, why: str, field: str) -> None:
-    """Refuse a vector of a message that is not zero.
+    """Refuse a message whose vector at `path` is not zero.
 
     Raises:
-        InvalidInput: It is not; the field is in front of the path.
+        InvalidInput: The vector is not zero; `why` says why it must be, and the error names
+            `field`.`path`.
     """
     numbers = _vector(value_at(message, path), f"{field}.{path}")
     if numbers.any():

@@ -1,4 +1,4 @@
-"""The payload of a message, as it is or decoded from a bag, and the robot that holds it."""
+"""Payloads from ROS messages, or from messages decoded from a bag, and robots that hold them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _NAMES = names_in(Payload, FIELD, PAYLOAD) | {f"{FIELD}.shapes": f"{PAYLOAD}.{BO
 
 
 def robot_holding(robot: Robot, request: Any) -> Robot:
-    """Return the robot that a request is for: with the payload that it brings.
+    """Return the robot with the payload that a request brings, if it brings one.
 
     Raises:
-        InvalidInput: The payload cannot be used; the error names its field.
+        InvalidInput: The payload is invalid; the error names its field.
     """
     with fields_named(_NAMES):
         payload = payload_in(request)
@@ -27,10 +27,10 @@ def robot_holding(robot: Robot, request: Any) -> Robot:
 
 
 def payload_in(request: Any) -> Payload | None:
-    """Return the payload that a request brings; None: it brings none, or is of an older version.
+    """Return the payload of a request or a phase; None without one, as in older messages.
 
     Raises:
-        InvalidInput: It cannot be used; the error names its field.
+        InvalidInput: The payload is invalid; the error names its field.
     """
     found = value_at(request, PAYLOAD, ())
     if not len(found):

@@ -1,4 +1,4 @@
-"""Types and topics of the events that hold the requests and answers of service and action."""
+"""Types and topics of the service events that carry requests and answers to a bag."""
 
 # As a bag writes them, see `recorded_name`
 SERVICE_EVENT = "ff_planner_msgs/msg/PlanTrajectoryEvent"
@@ -13,10 +13,10 @@ REQUEST_RECEIVED, RESPONSE_SENT = 1, 2
 
 
 def recorded_name(type_name: str) -> str:
-    """Return the name under which a bag holds a type, `package/msg/Name`.
+    """Return the type name that a bag records for a ROS type, `package/msg/Name`.
 
-    A part of a service or an action is held as the message that has the same bytes; until version
-    0.3 under its own name, `package/srv/Name_Event`.
+    Parts of a service or an action are recorded as the message with the same bytes; before version
+    0.3 they kept their own name, `package/srv/Name_Event`.
     """
     package, _, rest = type_name.partition("/")
     kind, _, name = rest.partition("/")

@@ -1,4 +1,4 @@
-"""The target body of a message, as it is or decoded from a bag, as planning has it."""
+"""Target bodies from ROS messages, or from messages decoded from a bag without ROS."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ _FIXED = "the sphere is fixed to the body"
 
 
 def target_body_in(message: Any) -> TargetBody:
-    """Read a target body, at the stamp of its message.
+    """Return the target body of a message, at the message's stamp.
 
     Raises:
-        InvalidInput: It describes no body; the field is named as if the message's were
-            `target_body`.
+        InvalidInput: A field is invalid; the error names it below `target_body`.
     """
     require_zero(message, "inertia.com", "the frame is at the centre of mass", FIELD)
     names = dict(NAMED_AS)

@@ -1,4 +1,4 @@
-"""The motion in the message of a plan, as it is or decoded, as plain arrays."""
+"""The trajectory in a plan message, from ROS or decoded from a bag, as arrays."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 
 
 def trajectory_in(plan: Any) -> Trajectory:
-    """Return the motion of a plan's message, as it is or decoded; what it lacks is NaN.
+    """Return the trajectory in a plan message; a quantity that the message lacks is NaN.
 
     Raises:
-        ValueError: Its arrays do not fit each other.
+        ValueError: Two arrays of the message differ in their number of points or joints.
     """
     joints = plan.joint_trajectory
     points, count = joints.points, len(joints.joint_names)
@@ -41,10 +41,10 @@ def trajectory_in(plan: Any) -> Trajectory:
 
 
 def trajectory_of(answer: Any) -> Trajectory:
-    """Return the motion of an answer's plans, one after the other, as it is or decoded.
+    """Return the trajectory over all phases of an answer, one plan after the other.
 
     Raises:
-        ValueError: Its arrays do not fit each other.
+        ValueError: Two arrays of a plan differ in their number of points or joints.
     """
     first, *others = (trajectory_in(plan) for plan in answer.plans)
     for phase, motion in enumerate(others, start=1):
@@ -53,20 +53,20 @@ def trajectory_of(answer: Any) -> Trajectory:
 
 
 def begin_of(answer: Any, phase: int) -> float:
-    """Return when a phase begins, the first one being zero, from the first point on [s]."""
+    """Return when a phase (0: the first) begins, from the first phase's first point on [s]."""
     begins = [nanoseconds(answer.plans[k].joint_trajectory.header.stamp) for k in (0, phase)]
     return (begins[1] - begins[0]) / NANOSECONDS
 
 
 def poses_in(path: Any, points: int) -> Array:
-    """Return the poses of a path: positions and quaternions. Shape (points, 7) [m]; NaN: none."""
+    """Return a path's poses, x y z [m] and quaternion x y z w. Shape (points, 7); NaN if empty."""
     poses = [stamped.pose for stamped in path.poses]
     rows = [[*_xyz(p.position), *_xyz(p.orientation), p.orientation.w] for p in poses]
     return table(rows, points, 7)
 
 
 def twists_in(twists: Any, points: int) -> Array:
-    """Return twists, linear first. Shape (points, 6) [m/s, rad/s]; NaN: none."""
+    """Return twists, linear first. Shape (points, 6) [m/s, rad/s]; NaN if there are none."""
     return table([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists], points, 6)
 
 
@@ -75,7 +75,11 @@ def _xyz(vector: Any) -> tuple[float, float, float]:
 
 
 def table(rows: list[Any], points: int, width: int) -> Array:
-    """Return rows as an array of shape (points, width); NaN if the answer does not have them."""
+    """Return rows as an array of shape (points, width); NaN if every row is empty.
+
+    Raises:
+        ValueError: The rows have another number or width.
+    """
     if not any(len(row) for row in rows):
         return np.full((points, width), np.nan)
     table = np.array(rows, dtype=np.float64)

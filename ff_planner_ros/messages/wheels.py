@@ -1,4 +1,4 @@
-"""The wheels of a message, as it is or decoded: of a state, and of a plan."""
+"""Reaction wheels in the messages of a state and of a plan, from ROS or decoded from a bag."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:  # to read a bag's table loads no Pinocchio
 
 
 def wheel_momenta_in(state: Any, field: str, robot: Robot) -> Array | None:
-    """Return the momenta that a state tells of its wheels [N m s]; None: it tells none.
+    """Return the wheels' momenta in a state message. Shape (wheels,) [N m s]; None without any.
 
     Raises:
-        InvalidInput: The robot has no wheels, or another number of them.
+        InvalidInput: The robot has no wheels or another number, or a momentum is not finite.
     """
     found = value_at(state, "wheel_momenta", ())  # older messages have none
     if not len(found):
@@ -30,10 +30,10 @@ def wheel_momenta_in(state: Any, field: str, robot: Robot) -> Array | None:
 
 
 def wheels_in(plan: Any) -> WheelMotion | None:
-    """Return what a plan's message says of the chaser's wheels; None: nothing.
+    """Return the wheels' momenta and torques in a plan message; None without any.
 
     Raises:
-        ValueError: Its arrays do not fit each other.
+        ValueError: Its number of wheel points or of wheels is not the same throughout.
     """
     told = value_at(plan, "wheels", ())  # older messages have none
     if not len(told):
@@ -45,7 +45,7 @@ def wheels_in(plan: Any) -> WheelMotion | None:
 
 
 def wheels_of(answer: Any) -> WheelMotion | None:
-    """Return what the wheels hold and give in all plans of an answer; None: nothing is told."""
+    """Return the wheels' motion over all phases of an answer; None if a phase lacks it."""
     first, *others = (wheels_in(plan) for plan in answer.plans)
     for after in others:
         first = None if first is None or after is None else first.followed_by(after)

@@ -1,4 +1,4 @@
-"""Callbacks in a thread of their own, and calls of an action server from that thread."""
+"""Runs an executor in a background thread, and calls action servers from that thread."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from rclpy.task import Future as RosFuture
 
 
 class StopRequest:
-    """Whether SIGINT or SIGTERM has come; made in the main thread, it alone handles both.
+    """A flag that SIGINT and SIGTERM set; to be constructed in the main thread.
 
-    Only noted: an exception out of nowhere could be lost, or leave a process without its owner.
+    The handlers raise nothing: an exception at an arbitrary line could be lost, or leave a child
+    process without its owner.
     """
 
     def __init__(self) -> None:
-        """Note signals from now on."""
+        """Replace the handlers of both signals."""
         self._has_come = False
         # Python handles signals in the main thread, but wakes it up from a lock only if the system
         # has delivered the signal to it. A byte is written in whatever thread it comes.
@@ -36,11 +37,11 @@ class StopRequest:
         self._has_come = True
 
     def is_set(self) -> bool:
-        """Tell whether one has come."""
+        """Return whether one of the signals has arrived."""
         return self._has_come
 
     def wait(self) -> None:
-        """Wait until one comes, in the main thread."""
+        """Block the main thread until one of the signals arrives."""
         while not self._has_come:
             self._bytes.recv(1)
 
@@ -88,8 +89,8 @@ def ask(executor: SingleThreadedExecutor, call: Callable[[], RosFuture]) -> Futu
     noted is ignored as unexpected (https://github.com/ros2/rclpy/issues/1123).
 
     Args:
-        executor: Of the action's client, spinning in the background.
-        call: For instance `handle.cancel_goal_async`.
+        executor: Executor of the action client's node, spinning in the background.
+        call: Sends the request, for instance `handle.cancel_goal_async`.
 
     Returns:
         The response, to be waited for in any thread but the executor's.

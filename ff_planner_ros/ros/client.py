@@ -53,10 +53,10 @@ _REFUSAL_PATIENCE = 2.0
 
 
 class RefusedGoals:
-    """The planner's answers to goals that its action refuses: a client is told a mere no."""
+    """Listens for the answers to rejected goals, which rclpy does not pass to their clients."""
 
     def __init__(self, node: Node) -> None:
-        """Listen; an executor has to spin the node."""
+        """Subscribe to the events of results; the caller has an executor spin the node."""
         self._answers: dict[bytes, PlanAnswer] = {}
         self._came = threading.Condition()
         self._events = node.create_subscription(
@@ -65,14 +65,14 @@ class RefusedGoals:
 
     @property
     def can_hear(self) -> bool:
-        """Whether somebody is there who would tell."""
+        """Whether a planner publishes these events."""
         return bool(self._events.get_publisher_count())
 
     def require_accepted(self, goal: ClientGoalHandle) -> None:
-        """Let a goal pass that was accepted.
+        """Raise the planner's answer to a goal if the planner rejected the goal.
 
         Raises:
-            FfPlannerError: The planner's answer to one that was refused.
+            FfPlannerError: The goal was rejected; the status is BUSY if no answer arrives in time.
         """
         if goal.accepted:
             return
@@ -94,15 +94,15 @@ class RefusedGoals:
 
 
 def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> PlanRequest:
-    """Return the request for a scenario's goal.
+    """Return the request for a scenario's goal and phases.
 
     Args:
-        frame: The node's inertial frame.
-        bring: What of the scenario goes with it, instead of what the node has received: `state`,
-            `obstacles`, `target_body`.
+        frame: Name of the node's inertial frame.
+        bring: Inputs that the request carries from the scenario, instead of those that the node
+            has received: any of `state`, `obstacles`, `target_body`.
 
     Raises:
-        InvalidInput: The scenario is refused.
+        InvalidInput: The scenario is invalid.
     """
     task = load_task(scenario, Defaults(load_parameters().planner))
     problem, names = task.problem, task.problem.robot.joint_names
@@ -118,7 +118,7 @@ def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> P
 
 
 def request_of_task(task: PlanningTask, frame: str) -> PlanRequest:
-    """Return the request for a task's goal and phases, from the node's own state and scene."""
+    """Return the request for a task's goal and phases; state and scene are left to the node."""
     robot = task.problem.robot
     request = request_message(task.problem, frame)
     request.then = [phase_message(one, robot.joint_names, frame) for one in task.then]
@@ -128,14 +128,14 @@ def request_of_task(task: PlanningTask, frame: str) -> PlanRequest:
 
 
 def request_of_nothing(frame: str) -> PlanRequest:
-    """Return a request that says nothing yet but its goal's frame."""
+    """Return a request in which only the frame of the goal is set."""
     request = PlanRequest()
     request.goal.pose.header.frame_id = frame
     return request
 
 
 def change_request(request: PlanRequest, settings: Sequence[str]) -> None:
-    """Put each `key=value` into a request.
+    """Set fields of a request by `key=value`, with the keys of a scenario.
 
     Raises:
         InvalidInput: A key is unknown, or a value is not allowed.
@@ -153,7 +153,7 @@ def answer_of_node(request: PlanRequest, patience: float, ros_arguments: list[st
         patience: How long the action may take to appear [s].
 
     Raises:
-        FfPlannerError: The node does not take the request up, or ends.
+        FfPlannerError: The node rejects the goal, or ends before it answers.
         InvalidInput: No node offers the action.
     """
     goal = PlanTrajectory.Goal(request=request)

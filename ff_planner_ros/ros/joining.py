@@ -1,4 +1,4 @@
-"""Joining ROS: what rclpy cannot do there is a refusal in plain words, not a traceback."""
+"""Initialisation of ROS, with errors that say what to change instead of tracebacks."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _DEMANDED, _ENFORCED = "true", "Enforce"
 
 @contextmanager
 def joining_ros() -> Iterator[None]:
-    """Refuse what rclpy raises while a process initialises ROS or creates its first node.
+    """Turn rclpy's errors into `InvalidInput` while ROS is initialised or a first node created.
 
     Raises:
-        InvalidInput: The arguments, or security is demanded that cannot be had.
+        InvalidInput: rclpy refuses the arguments, or security is enabled but not available.
     """
     try:
         with warnings.catch_warnings():
@@ -44,7 +44,7 @@ def joining_ros() -> Iterator[None]:
 
 
 def security_gap() -> str:
-    """Return words on security that is asked for and may silently be left out; empty: none."""
+    """Return a warning if ROS security is enabled but not enforced, else an empty string."""
     if os.environ.get(_ENABLE) == _DEMANDED and os.environ.get(_STRATEGY) != _ENFORCED:
         return (
             f"{_ENABLE} is true, but {_STRATEGY} is not {_ENFORCED}: without keys this node runs "

@@ -22,7 +22,7 @@ _THREADS = 8
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; `arguments` hold those of ROS, None: of the process.
+    """Run the node until SIGINT or SIGTERM, with ROS arguments; None: those of the process.
 
     Returns:
         Exit code: 0 stopped by a signal, 2 refused to start.

@@ -1,7 +1,7 @@
-"""The node's ROS parameters: declared from the one list there is, and judged when they change.
+"""The node's ROS parameters: declared from `parameters.DECLARATIONS`, checked on every change.
 
-Whoever may set parameters must not get a plan past the check that the configured node would refuse,
-nor have the process read or write where it was not told to.
+A change must not get a plan past the check that the configured node would refuse, nor make the
+process read or write files that it was not started with.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ _TRANSITIONS = "lifecycle transitions deactivate and cleanup"
 
 
 class LiveParameters:
-    """The parameters of a running node: what may change does so between two plans.
+    """The parameters of a running node; a change counts from the next request on.
 
     While the node is configured, tolerances, margins and limits may only be tightened.
     """
 
     def __init__(self, node: Node) -> None:
-        """Declare every parameter; overrides go before the values of `config/planner.yaml`.
+        """Declare every parameter; overrides replace the values of `config/planner.yaml`.
 
         Raises:
-            InvalidInput: An override that is unknown, of the wrong type or out of its range.
+            InvalidInput: An override is unknown, of the wrong type or out of its range.
         """
         self.current = _declared(node)
         self.configured = False  # whether a robot is loaded, by what the parameters are now
@@ -73,10 +73,10 @@ class LiveParameters:
         node.add_post_set_parameters_callback(self._take)
 
     def learn(self, values: Mapping[str, Any]) -> None:
-        """Take over what the controller says of itself, looser values too, and tell of it.
+        """Set parameters to values read from the controller, even to looser ones.
 
         Raises:
-            InvalidInput: A value that makes no sense.
+            InvalidInput: A value is refused.
         """
         self._learner = threading.get_ident()
         try:
@@ -129,7 +129,7 @@ class LiveParameters:
 
 
 def stricter_since(then: NodeParameters, now: NodeParameters) -> list[str]:
-    """Return the names of tolerances, margins and limits that have been tightened."""
+    """Return the names of tolerances, margins and limits that are stricter now than then."""
     return [
         name
         for name, declared in DECLARATIONS.items()
@@ -139,10 +139,10 @@ def stricter_since(then: NodeParameters, now: NodeParameters) -> list[str]:
 
 
 def changed(parameters: NodeParameters, changes: list[Parameter]) -> NodeParameters:
-    """Return the parameters with some values replaced; names that are not ours are left out.
+    """Return the parameters with some values replaced; unknown names are ignored.
 
     Raises:
-        InvalidInput: A value that makes no sense.
+        InvalidInput: A value is invalid.
     """
     for change in changes:
         parameters = replaced(parameters, change.name, _value(change))

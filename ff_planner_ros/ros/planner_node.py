@@ -1,4 +1,4 @@
-"""The lifecycle node `ff_planner`: what exists in which state, and how one becomes the other."""
+"""The lifecycle node `ff_planner`: what each transition creates and destroys."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ff_planner_ros.ros.session import Session
 
 
 class PlannerNode(LifecycleNode):
-    """Unconfigured: only parameters. Inactive: requests are refused, NOT_ACTIVE. Active: all."""
+    """The planner as a lifecycle node; inactive, it refuses requests with NOT_ACTIVE."""
 
     def __init__(self, worker: Worker) -> None:
         """Declare the parameters; the worker, which plans, outlives the node.
@@ -49,7 +49,7 @@ class PlannerNode(LifecycleNode):
         return self._attempt(configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Publish, and answer requests, once the solver is ready for them."""
+        """Wait until the solver is loaded, then open the publishers and accept requests."""
 
         def activate() -> None:
             self._worker.wait_until_warm()
@@ -60,7 +60,7 @@ class PlannerNode(LifecycleNode):
         return self._attempt(activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give up what is being planned, and publish no more."""
+        """Refuse requests, give up the current one, and close the publishers."""
 
         def deactivate() -> None:
             self.stop_planning(Status.NOT_ACTIVE, "the planner is not active any more")
@@ -69,24 +69,24 @@ class PlannerNode(LifecycleNode):
         return self._attempt(deactivate)
 
     def on_cleanup(self, _: LifecycleState) -> TransitionCallbackReturn:
-        """Disconnect and close the bag; requests that come meanwhile may be sent again."""
+        """Disconnect and close the bag; requests that arrive meanwhile get NOT_ACTIVE."""
         return self._attempt(self._clean_up)
 
     def on_shutdown(self, _: LifecycleState) -> TransitionCallbackReturn:
-        """Disconnect and close the bag, from whatever state."""
+        """Disconnect and close the bag, from any state."""
         return self._attempt(self.close)
 
     def on_error(self, _: LifecycleState) -> TransitionCallbackReturn:
-        """Go back to the beginning."""
+        """Clean up, so that the node is unconfigured."""
         return self._attempt(self._clean_up)
 
     def stop_planning(self, status: Status, message: str) -> None:
-        """Take up no more requests, and give up the one that is."""
+        """Refuse new requests and give up the current one, with this status and message."""
         if self._session is not None:
             self._session.stop_planning(status, message)
 
     def linger(self) -> None:
-        """Wait while requests that were on their way still come, and are answered."""
+        """Wait until requests that are already on their way have been answered."""
         if self._session is not None:
             self._session.linger()
 
@@ -96,8 +96,8 @@ class PlannerNode(LifecycleNode):
         """Disconnect and close the bag, whatever state the node is in and without a transition.
 
         Args:
-            status: Of the answers to requests that still come.
-            message: Of them, too.
+            status: Status of answers to requests that are given up or still arrive.
+            message: Message of these answers.
         """
         self.stop_planning(status, message)
         session, self._session = self._session, None

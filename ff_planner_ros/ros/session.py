@@ -142,19 +142,19 @@ class Session:
             self._stack = stack.pop_all()
 
     def activate(self) -> None:
-        """Answer requests from now on."""
+        """Publish the robot's description, and accept requests."""
         self._output.describe_robot(self._description)
         self._service.activate()
         recording = "not recording" if self._recorder.health.failure else "recording"
         self._node.get_logger().info(f"ready; {recording} to {self._bag}")
 
     def stop_planning(self, status: Status, message: str) -> None:
-        """Take up no more requests, and give up the one that is."""
+        """Refuse new requests, give up the current one, and abort plans not yet handed over."""
         self._service.deactivate(status, message, _LAST_ANSWER)
         self._output.execution.withdraw(message)
 
     def linger(self) -> None:
-        """Wait while requests that were on their way still come, and are answered."""
+        """Wait until requests that are already on their way have been answered."""
         self._service.linger()
 
     def close(self) -> None:

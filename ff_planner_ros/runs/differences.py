@@ -1,4 +1,4 @@
-"""By how much two answers to the same request differ, quantity by quantity."""
+"""Differences of two answers to the same request, quantity by quantity."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRICS
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 
-# On one machine, a plan comes out the same to the last bit. Another processor has other kernels of
-# linear algebra, which round otherwise, and the search carries that on: as measured with the five
-# kernels of OpenBLAS for x86 on the paper's capture, up to 1.3e-7 rad and 5e-7 N m. A hundred times
-# that is tolerated, a hundredth of what the check of a plan allows.
+# On one machine, a plan is the same to the last bit. Another processor has other kernels of linear
+# algebra, which round otherwise, and the search amplifies that: measured with the five kernels of
+# OpenBLAS for x86 on the paper's capture, up to 1.3e-7 rad and 5e-7 N m. The tolerances are a
+# hundred times that, and a hundredth of what the check of a plan allows.
 _RAD, _RAD_S, _RAD_S2, _METRE, _METRE_S, _TORQUE = 1e-5, 1e-5, 2e-5, 1e-5, 1e-5, 5e-5
 _XI = 1e-5  # coefficients of a polynomial [m/s^6 and so on]
-_SECOND = 1e-5  # of a duration that the planner chose; one that is given stays the same
+_SECOND = 1e-5  # of a duration that the planner chose; a given duration stays the same
 _ANY = math.inf  # describes the search, not the plan
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is compared."""
+    """Unit and tolerance of a quantity."""
 
     unit: str
     tolerance: float  # a larger difference counts
@@ -62,14 +62,12 @@ class Difference:
     """A quantity that is not the same to the last bit."""
 
     quantity: str  # one of `QUANTITIES`
-    # The largest difference, in the quantity's unit; infinite where the two cannot be
-    # compared
-    amount: float
+    amount: float  # the largest difference, in the quantity's unit; infinite: not comparable
     where: str  # point, joint or entry, in words; may be empty
 
     @property
     def tolerances(self) -> float:
-        """The amount as a multiple of the tolerance."""
+        """Amount of the difference as a multiple of the tolerance."""
         tolerance = QUANTITIES[self.quantity].tolerance
         if math.isinf(tolerance) or self.amount == 0.0:
             return 0.0
@@ -77,11 +75,11 @@ class Difference:
 
     @property
     def is_tolerable(self) -> bool:
-        """Whether another processor may well be the cause."""
+        """Whether the difference is within the tolerance, so that another processor explains it."""
         return self.tolerances <= 1.0
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return quantity, amount, place and tolerance in words."""
         kind = QUANTITIES[self.quantity]
         words = f"{self.quantity} by {self.amount:.3g} {kind.unit}".rstrip()
         place = f" at {self.where}" if self.where else ""
@@ -89,9 +87,12 @@ class Difference:
 
 
 def differences(recorded: PlanAnswer, replayed: PlanAnswer) -> list[Difference]:
-    """Compare two answers of the same status; nothing found: they are the same to the last bit.
+    """Return the differences of two answers of the same status; empty: the same to the last bit.
 
-    Wall clock and words are not compared.
+    Times of planning, texts, and metrics that the recorded answer lacks are not compared.
+
+    Raises:
+        ValueError: Arrays of an answer do not fit each other.
     """
     pairs = zip(_values(recorded), _values(replayed), strict=True)
     return [
@@ -135,7 +136,7 @@ def _difference(name: str, before: Array, now: Array) -> Difference | None:
 
 
 def _angles(before: Array, now: Array) -> Array:
-    """Return the angle between attitudes, of each point [rad]; exact where it is small."""
+    """Return the angle between two attitudes at each point [rad], exact for small angles, too."""
     away = np.minimum(
         np.linalg.norm(now - before, axis=1), np.linalg.norm(now + before, axis=1)
     ).clip(max=2.0)

@@ -1,4 +1,4 @@
-"""The requests in a bag as scenario files: `ff-planner plan` makes the recorded plans of them."""
+"""Export of a bag's requests as scenario files, from which `ff-planner plan` plans again."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ff_planner_ros.runs.recorded_run import recorded_run
 
 
 def export_scenarios(bag: Path, directory: Path) -> tuple[str, ...]:
-    """Write each request that can be rebuilt to a file of its plan's name in a new directory.
+    """Write each request that can be rebuilt to a file named by its plan id in a new directory.
 
     Returns:
         Notes: what is wrong with the bag, what had to be assumed, which requests are left out.
 
     Raises:
         BagError: The bag cannot be read, holds no request, or the directory exists.
-        InvalidInput: The URDF in it is refused.
+        InvalidInput: The URDF in the bag is invalid.
     """
     with open_bag(bag) as opened:
         run = recorded_run(opened)

@@ -1,4 +1,4 @@
-"""What a bag holds as messages of the types that are installed here."""
+"""Recorded messages, copied into the message classes that are installed here."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def installed_exchanges(bag: Bag) -> list[PlanExchange]:
 
 
 def brief_exchanges(bag: Bag) -> list[PlanExchange]:
-    """Return what `installed_exchanges` does, without the motion: of its points only the times.
+    """Return the `installed_exchanges` without the motion; of its points only the times.
 
     That takes a tenth of the time and of the memory; `with_motion` brings the rest.
 
@@ -94,7 +94,7 @@ def _brief_plan(plan: Any) -> PlanMessage:
 
 
 def never_published(bag: Bag, found: Sequence[PlanExchange]) -> frozenset[str]:
-    """Return the ids of the plans that were asked for with plan_only, and never published.
+    """Return the ids of the plans that were requested with `plan_only` and never published.
 
     Raises:
         BagError: The disk fails.
@@ -113,11 +113,11 @@ def never_published(bag: Bag, found: Sequence[PlanExchange]) -> frozenset[str]:
 def as_installed(decoded: Any, message_class: type[T], without: Container[str] = ()) -> T:
     """Copy a decoded message, or a part of a service or an action, into an installed class.
 
-    Fields that were not recorded, and those that are not wanted, keep their default; unknown
-    fields are dropped.
+    Fields that were not recorded, and those in `without`, keep their default, but metrics are NaN
+    then. Unknown fields are dropped.
 
     Raises:
-        BagError: A field has another type than was recorded.
+        BagError: A field was recorded as another type than is installed here.
     """
     kind: Any = message_class
     message: T = kind(check_fields=True)  # otherwise rosidl takes anything for anything

@@ -30,9 +30,9 @@ from ff_planner_ros.ros.messages.from_odometry import (
 )
 from ff_planner_ros.runs.recorded_inputs import input_topic
 
-# Of a plan, evenly in time: each takes a tenth of a millisecond, and a curve shows 400 of them.
+# Per plan, evenly in time: each takes a tenth of a millisecond, and a curve shows 400 of them.
 MOST_STATES = 5_000
-# What a message that is decoded by another definition than ours may raise
+# Errors that a message decoded by another definition than ours may raise
 _UNREADABLE = (InvalidInput, BagError, AttributeError, TypeError, ValueError)
 
 Stamped: TypeAlias = tuple[int, Message]  # with the time of its measurement [ns]
@@ -40,23 +40,23 @@ Stamped: TypeAlias = tuple[int, Message]  # with the time of its measurement [ns
 
 @dataclass(eq=False)
 class Window:
-    """A time during which states are wanted, and the states found."""
+    """A time span during which states are wanted, and the states found."""
 
-    namespace: str  # of the node whose plan runs, without a slash at its end
+    namespace: str  # of the node whose plan runs, without a trailing slash
     frame: str  # the inertial frame of the plan
     start_ns: int  # first time that is wanted [ns]
     end_ns: int  # last time that is wanted [ns]
     # By the time of their measurement [ns]
     states: dict[int, SystemState] = field(default_factory=dict)
-    # Why messages could not be read as a state of the robot
+    # Reasons why messages could not be read as a state of the robot
     unusable: list[str] = field(default_factory=list)
-    left_out: int = 0  # number of messages beside those that were read, beyond MOST_STATES
+    left_out: int = 0  # number of messages not read, because there are more than MOST_STATES
 
 
 def fill_windows(
     bag: Bag, robot: Robot, parameters: NodeParameters, windows: Sequence[Window]
 ) -> None:
-    """Put the states that a bag holds into the windows that they belong to.
+    """Fill windows with the measured states in a bag, read from the topics of `state_source`.
 
     Raises:
         BagError: The disk fails.
@@ -78,7 +78,7 @@ def fill_windows(
 def _measure_apart(
     bag: Bag, robot: Robot, sensor: OdometryParameters, windows: Sequence[Window]
 ) -> None:
-    """Pair odometry with the joint states nearest in time."""
+    """Fill windows with states from odometry and the joint states nearest in time."""
     kept = _kept(bag, ODOMETRY, windows)
     for window, chasers, arms in zip(windows, kept, _nearest(bag, windows, kept), strict=True):
         for (stamp_ns, odometry), (apart_ns, joint_states) in zip(chasers, arms, strict=True):
@@ -96,7 +96,7 @@ def _measure_apart(
 
 
 def _kept(bag: Bag, topic: InputTopic, windows: Sequence[Window]) -> list[list[Stamped]]:
-    """Return the messages of each window, at most one in each of many equal times, by stamp.
+    """Return the messages of each window by stamp, at most one per `MOST_STATES`-th of its span.
 
     Of messages with the same stamp the last counts.
     """
@@ -118,7 +118,7 @@ def _nearest(
 ) -> list[list[tuple[int, Message | None]]]:
     """Return the joint states nearest to each message kept, and how far they are apart [ns].
 
-    Of those equally near, the last heard are taken.
+    Of joint states equally near, the last heard is taken.
     """
     stamps = [[stamp_ns for stamp_ns, _ in messages] for messages in kept]
     # Between two messages kept, only the first and the last joint states can be the nearest.
@@ -136,7 +136,7 @@ def _nearest(
 def _nearest_of(
     stamps: Sequence[int], first: Mapping[int, Stamped], last: Mapping[int, Stamped]
 ) -> list[tuple[int, Message | None]]:
-    """Return the nearest to each stamp, of what is first and last in the gap before it."""
+    """Return the nearest joint states to each stamp, from the first and last in each gap."""
     before, after = list[Stamped | None](), list[Stamped | None]()
     for k in range(len(stamps)):
         before.append(last.get(k, before[-1] if before else None))
@@ -169,7 +169,7 @@ def _stamped(
 
 
 def _stamped_in(windows: Sequence[Window]) -> Callable[[bytes], bool]:
-    """Return what tells of the bytes of a message whether its stamp is in any window."""
+    """Return a function that decides from a message's bytes if its stamp is in any window."""
     starts: list[int] = []
     ends: list[int] = []
     for start, end in sorted((window.start_ns, window.end_ns) for window in windows):

@@ -1,4 +1,4 @@
-"""When the node read a request, and which messages it had received by then."""
+"""When the node read a request, and which of its inputs the answer names."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def moment(exchange: PlanExchange, recorded: RecordedParameters) -> tuple[int, M
     # The request may have waited for another one.
     waited_ns = now_ns - exchange.received_ns if exchange.received_ns else 0
     stamps_ns = _stamps(exchange, recorded.at(now_ns))
-    # Zero: the message heard last was used.
+    # Zero: not named, the message heard last was used.
     named = {name: stamp_ns for name, stamp_ns in stamps_ns.items() if stamp_ns}
     return now_ns, Moment(exchange.logged_ns + waited_ns, named, tuple(stamps_ns))
 
@@ -28,7 +28,7 @@ def _received(exchange: PlanExchange, recorded: RecordedParameters) -> int:
     if response is not None and nanoseconds(response.inputs.received_stamp):
         return nanoseconds(response.inputs.received_stamp)
     received_ns = exchange.received_ns or exchange.logged_ns
-    # Answers of versions that do not tell it: the time follows from other fields.
+    # Answers of earlier versions lack it: the time follows from other fields.
     if request is not None and response is not None and response.status.code == Status.SOLVED:
         if request.start_state and not nanoseconds(request.start_state[0].header.stamp):
             return nanoseconds(response.inputs.state_stamp)
@@ -40,7 +40,7 @@ def _received(exchange: PlanExchange, recorded: RecordedParameters) -> int:
 
 
 def _stamps(exchange: PlanExchange, parameters: NodeParameters) -> dict[str, int]:
-    """Return the stamp of every input that was used; zero where the response lacks it."""
+    """Return the stamp of every input that was used; zero if the response lacks it."""
     request, response = exchange.request, exchange.response
     if request is None or response is None:
         return {}

@@ -1,4 +1,4 @@
-"""A bag of a plan that was made without a running node: the same topics, the same types."""
+"""Writes a bag of a plan made without a node, with the topics and types that a node records."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STATE_QOS
 from ff_planner_ros.ros.recorder.recorder import offered_qos
 from ff_planner_ros.ros.requests.reading import Provenance
 
-# What `ff-planner plan` plans with, if not with a baseline.
+# The method of `ff-planner plan`, unless it is a baseline.
 OPTIMAL = "optimal"
 
 
@@ -65,18 +65,18 @@ def record_answer(
     scenario: Path | None = None,
     method: str = OPTIMAL,
 ) -> None:
-    """Write task and answer as the node would have recorded them.
+    """Write a task and its answer to a new bag, as the node would have recorded them.
 
     Args:
         directory: The bag; must not exist.
         answer: The plan, or why there is none.
-        solve_time: Wall clock of the answer [s].
-        scenario: The file that the task is from, if it is from one.
-        method: That made the plan; only OPTIMAL is what a node answers with.
+        solve_time: Wall-clock time of planning [s].
+        scenario: File that the task was loaded from, to be attached; None: no file.
+        method: Name of the planning method; a replay refuses any other than OPTIMAL.
 
     Raises:
         BagError: The directory exists or cannot be written.
-        InvalidInput: The task has something that no request to the node can ask for.
+        InvalidInput: The task has a field that no request to the node can hold.
     """
     require_recordable(task)
     problem, now = task.problem, time.time_ns()
@@ -147,10 +147,10 @@ def record_answer(
 
 
 def require_recordable(task: PlanningTask) -> None:
-    """Refuse a task that a request to the node cannot hold.
+    """Refuse a task that no request to the node can hold.
 
     Raises:
-        InvalidInput: It has something that requests have no field for.
+        InvalidInput: A field of the task has no place in a request.
     """
     target, captured = task.problem.target, task.problem.target_body is not None
     window = task.problem.duration_range
@@ -172,7 +172,7 @@ def require_recordable(task: PlanningTask) -> None:
 
 
 def _used(task: PlanningTask) -> dict[str, Any]:
-    """Return the parameters with which a node makes the same task of the request."""
+    """Return the parameters with which a node reads the same task from the request."""
     robot, limits, controller = task.problem.robot, task.problem.limits, task.controller
     required = requirements_written(task.problem.requirements)
     wheels = robot.wheels or Wheels()  # without, they are not looked at
@@ -225,7 +225,7 @@ def _used(task: PlanningTask) -> dict[str, Any]:
 
 
 def _events(request: PlanRequest, answer: PlanAnswer, now: int) -> list[PlanTrajectory.Event]:
-    """Return the request and the answer as service introspection tells of them."""
+    """Return request and answer as events of service introspection."""
     received, sent = (
         ServiceEventInfo(event_type=kind, stamp=time_message(now), sequence_number=1)
         for kind in (ServiceEventInfo.REQUEST_RECEIVED, ServiceEventInfo.RESPONSE_SENT)

@@ -1,4 +1,4 @@
-"""The states and obstacles of a bag that the node had received by certain times."""
+"""Input messages in a bag that the node had received by certain times."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ff_planner_ros.ros.messages.interfaces import type_name
 
 @dataclass(frozen=True)
 class Moment:
-    """What is wanted of a moment."""
+    """When the node read a request, and the inputs that the response depends on."""
 
-    logged_ns: int  # when it was, by the recorder's clock [ns]
-    # Of the messages that a response names, by input [ns]; of other inputs, everything that
-    # the node remembers is wanted
+    logged_ns: int  # time by the recorder's clock [ns]
+    # Stamps of the messages that the response names, by input [ns]; of other inputs, all messages
+    # that the node remembers are wanted
     stamps_ns: Mapping[str, int]
-    inputs: Sequence[str]  # that the response depends on
+    inputs: Sequence[str]  # names of all inputs
 
 
 # What the node had heard at a moment: messages by input, in the order of hearing.
@@ -33,13 +33,14 @@ Heard: TypeAlias = dict[str, list[Message]]
 
 
 def input_topic(bag: Bag, name: str, namespace: str) -> str:
-    """Return the topic of an input (one of `INPUT_TOPICS`) of a planner.
+    """Return the topic of an input of a planner: by its name, or else the only one of its type.
 
-    It has the input's name in the planner's namespace (without a slash at its end), or is the only
-    one of its type.
+    Args:
+        name: Name of the input in `INPUT_TOPICS`.
+        namespace: Namespace of the planner, without a trailing slash.
 
     Raises:
-        BagError: There is none, or there are several and none has the name.
+        BagError: No topic has the type, or several have it and none has the name.
     """
     wanted, kind = f"{namespace}/{name}", type_name(INPUT_TOPICS[name].message_type)
     topics = [
@@ -56,11 +57,11 @@ def input_topic(bag: Bag, name: str, namespace: str) -> str:
 
 
 def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> list[Heard]:
-    """Return what the node had heard at each moment; what is not in the bag is left out.
+    """Return the messages that the node had heard at each moment, as far as the bag has them.
 
     Args:
-        bag: Open; read once, and only what is asked for is kept.
-        topics: By input; those that are not there are left out.
+        bag: An open bag, which is read once.
+        topics: Names of topics, by input.
         moments: In any order.
 
     Raises:
@@ -100,7 +101,7 @@ def _take_recent(answer: Heard, moment: Moment, recent: Mapping[str, deque[Messa
 def _take_stamped(
     answer: Heard, moment: Moment, stamped: Mapping[tuple[str, int], list[Message]]
 ) -> None:
-    """Take the messages that a response names; of several with one stamp the last one before."""
+    """Take the messages that a response names; of equal stamps the last one before the moment."""
     for name, stamp_ns in moment.stamps_ns.items():
         same = stamped.get((name, stamp_ns), [])
         # A recorder may hear a message a little later than the node.
@@ -110,9 +111,9 @@ def _take_stamped(
 
 
 def _take_first(answer: Heard, moment: Moment, first: Mapping[str, Message]) -> None:
-    """Take the first message where none was recorded before: the recorder may hear it later.
+    """Take the first message if none was recorded before: the recorder may hear it later.
 
-    An input without which the node plans, too, was not there then.
+    An optional input is not taken: the node may have had none.
     """
     for name in moment.inputs:
         is_open = name not in moment.stamps_ns and not answer.get(name)

@@ -1,4 +1,4 @@
-"""The parameters of a recorded node: as attached to its bag, and as they changed afterwards."""
+"""Parameters of a recorded node: as attached to its bag, and as they changed afterwards."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _FIELD_OF_TYPE = {
 
 
 class RecordedParameters:
-    """What the parameters were at any time of a run."""
+    """The parameters of a recorded node at any time."""
 
     def __init__(self, bag: Bag, node: str) -> None:
-        """Read those of one node, given by its full name.
+        """Read the parameters of one node, given by its full name.
 
         Raises:
-            BagError: The bag does not hold them, or holds what is none.
+            BagError: The bag has no parameters attached, or invalid ones.
         """
         self.notes: list[str] = []  # what had to be assumed
         self._changes: list[tuple[int, NodeParameters]] = []
@@ -74,8 +74,8 @@ class RecordedParameters:
             raise BagError(f"bag {bag.path} has no {_ATTACHED} attached, or an empty one") from None
         except (InvalidInput, TypeError, ValueError):
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
-        # Where `ff-planner plan --bag` of earlier versions attached none, plans start at once; and
-        # obstacles that moved were of any age; and joints that slide were held.
+        # Without these in a bag of `ff-planner plan --bag` of an earlier version, plans started at
+        # once, moving obstacles were of any age, and prismatic joints were locked.
         before: dict[str, Any] = {"planning_lead_time": 0.0, "obstacles_max_age": ANY_AGE}
         before["robot.slide_weight"] = 0.0
         # And plans ended at their goal, which until version 0.3 was the default.
@@ -98,7 +98,7 @@ class RecordedParameters:
 
 
 def _value(message: ParameterValue) -> Any:
-    """Return a value; an array becomes a tuple, and None is a parameter that was not set."""
+    """Return a parameter's value; an array becomes a tuple, and a value not set None."""
     if message.type == ParameterType.PARAMETER_NOT_SET:
         return None
     if message.type not in _FIELD_OF_TYPE:
@@ -109,7 +109,7 @@ def _value(message: ParameterValue) -> Any:
 
 
 def _shortened(names: Sequence[str]) -> list[str]:
-    """Return names of parameters, a group that is among them as a whole as `group.*`."""
+    """Return names of parameters, with `group.*` for each group of which all are among them."""
 
     def members(group: str, of: Iterable[str]) -> int:
         return sum(name.startswith(f"{group}.") for name in of)

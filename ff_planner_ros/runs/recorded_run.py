@@ -1,4 +1,4 @@
-"""A bag as the requests that a planner got, each with all that the planner knew when it read it."""
+"""Requests rebuilt from a bag, each with all that the planner knew when it read the request."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ class RecordedRequest:
     door: str  # `service` or `action`
     request: PlanRequest | None  # None where the bag holds the answer alone
     response: PlanAnswer | None  # None where the bag holds no answer
-    inputs: Knowledge | None  # what the node knew; None where that cannot be rebuilt
-    missing: str  # why the inputs cannot be rebuilt; empty where they can
+    inputs: Knowledge | None  # what the node knew; None if that cannot be rebuilt
+    missing: str  # why the inputs cannot be rebuilt; empty if they can
     # Inputs whose stamps the response does not name: the message recorded last before the
     # request was read is taken as the one that the node used
     by_time: tuple[str, ...]
 
     @property
     def status(self) -> Status | None:
-        """The recorded answer's; None without answer, or with one that is not known here."""
+        """Status of the recorded answer; None without an answer, or if it is unknown here."""
         if self.response is None or self.response.status.code not in iter(Status):
             return None
         return Status(self.response.status.code)
@@ -54,7 +54,7 @@ class RecordedRequest:
 
         Raises:
             BagError: The bag does not hold all that the node knew.
-            InvalidInput: The request is refused.
+            InvalidInput: The request is refused, as by the node.
         """
         if self.request is None or self.inputs is None:
             raise BagError(self.missing)
@@ -63,11 +63,11 @@ class RecordedRequest:
 
 @dataclass(frozen=True, eq=False)
 class RecordedRun:
-    """What a bag says of planning."""
+    """The robot and all planning requests of a bag."""
 
     robot: Robot
-    requests: tuple[RecordedRequest, ...]  # in the order in which they came
-    provenance: Mapping[str, str]  # what the bag says of where it was made; may be empty
+    requests: tuple[RecordedRequest, ...]  # in order of arrival
+    provenance: Mapping[str, str]  # host, versions and more, as recorded; may be empty
     notes: tuple[str, ...]  # what is wrong with the bag, and assumptions
 
 
@@ -75,8 +75,8 @@ def recorded_run(bag: Bag) -> RecordedRun:
     """Rebuild every request in a bag.
 
     Raises:
-        BagError: It holds no request, or neither robot nor parameters.
-        InvalidInput: The URDF in it is refused.
+        BagError: The bag holds no request, or lacks the robot or the parameters.
+        InvalidInput: The URDF in the bag is invalid.
     """
     found = installed_exchanges(bag)
     if not found:
@@ -158,7 +158,7 @@ def _of_another(provenance: Mapping[str, str], namespaces: Sequence[str]) -> dic
 def _topics(
     bag: Bag, namespace: str, moments: Sequence[Moment]
 ) -> tuple[dict[str, str], dict[str, BagError]]:
-    """Return the topics of the inputs that are needed, and why others have none."""
+    """Return the topics of the inputs that are needed, and the errors of inputs without one."""
     topics, absent = {}, {}
     for name in dict.fromkeys(name for one in moments for name in one.inputs):
         try:
@@ -184,7 +184,7 @@ def _require_all(
 
 
 def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> PublishedPlan | None:
-    """Return the plan that the joints were following, or may have been following."""
+    """Return the plan that the joints followed, or may have followed, at a request."""
     response = exchange.response
     solved_before = solved = [
         one.response
@@ -207,12 +207,12 @@ def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> Publis
 
 
 def _handover_lead(exchange: PlanExchange) -> float:
-    """Return how long after the request its plan took over [s]; zero: it did not."""
+    """Return the time from a request to its plan's handover [s]; zero: no handover."""
     return 0.0 if exchange.response is None else exchange.response.inputs.handover_delay
 
 
 def _first_guess(exchange: PlanExchange) -> Sequence[float]:
-    """Return what was tried first; empty: nothing was."""
+    """Return the initial guess from the warm-start library; empty: a cold start."""
     return () if exchange.response is None else exchange.response.inputs.first_guess
 
 

@@ -1,4 +1,4 @@
-"""Plan every request of a bag again, by the same code, and compare."""
+"""Replay of a bag: plans every request again, and compares the answers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recor
 
 ALL_SAME, DIFFERS = 0, 3
 
-# Answers that tell of the world around the planner: the same problem need not get them again.
+# Answers that depend on more than the problem, which need not get them again.
 _NO_FUNCTIONS_OF_THE_PROBLEM = {
     Status.BUSY: "another request was being planned",
     Status.CANCELLED: "its client cancelled it",
@@ -43,22 +43,22 @@ _NO_FUNCTIONS_OF_THE_PROBLEM = {
     Status.CONTRADICTING_PUBLISHERS: "publishers contradicted each other",
 }
 _FOR_LACK_OF_TIME = (Status.TOO_LATE, Status.TIMED_OUT)
-# A bag does not tell when the node heard what was stamped ahead of that time.
+# A bag does not say when messages stamped ahead of their arrival arrived at the node.
 _OF_ARRIVALS = (Status.STATE_IN_FUTURE, Status.TARGET_IN_FUTURE)
-# Of the provenance: what cannot make a plan another one.
+# Entries of the provenance that cannot change a plan.
 _IRRELEVANT = ("host", "started")
 _WIDTH = 80  # of words in a table
 
 
 class Verdict(StrEnum):
-    """What became of a request's replay."""
+    """Result of a request's replay."""
 
     IDENTICAL = "identical"
     WITHIN_TOLERANCE = "within tolerance"
     DIFFERENT = "DIFFERENT"
-    WITHOUT_CLOCK = "without a clock"
+    WITHOUT_CLOCK = "without a clock"  # the recorded refusal depended on time
     NOT_REPLAYABLE = "not replayable"
-    NOT_REBUILT = "NOT REBUILT"
+    NOT_REBUILT = "NOT REBUILT"  # the bag lacks a part of the inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,18 +67,18 @@ class Replayed:
 
     recorded: RecordedRequest
     verdict: Verdict
-    answer: PlanAnswer | None  # the new one; None where there was no way to one
-    words: str  # more on the verdict; may be empty
+    answer: PlanAnswer | None  # the new answer; None: not replayable, or not rebuilt
+    words: str  # reason for the verdict; may be empty
     differences: tuple[Difference, ...]  # from the recorded answer
-    planning_time: float  # wall clock of the planning alone [s]
+    planning_time: float  # wall-clock time of planning alone [s]
 
 
 def print_replay(bag: Path) -> int:
-    """Replay a bag, print what comes out, and return the exit code: ALL_SAME or DIFFERS.
+    """Replay a bag, print the verdicts, and return the exit code: ALL_SAME or DIFFERS.
 
     Raises:
         BagError: The bag cannot be read, or holds nothing to replay.
-        InvalidInput: The URDF in it is refused.
+        InvalidInput: The URDF in the bag is invalid.
     """
     begun = time.perf_counter()
     with open_bag(bag) as opened:
@@ -106,7 +106,7 @@ def print_replay(bag: Path) -> int:
 
 
 def replay(recorded: RecordedRequest) -> Replayed:
-    """Plan a request again, without a clock, and compare the answers."""
+    """Plan a request again, without time limits, and compare the answers."""
     then = recorded.status
     if then in _NO_FUNCTIONS_OF_THE_PROBLEM and recorded.response is not None:
         why = _NO_FUNCTIONS_OF_THE_PROBLEM[then]
@@ -135,7 +135,7 @@ def replay(recorded: RecordedRequest) -> Replayed:
 
 
 def _is_of_arrivals(recorded: RecordedRequest) -> bool:
-    """Whether a request was refused for when, or in which order, messages came."""
+    """Return whether a request was refused for the times or order of arriving messages."""
     if recorded.status is Status.STATE_TOO_OLD and recorded.response is not None:
         return str(recorded.response.status.field).startswith(OBSTACLES.name)
     return recorded.status in _OF_ARRIVALS
@@ -144,11 +144,11 @@ def _is_of_arrivals(recorded: RecordedRequest) -> bool:
 def answer_again(
     recorded: RecordedRequest, efforts: Sequence[int] = ()
 ) -> tuple[PlanAnswer, float]:
-    """Answer a request as the node does, and tell the wall clock of the planning alone [s].
+    """Return the answer to a request, as the node would give it, and the planning time alone [s].
 
     Args:
-        efforts: Step at which the search of each phase ended, because its time was over; zero: at
-            its end.
+        efforts: Step at which the search of each phase is cut short, as the recorded one was by its
+            time budget; zero: it is not.
 
     Raises:
         BagError: The request cannot be rebuilt.
@@ -182,7 +182,7 @@ def answer_again(
 
 
 def one_by_one(requests: Sequence[RecordedRequest]) -> Iterator[RecordedRequest]:
-    """Yield requests to plan, and show how far that is."""
+    """Yield requests to plan, with a progress bar."""
     with progress_bar("planning", len(requests), "requests", per_unit=1) as progress:
         for recorded in requests:
             yield recorded
@@ -190,7 +190,7 @@ def one_by_one(requests: Sequence[RecordedRequest]) -> Iterator[RecordedRequest]
 
 
 def version_lines(run: RecordedRun) -> Iterator[str]:
-    """Yield what is of another version than when a bag was recorded, in words."""
+    """Yield a line for each version or other provenance that differs from the recorded one."""
     if not run.provenance:
         yield "note: the bag does not say with which versions it was recorded"
         return
@@ -201,7 +201,7 @@ def version_lines(run: RecordedRun) -> Iterator[str]:
 
 
 def _doubt(recorded: RecordedRequest) -> str:
-    """Return words on inputs that the answer does not name; empty if it names all."""
+    """Return a remark on inputs that the answer does not name; empty if it names all."""
     names = " and ".join(recorded.by_time)
     words = f" (which {names} the node had heard is known from the times of recording only)"
     return words if names else ""
@@ -228,7 +228,7 @@ def status_name(response: PlanAnswer | None) -> str:
 
 
 def _details(replayed: Sequence[Replayed]) -> Iterator[str]:
-    """Yield what does not fit a line of the table."""
+    """Yield the lines below the table, for what does not fit into it."""
     for one in replayed:
         yield from _changed_task(one)
         is_different = one.verdict is Verdict.DIFFERENT
@@ -248,7 +248,7 @@ def _details(replayed: Sequence[Replayed]) -> Iterator[str]:
 
 
 def _changed_task(one: Replayed) -> Iterator[str]:
-    """Yield that the task is not the recorded one, where both are known."""
+    """Yield a note if the task differs from the recorded one, and both are known."""
     if one.answer is None or one.recorded.response is None:
         return
     then, now = one.recorded.response.task_digest, one.answer.task_digest

@@ -1,4 +1,4 @@
-"""What would the planner have answered, had it been asked or set up otherwise?"""
+"""Replay with changes: answers to recorded requests with other fields or parameters."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from ff_planner_ros.ros.messages.request_values import (
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
 
-# What may be changed in a request. The goal stays what it is.
+# Keys that may be changed in a request. The goal stays as it is.
 _OF_REQUEST = tuple(key for key in REQUEST_KEYS if not key.startswith("target."))
-# Of the node's parameters: those that planning depends on. The others say where messages go, or
-# what a request is given that leaves open what `_OF_REQUEST` changes in every request.
+# Parameters that may be changed: those that planning depends on. The others say where messages go,
+# or are defaults for fields of a request, which `_OF_REQUEST` changes in every request.
 _OF_NODE = (
     *("planner.", "limits.", "controller.", "replanning."),
     *("post_goal_duration", "following_tolerance", "planning_lead_time", "start_horizon"),
@@ -44,14 +44,14 @@ _NONE = "-"
 
 @dataclass(frozen=True)
 class Change:
-    """One `key=value`."""
+    """One change of a request or of a parameter."""
 
     key: str  # one of `allowed_keys`
     value: Any  # read as YAML, of the key's type
 
 
 def allowed_keys() -> list[str]:
-    """Return everything that may be changed."""
+    """Return the keys of requests and the names of parameters that may be changed."""
     return list(
         dict.fromkeys([*_OF_REQUEST, *(name for name in DECLARATIONS if name.startswith(_OF_NODE))])
     )
@@ -71,11 +71,11 @@ def parsed(setting: str) -> Change:
 
 
 def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> RecordedRequest:
-    """Return a request as it would have been.
+    """Return a request with changes of its fields and of the node's parameters.
 
     Raises:
-        BagError: It cannot be rebuilt.
-        InvalidInput: A value that makes no sense.
+        BagError: The request cannot be rebuilt.
+        InvalidInput: A value is invalid.
     """
     if recorded.request is None or recorded.inputs is None:
         raise BagError(recorded.missing)
@@ -95,16 +95,16 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
 
 @dataclass(frozen=True, eq=False)
 class ChangedAnswer:
-    """A request that was planned with something changed."""
+    """A request that was planned with changes."""
 
     recorded: RecordedRequest
     changed: RecordedRequest
-    answer: PlanAnswer  # to the changed one
+    answer: PlanAnswer  # to the changed request
 
 
 @dataclass(frozen=True, eq=False)
 class WhatIf:
-    """What the planner answers to the requests of a bag, with something changed."""
+    """The planner's answers to the requests of a bag with changes."""
 
     bag: Path
     robot: Robot
@@ -118,7 +118,7 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> WhatIf:
 
     Raises:
         BagError: The bag cannot be read, or holds no request.
-        InvalidInput: A setting is refused, or the URDF in the bag.
+        InvalidInput: A setting or the URDF in the bag is invalid.
     """
     changes = [parsed(setting) for setting in settings]
     with open_bag(bag) as opened:

@@ -1,4 +1,4 @@
-"""Messages from bytes, by the definition that the bag itself carries."""
+"""Decodes messages by the definitions that the bag itself carries."""
 
 from __future__ import annotations
 
@@ -25,11 +25,15 @@ _MOST_FIELDS = 10_000  # of a message, those within fields counted; ours have 20
 
 @lru_cache(maxsize=64)  # every file of a split bag carries the same definitions
 def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
-    """Return what turns CDR into plain objects with the fields of the recorded definition.
+    """Return a function that decodes CDR into objects with the fields of a definition.
+
+    Args:
+        name: Name of the message type.
+        encoding: Encoding of the definition, one of `ENCODINGS`.
 
     Raises:
-        BagError: The definition cannot be understood. The decoder itself raises it where the
-            bytes do not fit the definition.
+        BagError: The definition cannot be understood. The decoder raises it, too, for bytes that do
+            not fit the definition.
     """
     if not _TYPE_NAME.fullmatch(name):
         raise BagError(f"{name!a} is no name of a message type")
@@ -66,11 +70,11 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
 
 
 def _require_moderate(types: Mapping[str, Any]) -> None:
-    """Refuse types that hold so much that a decoder of theirs would not come to an end.
+    """Refuse types with so many fields that a decoder would not come to an end.
 
     Raises:
-        BagError: One does.
-        Exception: One holds itself, or one that is not there.
+        BagError: A type has too many fields.
+        Exception: A type contains itself, or a type that is not defined.
     """
     sizes: dict[str, int] = {}
     for name in types:

@@ -1,4 +1,4 @@
-"""Definitions of message types, complete: a bag that holds them is read without the types."""
+"""Complete definitions of message types, with which a bag is read without their packages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One MCAP file: where its messages are, how they are read, and what else it holds."""
+"""One MCAP file: its channels, documents and blocks, and how messages are read from them."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from ff_planner_ros.bag.mcap.mcap_records import (
 )
 from ff_planner_ros.errors import BagError
 
-# Of a chunk: more of them would be nearly empty, and take more memory than the chunk.
+# Most records of a chunk: more would be nearly empty, and take more memory than the chunk.
 _MOST_RECORDS = 500_000
-# Of a file beside one for each of its bytes: however well messages are compressed, the time of each
-# takes a byte. A few kilobytes must not keep us busy for minutes.
+# Most records of a file beyond one per byte: however well messages are compressed, the time of each
+# takes a byte. A few kilobytes must not take minutes to read.
 _RECORDS_FOR_NOTHING = 1_000_000
 _MOST_CHANNELS = 4_000  # of a file: more topics than any system of robots has
 _MOST_NOTES = 100  # on a file: what is damaged everywhere need not be told everywhere
@@ -37,7 +37,7 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish
 
 
 class RawMessage(NamedTuple):
-    """A message as it stands in a file."""
+    """A message of a file, not decoded."""
 
     channel: int
     log_time_ns: int
@@ -58,7 +58,7 @@ class Block:
 
 @dataclass
 class McapFile:
-    """What a file holds."""
+    """The content of a file, whose blocks are read on demand."""
 
     path: Path
     stream: BinaryIO  # open
@@ -89,9 +89,11 @@ class McapFile:
         wanted: Container[int] | None,
         only: Callable[[bytes], bool] | None = None,
     ) -> list[RawMessage]:
-        """Read the wanted channels (None: all) of a block; a damaged block gives a note only.
+        """Return the messages of a block; a damaged block has none, and makes a note.
 
-        Of their messages those whose bytes `only` accepts (None: all).
+        Args:
+            wanted: Numbers of the channels to read; None: all.
+            only: Returns whether a message with these bytes is wanted; None: all are.
 
         Raises:
             BagError: The disk fails.
@@ -117,11 +119,13 @@ class McapFile:
     ) -> Iterator[tuple[int, int, int, int, int]]:
         """Yield channel, log time, publish time, start and end of every message among records.
 
-        Channels and schemas among them are taken up. Those that were not read before, `is_new`,
-        count among the records of the file.
+        Channels and schemas among them are added to those of the file.
+
+        Args:
+            is_new: Whether the records were not read before, and count towards the file's limit.
 
         Raises:
-            Exception: They are damaged; whatever the library trips over.
+            Exception: The records are damaged; any error of the library.
         """
         position, end, count = 0, len(records), 0
         known = self.channels
@@ -146,10 +150,10 @@ class McapFile:
                 self.describe(opcode, records[start:position])
 
     def describe(self, opcode: int, body: bytes) -> None:
-        """Take up a channel or a schema.
+        """Add the channel or schema in the body of a record.
 
         Raises:
-            Exception: It is damaged; whatever the library trips over.
+            Exception: The record is damaged; any error of the library.
         """
         if opcode == Opcode.SCHEMA:
             schema: Schema = parsed(Schema, body)
@@ -163,10 +167,10 @@ class McapFile:
         self.channels.setdefault(channel.id, channel)
 
     def decoder_of(self, channel: Channel) -> Decoder:
-        """Return what decodes the messages of a channel.
+        """Return the decoder of a channel's messages.
 
         Raises:
-            BagError: They cannot be decoded.
+            BagError: The messages cannot be decoded.
         """
         if channel.id not in self._decoders:
             try:
@@ -187,7 +191,7 @@ class McapFile:
         """Return bytes of the file.
 
         Raises:
-            ValueError: The file does not have them, or they are more than a record may have.
+            ValueError: The file ends before, or a record may not be that long.
         """
         if length > LARGEST:
             raise ValueError(f"it is larger than {LARGEST >> 20} MiB")
@@ -198,7 +202,7 @@ class McapFile:
         raise ValueError("the file ends before")
 
     def leave_out(self, block: Block, reason: str) -> None:
-        """Note that a block is not read."""
+        """Mark a block as damaged, and note the reason."""
         if block not in self._left_out:
             self._left_out.add(block)
             self.damaged.append(block)
@@ -206,16 +210,16 @@ class McapFile:
             self.lose(f"the {kind} at byte {block.offset} {reason}")
 
     def is_left_out(self, block: Block) -> bool:
-        """Tell whether a block was found to be damaged."""
+        """Return whether a block was found to be damaged."""
         return block in self._left_out
 
     def lose(self, text: str) -> None:
-        """Note that something cannot be read."""
+        """Note that a part of the file is lost."""
         self.is_lossy = True
         self.note(text)
 
     def note(self, text: str) -> None:
-        """Note what is wrong, once."""
+        """Note what is wrong with the file, once."""
         if len(self.notes) >= _MOST_NOTES:
             return
         note = printable(f"{self.path.name}: {text}")

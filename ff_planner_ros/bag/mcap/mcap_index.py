@@ -1,4 +1,4 @@
-"""Find out what an MCAP file holds: by its index or, where that is no help, by reading it all."""
+"""Finds the content of an MCAP file by its index or, without a sound one, by reading all of it."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ _LONGEST_RUN = 1 << 20  # [bytes] of messages outside of chunks that are read at
 
 
 def open_mcap(path: Path, stream: BinaryIO, progress: Progress) -> McapFile:
-    """Find out what a file holds.
+    """Return the content of an MCAP file; its blocks are read later.
 
     Args:
-        stream: The file, open; must stay so as long as blocks are read.
+        stream: The open file; must stay open as long as blocks are read.
         progress: Called while a file without an index is read to its end.
 
     Raises:
-        BagError: It is no MCAP file, or the disk fails.
+        BagError: The file is no MCAP file, or the disk fails.
     """
     try:
         size = os.fstat(stream.fileno()).st_size

@@ -1,4 +1,4 @@
-"""Records of an MCAP file from their bytes, and words for what is wrong with them."""
+"""Parsing of the records of an MCAP file, and messages on errors in them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def chunk_of(record: bytes) -> tuple[Chunk, int]:
     The library's reader copies them twice more, and does not see that they are cut.
 
     Raises:
-        Exception: It is damaged, or cut before its records.
+        Exception: The chunk is damaged, or cut before its records.
     """
     start_ns, end_ns, size, checksum, length = _CHUNK.unpack_from(record, FRAME.size)
     name_at = FRAME.size + _CHUNK.size
@@ -50,10 +50,10 @@ def chunk_of(record: bytes) -> tuple[Chunk, int]:
 
 
 def records_in(chunk: Chunk) -> bytes:
-    """Return the records in a chunk; their checksum holds.
+    """Return the records in a chunk, decompressed, after a check of their checksum.
 
     Raises:
-        Exception: They are damaged, or larger than `LARGEST`.
+        Exception: The records are damaged, or larger than `LARGEST`.
     """
     match chunk.compression:
         case "":
@@ -90,19 +90,19 @@ def parsed(record_type: Any, body: bytes) -> Any:
     """Return a record of the library from its bytes without opcode and length.
 
     Raises:
-        Exception: It is damaged; whatever the library trips over.
+        Exception: The record is damaged; any error of the library.
     """
     return record_type.read(ReadDataStream(BytesIO(body)))
 
 
 def unreadable(path: Path, error: OSError | ValueError) -> BagError:
-    """Return the error for a file that the system does not let us read."""
+    """Return the error for a file that the operating system does not let us read."""
     reason = getattr(error, "strerror", None) or error
     return BagError(f"bag {path} cannot be read: {reason}")
 
 
 def in_words(error: Exception) -> str:
-    """Return what a library says of damaged bytes."""
+    """Return the message of an error of a library on damaged bytes."""
     return printable(f"{type(error).__name__}: {error}".removesuffix(": "), _LONGEST_REASON)
 
 

@@ -1,4 +1,4 @@
-"""What rosbag2 of Jazzy reads first: `metadata.yaml`, version 9."""
+"""The metadata of a bag as in rosbag2 of Jazzy: `metadata.yaml`, version 9."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 @dataclass(frozen=True)
 class QualityOfService:
-    """What a publisher offers, in the words of rosbag2; everything else is at its default."""
+    """QoS that a publisher offers, in the words of rosbag2; all other policies are default."""
 
     reliability: str = "reliable"  # `reliable` or `best_effort`
     durability: str = "volatile"  # `volatile` or `transient_local`
@@ -47,7 +47,7 @@ class FileInfo:
     message_count: int = 0  # of all topics
 
     def count(self, log_time_ns: int) -> None:
-        """Take one more message into account, by its log time [ns]."""
+        """Count one more message, with its log time [ns]."""
         self.start_ns = min(self.start_ns, log_time_ns)
         self.end_ns = max(self.end_ns, log_time_ns)
         self.message_count += 1
@@ -56,9 +56,9 @@ class FileInfo:
 def metadata(
     files: Sequence[FileInfo], topics: Mapping[str, TopicInfo], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return what describes a bag, as rosbag2 stores it in `metadata.yaml` and in every file.
+    """Return the metadata of a bag, as rosbag2 stores them in `metadata.yaml` and in every file.
 
-    The files are in the order of recording; rosbag2 keeps `custom_data` without looking at it.
+    The files are in the order of recording; rosbag2 does not interpret `custom_data`.
     """
     return {
         "version": 9,
@@ -87,7 +87,7 @@ def metadata(
 
 
 def custom_data(record: Mapping[str, str]) -> dict[str, str]:
-    """Return what rosbag2 keeps without looking at it; empty if that cannot be read."""
+    """Return `custom_data` from a metadata record of rosbag2; empty if it cannot be read."""
     try:
         written = record["serialized_metadata"]
         kept = yaml_document(written, "serialized_metadata", "damaged")["custom_data"] or {}
@@ -97,7 +97,7 @@ def custom_data(record: Mapping[str, str]) -> dict[str, str]:
 
 
 def profiles(qos: Sequence[QualityOfService]) -> list[dict[str, Any]]:
-    """Return what publishers offer, as rosbag2 writes it down."""
+    """Return the QoS profiles that publishers offer, in the format of rosbag2."""
     return [
         {
             "history": offered.history,

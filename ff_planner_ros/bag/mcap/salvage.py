@@ -1,4 +1,4 @@
-"""What a chunk that breaks off still holds."""
+"""Saves messages of a chunk that breaks off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A running node as a console hears it: parameters, robot, inputs, events, whether it is there."""
+"""The console's connection to a node: its parameters, robot, inputs, events and services."""
 
 from __future__ import annotations
 
@@ -50,17 +50,18 @@ REQUESTER = "ff-planner console"
 
 
 class Link:
-    """Hears one planner node, and asks its services."""
+    """Subscribes to the topics of one planner node, and calls its services."""
 
     def __init__(self, name: str, patience: float, ros_arguments: Sequence[str]) -> None:
-        """Join ROS, and learn what the node plans with.
+        """Join ROS, and read the node's parameters and robot.
 
         Args:
-            name: Of the node, with its namespace unless that is the root.
+            name: Name of the node, with its namespace unless that is the root.
             patience: How long to wait for the node [s].
 
         Raises:
             InvalidInput: There is no such node, or it is not active.
+            FfPlannerError: The node does not answer.
         """
         self.name = name if name.startswith("/") else f"/{name}"
         self.happened: SimpleQueue[PlanEvent | PublishedPlan] = SimpleQueue()
@@ -69,7 +70,7 @@ class Link:
         self._warnings: dict[str, str] = {}
         self._changed = threading.Event()  # the node's parameters, perhaps
         self._urdf = ""
-        self.other_robot = ""  # words on a node that plans for another robot by now
+        self.other_robot = ""  # message if the node now plans for another robot
         with joining_ros():
             self._context = Context()
             rclpy.init(
@@ -120,14 +121,14 @@ class Link:
 
     @property
     def knowledge(self) -> Knowledge:
-        """What the node knows by now, as far as a console hears it."""
+        """What the node knows now, as far as the console hears the same topics."""
         return Knowledge(
             self.robot, self.parameters, self._states, self._scenes, self.published, self.now_ns()
         )
 
     @property
     def lost(self) -> str:
-        """Words on a node that is not heard any more; empty: it is heard."""
+        """Message if the node is not heard any more, else empty."""
         silent = time.monotonic() - self._heard
         if silent <= _MISSED / self.parameters.rates.diagnostics + _MORE:
             return ""
@@ -135,14 +136,14 @@ class Link:
 
     @property
     def warnings(self) -> dict[str, str]:
-        """What the node warns of in its diagnostics, by part."""
+        """Warnings and errors in the node's diagnostics, by part."""
         return dict(self._warnings)
 
     def look(self) -> None:
         """Read the parameters again if they may have changed.
 
         Raises:
-            FfPlannerError: The node does not answer; the next look asks again.
+            FfPlannerError: The node does not answer; the next call asks again.
         """
         if not self._changed.is_set() or self.lost:
             return
@@ -158,7 +159,7 @@ class Link:
             self.other_robot = words
 
     def release(self, plan_id: str, token: str, reject: bool = False) -> tuple[Status, str]:
-        """Ask the node to publish a plan that waits, or to drop it; return what it says.
+        """Ask the node to publish or drop a waiting plan; return its status and message.
 
         Raises:
             FfPlannerError: The node does not answer.

@@ -16,17 +16,17 @@ _ABOVE, _OPACITY, _WIDTH = "/measured", 0.6, 6.0
 
 
 class MeasuredRobot:
-    """A green robot; nothing until it is placed for the first time."""
+    """The measured robot in green; invisible until it is placed for the first time."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot) -> None:
         """Draw nothing yet."""
         self._server, self._robot = server, robot
         self._parts: list[tuple[Part, viser.MeshHandle]] = []
-        self._arm: viser.LineSegmentsHandle | None = None  # where lines are kept clear
+        self._arm: viser.LineSegmentsHandle | None = None  # of a robot without shapes
         self._above: viser.FrameHandle | None = None
 
     def place(self, q: Array) -> None:
-        """Be at a configuration. Shape (7 + joints,)."""
+        """Show the robot at a configuration. Shape (7 + joints,)."""
         with self._server.atomic():
             if self._above is None:
                 self._above = self._draw(q)
@@ -39,7 +39,7 @@ class MeasuredRobot:
             self._above.visible = True
 
     def hide(self) -> None:
-        """Show nothing: where the robot is, is not known."""
+        """Hide the robot, because its state is not known."""
         if self._above is not None:
             self._above.visible = False
 

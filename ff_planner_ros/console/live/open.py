@@ -1,4 +1,4 @@
-"""The page of a running node: what it begins with, and the thread that keeps it up to date."""
+"""The page of a running node: its first entry, and the thread that keeps it up to date."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class LivePage:
     """A page about one running node."""
 
     def __init__(self, link: Link, scenario: Path | None) -> None:
-        """Build nothing yet; `page_on` does.
+        """Store the arguments; `page_on` builds the page.
 
         Args:
-            scenario: Whose goal is asked for; None: the goal begins where the end effector is.
+            scenario: Scenario with the first goal; None: the end effector's measured position.
         """
         self._link, self._scenario = link, scenario
         self._of_others: SimpleQueue[tuple[PlanRequest, PlanAnswer]] = SimpleQueue()
@@ -57,7 +57,7 @@ class LivePage:
         return self._page
 
     def close(self) -> None:
-        """Look no more, and leave ROS."""
+        """Stop the updates, and leave ROS."""
         self._stopped.set()
         self._thread.join()
         self._requests.close()
@@ -73,7 +73,7 @@ class LivePage:
         self._of_others.put((request, answer))
 
     def _first(self) -> Entry:
-        """Return the goal that is not planned for yet, as the node would read it now."""
+        """Return the entry of the first goal, not planned yet, as the node would read it now."""
         try:
             knowledge = self._link.knowledge
             request = self._request(knowledge.states, knowledge.now_ns)
@@ -126,9 +126,13 @@ class LivePage:
 def live_page(
     name: str, scenario: Path | None, patience: float, ros_arguments: Sequence[str]
 ) -> LivePage:
-    """Return the page of the node of a name.
+    """Return the page of a running node.
+
+    Args:
+        patience: How long to wait for the node [s].
 
     Raises:
-        InvalidInput: There is no such node.
+        InvalidInput: There is no such node, or it is not active.
+        FfPlannerError: The node does not answer.
     """
     return LivePage(Link(name, patience, ros_arguments), scenario)

@@ -1,4 +1,4 @@
-"""The part of the page that is about a running node: what waits, what runs, release and reject."""
+"""Panel of a running node: its state, the plan that runs, release and rejection of others."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _DONE = {_RELEASE: "released", _REJECT: "rejected"}
 
 
 class NodePanel:
-    """Shows how a node is and what becomes of its plans; the looks are called again and again."""
+    """Shows the state of a node and of its plans; `look` has to be called again and again."""
 
     def __init__(
         self, server: viser.ViserServer, page: Page, link: Link, plans: Plans, lead: float
@@ -42,7 +42,7 @@ class NodePanel:
         """Build the controls.
 
         Args:
-            lead: From a request to the start of its plan, at first [s].
+            lead: Initial time from a request to the start of its plan [s].
         """
         self._page, self._link, self._plans = page, link, plans
         self._measured = MeasuredRobot(server, link.robot)
@@ -73,13 +73,13 @@ class NodePanel:
         self._token.on_update(lambda _: self._take_token())
 
     def first_click(self, what: str) -> None:
-        """Ask whether the plan that is shown is to be released, or rejected."""
+        """Ask to confirm the release, or the rejection, of the plan that is shown."""
         with self._lock:
             if self._plans.waiting(self._page.chosen) is not None:
                 self._ask_twice((what, self._page.chosen))
 
     def second_click(self) -> None:
-        """Do what was asked, unless another plan is shown by now, and tell what came of it."""
+        """Release or reject the confirmed plan if it still waits, and show the node's answer."""
         with self._lock:
             asked = self._asked_twice
             self._ask_twice(None)
@@ -100,7 +100,7 @@ class NodePanel:
             self._say(f"{entry.name}: {words}")
 
     def look(self) -> None:
-        """Show everything as it is now."""
+        """Update all that the panel shows."""
         with self._lock:
             link, entry = self._link, self._page.chosen
             asked = self._asked_twice
@@ -134,7 +134,7 @@ class NodePanel:
             return error
 
     def _running(self, measured: Snapshot) -> list[str]:
-        """Return words on the plan that runs, and show it at its time if it is to be followed."""
+        """Return lines on the plan that runs, and show it at its time if it is to be followed."""
         last, now_ns = self._link.published, self._link.now_ns()
         running = None if last is None else last.at(now_ns)
         if running is None:
@@ -192,7 +192,7 @@ class NodePanel:
 
 
 def _of_fit(name: str, fit: Fit, most: float, has_token: bool) -> str:
-    """Return a plan that waits, as it is now, in HTML."""
+    """Return in HTML whether the node would publish a waiting plan now."""
     words = [
         _line(
             f"{name} {WAITS}: made {fit.age:.1f} s ago (at most {most:g} s), "
@@ -213,7 +213,7 @@ def _of_fit(name: str, fit: Fit, most: float, has_token: bool) -> str:
 
 
 def _of_differences(fit: Fit) -> str:
-    """Return how far the system is from a plan's first point, number by number, in HTML."""
+    """Return the differences of the system from a plan's first point, in HTML."""
     rows = [
         f"<tr><td>{html.escape(one.what)}</td>"
         f"<td>{one.found:.4f}</td><td>{one.allowed:g}</td><td>{one.unit}</td>"
@@ -230,7 +230,7 @@ def _line(words: str, kind: str = "") -> str:
 
 
 def _show(handle: viser.GuiHtmlHandle, words: str) -> None:
-    """Set words unless they are those that are shown: nothing is sent for nothing."""
+    """Set an element's words if they differ from those shown: nothing is sent in vain."""
     content = f"{STYLE}<div class='ff'>{words}</div>" if words else ""
     if handle.content != content:
         handle.content = content

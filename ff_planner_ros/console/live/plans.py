@@ -1,4 +1,4 @@
-"""The plans of a running node that a console knows, and what has become of each."""
+"""The plans of a running node that a console knows, with their status."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ _EVENTS = {
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A plan that waits as it is now."""
+    """Whether a plan that waits can be published now."""
 
     age: float  # since it was made [s]
     until_start: float  # negative: its start is over [s]
     differences: tuple[Difference, ...]  # of the system from its first point; empty: not known
-    refusal: str  # why the node would not publish it now; empty: it would, as far as is known here
+    refusal: str  # why the node would refuse it now; empty: it would not, as far as is known here
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,24 +61,24 @@ class _Known:
 
 
 class Plans:
-    """All answers since the console was opened; each by the number that the node gave it."""
+    """The node's answers since the console was opened, by plan id."""
 
     def __init__(self, link: Link, changed: Callable[[Entry], None]) -> None:
-        """Begin without plans; `changed` is given every entry that is new or another one."""
+        """Begin without plans; `changed` is called with every entry whose status changes."""
         self._link, self._changed = link, changed
         self._lock = RLock()
         self._known: dict[str, _Known] = {}  # by plan id
-        self._runs: list[str] = []  # of the node, as its plan ids tell
+        self._runs: list[str] = []  # runs of the node, by the prefixes of its plan ids
 
     def answered(
         self, request: PlanRequest, answer: PlanAnswer, asked: PlanningTask | None, is_own: bool
     ) -> Entry:
-        """Take an answer, and return it as the page lists it.
+        """Add an answer, and return its entry; an answer that is known already stays as it is.
 
         Args:
-            asked: What was asked, as it was known before; None: not known.
-            is_own: Whether this console asked. Tokens of others are none of its business, even
-                where the middleware tells them.
+            asked: Task of the request, if the console made it; None: not known.
+            is_own: Whether the console made the request. It keeps no tokens of other clients, even
+                if the middleware passes them on.
         """
         with self._lock:
             before = self._known.get(answer.plan_id)
@@ -107,7 +107,7 @@ class Plans:
             return entry
 
     def waiting(self, entry: Entry) -> MadePlan | None:
-        """Return the plan of an entry that waits to be published; None: it does not."""
+        """Return the plan of an entry if it waits to be published, else None."""
         known = self._known.get(entry.plan_id)
         return known.made if known is not None and known.entry.status == WAITS else None
 
@@ -117,7 +117,7 @@ class Plans:
         return plan_id if known is None else known.entry.name
 
     def know_token(self, plan_id: str, token: str) -> None:
-        """Take the token of a plan that another asked for; empty: forget the one that is known."""
+        """Set the publish token of a plan; empty: forget the token."""
         with self._lock:
             known = self._known[plan_id]
             if known.made is not None:
@@ -125,16 +125,16 @@ class Plans:
                 self._known[plan_id] = replace(known, made=made)
 
     def reject(self, plan_id: str) -> None:
-        """Take a plan that the node has dropped."""
+        """Mark a plan as rejected, because the node has dropped it."""
         self.know_token(plan_id, "")
         self._becomes(plan_id, "rejected")
 
     def published(self, message: PublishedPlan) -> None:
-        """Take a plan that the node has published: the joints follow it from its start on."""
+        """Mark a plan as published; the joints follow it from its start on."""
         known, last = self._known.get(message.plan_id), self._link.published
         start_ns = nanoseconds(message.start_time)
         if known is None or known.made is None:
-            # Of the chaser nothing is told there.
+            # The message has no motion of the chaser.
             motion = trajectory_in(PlanMessage(joint_trajectory=message.joint_trajectory))
             self._link.published = RunningPlan(message.plan_id, motion, start_ns)
             return
@@ -152,7 +152,7 @@ class Plans:
         self._becomes(message.plan_id, f"published by {message.requester}")
 
     def happened(self, event: PlanEvent) -> None:
-        """Take what has become of a published plan."""
+        """Update the status of a published plan from its event."""
         if event.event not in _EVENTS:
             return
         words = _EVENTS[event.event]
@@ -171,7 +171,7 @@ class Plans:
             if known is None or known.entry.status == status:
                 return
             entry = replace(known.entry, status=status)
-            # What is drawn is kept with the entry: it is drawn once.
+            # Kept, because they take long to compute and stay the same.
             for name in ("stages", "fault", "metrics"):
                 if name in vars(known.entry):
                     vars(entry)[name] = vars(known.entry)[name]
@@ -181,7 +181,7 @@ class Plans:
     def _task(
         self, request: PlanRequest, answer: PlanAnswer, asked: PlanningTask | None
     ) -> tuple[PlanningTask | None, str]:
-        """Return the task of an answer, among the obstacles at the start of its plan."""
+        """Return the task of an answer, with obstacles at its plan's start, and why it has none."""
         again = copy(request)
         if answer.plans:
             again.start_time = answer.plans[0].joint_trajectory.header.stamp
@@ -199,7 +199,7 @@ class Plans:
 
 
 def fit_of(made: MadePlan, knowledge: Knowledge) -> Fit:
-    """Return how a plan that waits is now, judged as the node judges it before it is published."""
+    """Return whether a plan that waits can be published now, by the node's own checks."""
     differences: tuple[Difference, ...] = ()
     refusal = ""
     try:

@@ -1,4 +1,4 @@
-"""Requests to a running node: those of a console by the action, those of others by its events."""
+"""Requests to a running node: the console's through the action, others' from its events."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def request_of(task: PlanningTask, frame: str, start_ns: int) -> PlanRequest:
     """Return the request for a plan that waits for approval, from the node's state and scene.
 
     Args:
-        start_ns: Of the plan [ns]; zero: as soon as the node can.
+        start_ns: Start time of the plan [ns]; zero: as soon as the node can.
     """
     request = request_of_task(task, frame)
     request.start_time = time_message(start_ns)
@@ -51,7 +51,7 @@ def request_of(task: PlanningTask, frame: str, start_ns: int) -> PlanRequest:
 
 
 class Requests:
-    """Asks the node for plans, and hears what others ask."""
+    """Requests plans of the node, and listens to the requests of other clients."""
 
     def __init__(
         self,
@@ -60,11 +60,12 @@ class Requests:
         start_ns: Callable[[], int],
         heard: Callable[[PlanRequest, PlanAnswer], None],
     ) -> None:
-        """Begin to hear.
+        """Create the action client, and subscribe to the events of service and action.
 
         Args:
-            start_ns: Returns when a plan that is asked for now begins [ns].
-            heard: Is given each request of others with its answer.
+            start_ns: Returns the start time for a plan that is requested now [ns]; zero: as soon as
+                the node can.
+            heard: Called with each request of other clients and its answer.
         """
         self._link, self._plans, self._start_ns, self._heard = link, plans, start_ns, heard
         self._own = set[bytes]()
@@ -79,7 +80,7 @@ class Requests:
     def __call__(
         self, task: PlanningTask, told: Callable[[str], None], done: Callable[[Entry], None]
     ) -> Asked:
-        """Ask for a plan, as `console.entries.Begin` says."""
+        """Request a plan; see `console.entries.Begin`."""
         request = request_of(task, self._link.parameters.inertial_frame, self._start_ns())
         key = uuid.uuid4().bytes
         self._own.add(key)
@@ -95,7 +96,7 @@ class Requests:
         return Asked(self._link, self._client, self._refused, goal, key, told, answered, failed)
 
     def close(self) -> None:
-        """Ask no more."""
+        """Destroy the action client."""
         self._client.destroy()
 
     def _goal_sent(self, event: Any) -> None:
@@ -127,7 +128,7 @@ class Requests:
 
 
 class Asked:
-    """A request on its way through the node; it is sent at once."""
+    """A request of the console to the node, which is sent at once."""
 
     def __init__(
         self,
@@ -140,13 +141,13 @@ class Asked:
         answered: Callable[[PlanAnswer], None],
         failed: Callable[[FfPlannerError], None],
     ) -> None:
-        """Send it.
+        """Send the request.
 
         Args:
-            key: Of the goal.
-            told: Is given each progress in words.
-            answered: Is given the answer, once.
-            failed: Is given, instead, why there is none.
+            key: Id of the goal, 16 bytes.
+            told: Called with the progress in words.
+            answered: Called once, with the answer.
+            failed: Called once instead, with the reason why there is no answer.
         """
         self._link, self._client, self._refused = link, client, refused
         self._goal, self._key, self._told = goal, key, told
@@ -156,11 +157,11 @@ class Asked:
         self._thread.start()
 
     def cancel(self) -> None:
-        """Have the node cancel it."""
+        """Have the node cancel the request."""
         self._cancelled.set()
 
     def wait(self) -> None:
-        """Wait until there is an answer, or none will be."""
+        """Wait until the request was answered or has failed."""
         self._thread.join()
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""The cases of a study in the cells of a plane over two of its quantities."""
+"""Cells of a study's map over two of its quantities, and the cases in each cell."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 
 from ff_planner_ros.report.study.columns import Column
 
-# As in the report: as many values have a cell each, others equal parts.
+# As in the report: up to so many values have a cell each, more are divided into equal parts.
 _MOST_VALUES, _FEWEST_PARTS, _MOST_PARTS = 16, 3, 12
 
 
 @dataclass(frozen=True)
 class Axis:
-    """The places of a quantity on one side of a map."""
+    """A quantity along one side of a map, in places."""
 
     name: str  # of the quantity, with its unit
     words: tuple[str, ...]  # of each place
@@ -25,7 +25,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Plane:
-    """The cells that hold a case, by their places across and up."""
+    """The cells with any case, by their places across and up."""
 
     across: Axis
     up: Axis
@@ -33,7 +33,7 @@ class Plane:
 
 
 def plane(across: Column, up: Column, cases: Collection[int]) -> Plane:
-    """Return some cases, by their numbers, over two quantities."""
+    """Return the cells of some cases, given by their numbers, over two quantities."""
     axes = axis_of(across, cases), axis_of(up, cases)
     cells = dict[tuple[int, int], tuple[int, ...]]()
     for case in cases:
@@ -44,7 +44,7 @@ def plane(across: Column, up: Column, cases: Collection[int]) -> Plane:
 
 
 def axis_of(column: Column, cases: Collection[int]) -> Axis:
-    """Return where some cases lie: at their values where these are few or words, or in parts."""
+    """Return the axis of some cases: a place per value if these are few or words, else parts."""
     known = [value for case in cases if (value := column.values[case]) is not None]
     different = sorted(set(known))
     if column.labels is not None or len(different) <= _MOST_VALUES:

@@ -1,4 +1,4 @@
-"""The page of a campaign: a click in its map plans a case again and shows it."""
+"""The page of a campaign: a click in its map plans a case again, and shows the plan."""
 
 from __future__ import annotations
 
@@ -26,17 +26,21 @@ class StudyPage:
     """A page about one campaign."""
 
     def __init__(self, directory: Path) -> None:
-        """Read its table.
+        """Read the campaign's table of plans.
 
         Raises:
-            InvalidInput: There is no campaign, a file of it is damaged, or nothing was varied.
+            InvalidInput: There is no campaign, or a file of it is damaged or too large.
         """
         self._directory = directory
         rows = read_plans(directory).sort_by("number").to_pylist()
         self._rows: dict[str, Row] = {f"case {k}": row for k, row in enumerate(rows, start=1)}
 
     def page_on(self, server: viser.ViserServer) -> Page:
-        """Build the page on a server, and plan the first case that has a plan."""
+        """Build the page on a server, and plan again the first case that had a plan.
+
+        Raises:
+            InvalidInput: Fewer than two quantities were varied.
+        """
         names = sorted(self._rows, key=lambda name: not self._rows[name]["solved"])
         page = Page(server, [self._entry(names[0])])
         self._page, self._panel = page, StudyPanel(server, self._rows)
@@ -45,7 +49,7 @@ class StudyPage:
         return page
 
     def _entry(self, name: str) -> Entry:
-        """Return a case before it is planned again."""
+        """Return the entry of a case before it is planned again."""
         row = self._rows[name]
         try:
             task = load_task(scenario_again(row, self._directory), defaults_of(self._directory))
@@ -58,7 +62,7 @@ class StudyPage:
         return Entry(name, task, status="not planned")
 
     def _show(self, name: str) -> None:
-        """Plan a case of a click, and show what came of it."""
+        """Plan the case of a click again, and show its plan or refusal."""
         if name not in self._rows:
             return
         entry = self._entry(name)

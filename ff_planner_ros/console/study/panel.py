@@ -1,4 +1,4 @@
-"""The part of the page that is about a campaign: its map, and what is drawn of which cases."""
+"""Panel of a campaign: its map, and the choice of quantities and cases in it."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class StudyPanel:
         """Build the controls, and draw nothing yet.
 
         Args:
-            rows: Of the table, by the names of their cases.
+            rows: Rows of the campaign's table, by the names of their cases.
 
         Raises:
-            InvalidInput: Not two quantities were varied.
+            InvalidInput: Fewer than two quantities were varied.
         """
         self._names, self._rows = list(rows), list(rows.values())
         self._lock, self._shown = RLock(), ""
@@ -71,7 +71,7 @@ class StudyPanel:
             self._draw()
 
     def _to_hold(self, others: Mapping[str, float]) -> list[tuple[Column, str]]:
-        """Return what can be held at one value, and the value at first."""
+        """Return the quantities that can be fixed at one value, and their initial values."""
         methods = words("method", [row["method"] for row in self._rows])
         sources = words("scenario", [row["source"] for row in self._rows])
         found = list[tuple[Column, str]]()
@@ -103,7 +103,7 @@ class StudyPanel:
             self._told.content = self._of_shown()
 
     def _of_shown(self) -> str:
-        """Return what the table says of the case that is shown."""
+        """Return the table's values and result of the case that is shown, in HTML."""
         if self._shown not in self._names:
             return ""
         k = self._names.index(self._shown)

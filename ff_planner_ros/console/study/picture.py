@@ -28,11 +28,11 @@ _NARROW = 24.0  # no words stand in, or below, smaller cells [pixels]
 
 @dataclass(frozen=True)
 class Case:
-    """What a map tells of one case."""
+    """One case of a map."""
 
-    name: str  # by which a click asks for it
-    cost: float | None  # None: it has no plan, or no such number
-    status: str | None  # that refused it; None: it has a plan
+    name: str  # passed on by a click
+    cost: float | None  # None: it has no plan, or no such metric
+    status: str | None  # of the refusal; None: it has a plan
 
 
 def heat_map(
@@ -42,13 +42,13 @@ def heat_map(
     words_of: dict[str, str],
     chosen: str,
 ) -> str:
-    """Return the map in HTML, to be clicked in.
+    """Return the map as clickable HTML.
 
     Args:
-        cases: Of the study, by their numbers.
-        cost: What colours the cells that have a plan, with its unit.
-        words_of: Of each status that refuses: its code and name, in the order of their colours.
-        chosen: The name of the case that is shown.
+        cases: All cases of the study, by number.
+        cost: Name of the metric that colours cells with a plan, with its unit.
+        words_of: Code and name of each status of a refusal, in the order of the colours.
+        chosen: Name of the case that is shown.
     """
     medians = {at: _median([cases[k] for k in cell]) for at, cell in plane.cells.items()}
     known = [value for value in medians.values() if value is not None]
@@ -94,7 +94,7 @@ def heat_map(
 
 
 def _next(cell: Sequence[Case], chosen: str) -> str:
-    """Return the case that a click on a cell shows: one after the other."""
+    """Return the case that a click on a cell shows: each click the next one."""
     names = [one.name for one in cell]
     return names[(names.index(chosen) + 1) % len(names)] if chosen in names else names[0]
 
@@ -105,7 +105,7 @@ def _median(cell: Sequence[Case]) -> float | None:
 
 
 def _cause(cell: Sequence[Case]) -> str:
-    """Return what refused most cases of a cell."""
+    """Return the most frequent status of refusal in a cell."""
     causes = [one.status for one in cell if one.status is not None]
     return max(dict.fromkeys(causes), key=causes.count)
 

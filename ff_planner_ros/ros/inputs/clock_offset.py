@@ -1,7 +1,7 @@
-"""How far a publisher's clock is from the node's: stamps of messages less their times of arrival.
+"""Offset of a publisher's clock from the node's: stamps of messages minus times of arrival.
 
-A message comes later than it is stamped, by its way. So the largest difference over the last
-seconds is nearest to the offset between the clocks.
+Transport delays only lower this difference, so its largest value over the last seconds is nearest
+to the offset.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from collections import deque
 
 from ff_planner_ros.common.times import NANOSECONDS
 
-# A clock that is set right counts after so long [s]. Shorter, and a few late messages in a row are
-# told as an offset; longer, and a publisher whose clock was mended is refused for nothing.
+# Length of the window [s]. Shorter, and a few late messages in a row look like an offset; longer,
+# and a publisher is refused long after its clock was corrected.
 WINDOW = 3.0
 # Differences are kept for parts of the window, each the largest of so many.
 _PARTS = 30
@@ -20,14 +20,14 @@ _PART_NS = _WINDOW_NS // _PARTS
 
 
 class ClockOffset:
-    """The offset that one topic's messages show; its user sees to it that one thread is in it."""
+    """Clock offset estimated from the messages of one topic; not thread-safe."""
 
     def __init__(self) -> None:
-        """Begin with nothing heard."""
+        """Begin without messages."""
         self._parts: deque[tuple[int, int]] = deque(maxlen=_PARTS)  # begin, largest lead [ns]
 
     def note(self, lead_ns: int, arrived_ns: int) -> None:
-        """Take the next message: its stamp less its time of arrival, and when it came [ns]."""
+        """Add a message: its stamp minus its time of arrival, and its time of arrival [ns]."""
         if self._parts:
             begun_ns, largest_ns = self._parts[-1]
             if 0 <= arrived_ns - begun_ns < _PART_NS:
@@ -36,7 +36,7 @@ class ClockOffset:
         self._parts.append((arrived_ns, lead_ns))
 
     def at(self, now_ns: int) -> float | None:
-        """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
+        """Return how far the publisher's clock is ahead [s]; None: no message in the window."""
         lately = [
             lead_ns
             for begun_ns, lead_ns in self._parts
@@ -46,5 +46,5 @@ class ClockOffset:
         return max(lately) / NANOSECONDS if lately else None
 
     def forget(self) -> None:
-        """Begin again."""
+        """Discard all messages."""
         self._parts.clear()

@@ -1,4 +1,4 @@
-"""How far two messages of one quantity are apart, beyond what the motion between them explains."""
+"""Contradictions of two messages on one quantity: differences that no motion explains."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ _FURTHEST = 0.02
 
 
 def of_states(before: SystemState, after: SystemState, time: float, names: Sequence[str]) -> str:
-    """Say how far two states are apart, measured a time after each other [s]; empty: they agree.
+    """Return in words how two states contradict each other; empty: they agree.
 
     Args:
-        names: Of the joints.
+        time: From the measurement of `before` to that of `after` [s]; may be negative.
+        names: Names of the joints.
     """
     return of_chasers(_chaser(before), _chaser(after), time) or of_joints(
         _joints(before), _joints(after), time, names
@@ -30,7 +31,7 @@ def of_states(before: SystemState, after: SystemState, time: float, names: Seque
 
 
 def of_chasers(before: ChaserPart, after: ChaserPart, time: float) -> str:
-    """Say how far two chasers are apart; empty: they agree."""
+    """Return how two chaser motions contradict each other, as `of_states` does."""
     off = _beyond(before[0], after[0], before[2], after[2], time)
     if off.max() > _FURTHEST:
         return f"the chaser is {off.max():.3g} m away from where the other says"
@@ -44,7 +45,7 @@ def of_chasers(before: ChaserPart, after: ChaserPart, time: float) -> str:
 
 
 def of_joints(before: JointPart, after: JointPart, time: float, names: Sequence[str]) -> str:
-    """Say how far the joints are apart; empty: they agree."""
+    """Return how two joint states contradict each other, as `of_states` does."""
     off = _beyond(before[0], after[0], before[1], after[1], time)
     if off.max() > _FURTHEST:
         joint = int(off.argmax())
@@ -53,7 +54,7 @@ def of_joints(before: JointPart, after: JointPart, time: float, names: Sequence[
 
 
 def of_bodies(before: TargetBody, after: TargetBody, time: float) -> str:
-    """Say how far two target bodies are apart; empty: they agree."""
+    """Return how two target bodies contradict each other, as `of_states` does."""
     there = before.after(time)
     off = float(np.linalg.norm(after.position - there.position))
     if off > _FURTHEST:
@@ -67,7 +68,7 @@ def of_bodies(before: TargetBody, after: TargetBody, time: float) -> str:
 
 
 def of_obstacles(before: Sequence[Obstacle], after: Sequence[Obstacle], time: float) -> str:
-    """Say how two scenes differ; empty: they agree."""
+    """Return how two scenes contradict each other, as `of_states` does."""
     return next(_differences(before, after, time), "")
 
 

@@ -1,4 +1,4 @@
-"""The topics that the node plans from: one row each, for the node, its recorder and a replay."""
+"""Table of the node's input topics, shared by the node, its recorder and replays."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class InputTopic:
     optional: bool = False  # whether the node plans where none was received, too
 
     def is_used_by(self, request: PlanRequest) -> bool:
-        """Tell whether a request is planned for from the topic."""
+        """Return whether the plan for a request is made from this topic's messages."""
         is_wanted = not self.of_captures or request.goal.kind == GoalKind.CAPTURE
         return is_wanted and not value_at(request, self.brought_by)
 
@@ -68,13 +68,13 @@ OUTPUTS_OF_THESE_TYPES = ("planned_joint_states",)
 
 
 def header_stamp(cdr: bytes) -> int:
-    """Return the stamp of the header that every input begins with [ns]; -1 without one."""
+    """Return the header's stamp in a serialised input message [ns]; -1 if it is too short."""
     seconds, nanosec = header_time(cdr)
     return -1 if nanosec < 0 else seconds * NANOSECONDS + nanosec
 
 
 def header_time(cdr: bytes) -> tuple[int, int]:
-    """Return seconds and nanoseconds of that stamp; the latter are negative without one."""
+    """Return that stamp's seconds and nanoseconds; -1, -1 if the message is too short."""
     if len(cdr) < 12:
         return -1, -1
     seconds, nanosec = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
@@ -82,5 +82,5 @@ def header_time(cdr: bytes) -> tuple[int, int]:
 
 
 def heard_with(state_source: str) -> list[InputTopic]:
-    """Return the topics that the node subscribes to."""
+    """Return the topics that the node subscribes to with a value of `state_source`."""
     return [one for one in INPUT_TOPICS.values() if one.state_source in (state_source, "")]

@@ -1,7 +1,7 @@
-"""Takes what comes in on topics in a thread of its own, however busy the node's executor is.
+"""Subscriptions that a thread of their own polls, however busy the node's executor is.
 
-An executor of rclpy spends a millisecond on each message. Here it is a few microseconds, so that no
-state at a high rate waits behind requests, drawings and large scenes.
+rclpy's executor spends a millisecond on each message, this thread a few microseconds. So states at
+a high rate do not wait behind requests, markers and large scenes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _EVENTS = 1.0
 
 
 class _Unspun(ReentrantCallbackGroup):
-    """The executor leaves it alone: with Fast DDS every message would wake it for nothing.
+    """A group that the executor ignores: with Fast DDS every message would wake it for nothing.
 
     That holds for the events of the subscriptions, too: they share a condition with the messages.
     """
@@ -41,7 +41,7 @@ class _Unspun(ReentrantCallbackGroup):
 
 
 class Listener:
-    """Hands over every message of its topics, in the order of each topic, until it is closed."""
+    """Passes every message of its topics to a callback, in order per topic, until closed."""
 
     def __init__(self, node: Node) -> None:
         """Begin without topics."""
@@ -60,10 +60,12 @@ class Listener:
         serialised: bool,
         numbered: bool = False,
     ) -> None:
-        """Listen to a topic, too; `keep` is given messages, or bytes where they are serialised.
+        """Subscribe to a topic.
 
         Args:
-            numbered: Whether `keep` is given the number of the publisher, too; None: it gives none.
+            keep: Called with each message; with its bytes if `serialised`.
+            numbered: Whether `keep` is also called with the message's publication sequence number,
+                which is None if the middleware has none.
         """
         subscription = self._node.create_subscription(
             message_type, topic, keep, qos, callback_group=self._group, raw=serialised
@@ -71,11 +73,11 @@ class Listener:
         self._heard.append((subscription, keep, numbered))
 
     def start(self) -> None:
-        """Hand over from now on; no topic may be added any more."""
+        """Start the thread; no topic may be added after that."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stop, and take the subscriptions off the node."""
+        """Stop the thread, and destroy the subscriptions."""
         self._stopped.set()
         if self._thread.is_alive():
             self._thread.join()

@@ -1,4 +1,4 @@
-"""The newest message of a topic, read when it is asked for."""
+"""The newest message of a topic, converted on demand."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ Seen = TypeVar("Seen")
 
 
 class NewestMessage(Generic[Seen]):
-    """The newest message of a topic, read when it is asked for.
+    """The newest message of a topic, converted on demand.
 
-    Not before: thousands of spheres ten times a second would slow down the node. It is kept when
-    the clock jumps back, too: a scene is often published only once.
+    Converting thousands of spheres ten times a second would slow down the node. The message is kept
+    when the clock jumps back: a scene is often published only once.
     """
 
     def __init__(
@@ -45,13 +45,13 @@ class NewestMessage(Generic[Seen]):
         now_ns: Callable[[], int] | None,
         publishers: Publishers | None,
     ) -> None:
-        """Begin with nothing heard.
+        """Begin without messages.
 
         Args:
-            read: Returns what is in a message, or refuses it.
-            apart: Says how far two messages are apart; empty: they agree.
-            now_ns: The node's clock; None: when messages come is not known.
-            publishers: None: not known, likewise.
+            read: Converts a message; raises InvalidInput if the message is invalid.
+            apart: Returns in words how two messages contradict each other; empty: they agree.
+            now_ns: The node's clock [ns]; None: times of arrival are unknown, as in a replay.
+            publishers: None: unknown, as in a replay.
         """
         self._topic, self._read, self._now_ns = topic, read, now_ns
         self._apart = apart
@@ -67,20 +67,20 @@ class NewestMessage(Generic[Seen]):
 
     @property
     def is_known(self) -> bool:
-        """Whether anything was heard."""
+        """Whether a message was received."""
         return self._kept is not None
 
     @property
     def came_ns(self) -> int | None:
-        """When what is kept came, by the node's clock [ns]; None: not known."""
+        """When the kept message arrived, by the node's clock [ns]; None: unknown."""
         kept = self._kept
         return None if kept is None else kept.came_ns
 
     def keep(self, message: Any, number: int | None = None) -> None:
-        """Take the next message, as it is or serialised: the newest counts, valid or not.
+        """Keep a message, serialised or not, valid or not, unless it is older than the kept one.
 
-        A message with an older stamp than that of what is kept comes late, and is left out. Without
-        a stamp, or with one that is ahead of now, no message is older than another.
+        A message is older if both are stamped, its stamp is the smaller one, and the kept one's
+        stamp is not ahead of now.
         """
         came_ns = None if self._now_ns is None else self._now_ns()
         now_ns = time.time_ns() if came_ns is None else came_ns
@@ -97,28 +97,29 @@ class NewestMessage(Generic[Seen]):
                 self.late = self._behind((kept_ns - stamp_ns) / NANOSECONDS)
 
     def require_agreement(self, now_ns: int, *, until_old: bool = False) -> None:
-        """Refuse what publishers say that contradict each other.
+        """Refuse a topic whose publishers contradict each other.
 
         Args:
-            until_old: Whether what came longer ago than a few seconds contradicts nobody.
+            now_ns: Current time by the node's clock [ns].
+            until_old: Whether messages that arrived more than a few seconds ago are ignored.
 
         Raises:
-            InvalidInput: They do.
+            InvalidInput: They do (CONTRADICTING_PUBLISHERS).
         """
         with self._lock:
             self._speakers.require_agreement(now_ns, only_lately=until_old)
 
     def require_in_order(self) -> None:
-        """Refuse what is kept where a message with an older stamp came after it.
+        """Refuse the kept message if the last message to arrive has an older stamp.
 
         Raises:
-            InvalidInput: One did.
+            InvalidInput: It has (STATE_TOO_OLD).
         """
         if self.late is not None:
             raise copy.copy(self.late)
 
     def _contradiction(self, before: HeardMessage[Seen], after: HeardMessage[Seen]) -> str:
-        """Say how far two messages are apart; empty: they agree, or cannot be used."""
+        """Return how two messages contradict each other; empty: they agree, or are invalid."""
         try:
             there, here = (self._read(self._plain(one.message)) for one in (before, after))
         except InvalidInput:
@@ -126,17 +127,18 @@ class NewestMessage(Generic[Seen]):
         return self._apart(there, here, seconds_between(before, after))
 
     def offset(self, now_ns: int) -> float | None:
-        """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
+        """Return how far the publisher's clock is ahead [s]; None: no recent message."""
         with self._lock:
             return self._offset.at(now_ns)
 
     def require_same_clock(
         self, now_ns: int, max_lead: float, early: Status = Status.STATE_IN_FUTURE
     ) -> None:
-        """Refuse what was stamped ahead of its time of arrival by more than max_lead [s].
+        """Refuse a topic whose stamps are ahead of the times of arrival by more than max_lead [s].
 
         Raises:
-            InvalidInput: What is kept was, or anything that came in the last seconds.
+            InvalidInput: The kept message's stamp is, or any stamp of the last seconds; the status
+                is `early`.
         """
         require_same_clock(early, self._field, self.offset(now_ns), max_lead)
         kept = self._kept
@@ -153,10 +155,10 @@ class NewestMessage(Generic[Seen]):
         )
 
     def read(self) -> Seen | None:
-        """Return what the newest message holds; None: there is none.
+        """Return the newest message, converted; None: none was received.
 
         Raises:
-            InvalidInput: It cannot be used.
+            InvalidInput: The message is invalid.
         """
         kept, read = self._kept, self._last_read
         if kept is None:

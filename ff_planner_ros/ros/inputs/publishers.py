@@ -1,4 +1,4 @@
-"""Who publishes a topic of the node, heard or in vain, as the middleware says."""
+"""The publishers of the node's input topics, and why some of them cannot be heard."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ _UNNAMED = "a publisher without a name"  # that the middleware has not told of y
 
 
 class Publishers:
-    """The publishers of the topics that a node plans from."""
+    """The publishers of a node's input topics, as the middleware lists them."""
 
     def __init__(self, node: Node, qos: QosParameters) -> None:
-        """Look from now on; `qos` is what the node asks for."""
+        """Look on behalf of a node whose subscriptions request `qos`."""
         self._node, self._qos = node, qos
 
     def heard(self, topic: str) -> list[str]:
-        """Return the names of those whom the node hears, one for each publisher, sorted."""
+        """Return the nodes of the publishers that this node hears, one per publisher, sorted."""
         return sorted(self.heard_by_id(topic).values())
 
     def heard_by_id(self, topic: str) -> dict[object, str]:
-        """Return the same names by what the middleware knows each publisher by."""
+        """Return the same names by the identifier (GID) of each publisher."""
         return {
             bytes(one.endpoint_gid): _name(one)
             for one in self._infos(topic)
@@ -36,11 +36,11 @@ class Publishers:
         }
 
     def are_several(self, topic: str) -> bool:
-        """Whether there are two or more, heard or in vain; costs microseconds."""
+        """Return whether a topic has two or more publishers, heard or not; takes microseconds."""
         return bool(self._node.count_publishers(self._node.resolve_topic_name(topic)) > 1)
 
     def unheard(self, topic: str) -> list[str]:
-        """Return words on those whom it cannot hear: who, and why."""
+        """Return a phrase for each publisher that this node cannot hear: its node, and why."""
         return sorted(
             f"{_name(one)} {why}"
             for one in self._infos(topic)

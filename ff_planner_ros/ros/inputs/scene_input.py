@@ -1,4 +1,4 @@
-"""What is around: obstacles and the target body, from their topics or from a request."""
+"""Obstacles and the target body, from their topics or from a request."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ from ff_planner_ros.ros.messages.from_messages import (
     time_in_ns,
 )
 
-# What is latched comes as soon as its publisher is discovered: on a busy machine seconds after the
-# node listens. So long [s] the first request waits; longer where a publisher is there already.
+# A latched message arrives once its publisher is discovered, on a busy machine seconds after the
+# node listens. So long [s] the first request waits; longer if a publisher is discovered already.
 _DISCOVERY, _MATCHED = 5.0, 15.0
 _OWN = "scene"  # field of a request
 _OF_SCENES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "obstacles_max_age"
@@ -50,17 +50,17 @@ _OF_TARGETS = Status.TARGET_TOO_OLD, Status.TARGET_IN_FUTURE, "target_max_age"
 
 @dataclass(frozen=True)
 class Scene:
-    """The obstacles, and where they come from."""
+    """Obstacles, with stamps and sources of their messages."""
 
     spheres: tuple[Sphere, ...]  # at the stamp
-    stamp_ns: int  # when they were seen [ns]; zero: not known
-    source: str  # of the message, or the request's field; may be empty
+    stamp_ns: int  # of the spheres, or of a request's scene [ns]; zero: not known
+    source: str  # as the message of the spheres says, or the request's field; may be empty
     bodies: tuple[Obstacle, ...] = ()  # at their stamp, or else that of the spheres
     bodies_stamp_ns: int = 0  # of the message of bodies; zero: none was received, or not known [ns]
-    bodies_source: str = ""  # as it says
+    bodies_source: str = ""  # as the message of bodies says
 
     def obstacles_at(self, time_ns: int) -> tuple[Obstacle, ...]:
-        """Return spheres and bodies as they will be at a time [ns]."""
+        """Return spheres and bodies, moved to where they will be at a time [ns]."""
         bodies_ns = self.bodies_stamp_ns or self.stamp_ns
         return (
             *carried(self.spheres, (time_ns - self.stamp_ns) / NANOSECONDS),
@@ -70,7 +70,7 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class SeenBody:
-    """The target body, and where it comes from."""
+    """The target body, with stamp and source of its message."""
 
     body: TargetBody  # at the stamp
     stamp_ns: int  # when it was seen [ns]
@@ -87,12 +87,12 @@ class SceneInput:
         publishers: Publishers | None = None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Start without messages.
+        """Begin without messages.
 
         Args:
-            now_ns: The node's clock; None: when messages come is not known, as in a replay.
-            publishers: None: not known, likewise.
-            tell: Takes a warning for the log.
+            now_ns: The node's clock [ns]; None: times of arrival are unknown, as in a replay.
+            publishers: None: unknown, as in a replay.
+            tell: Called with each warning for the log.
         """
         self._inertial_frame, self._publishers, self._tell = inertial_frame, publishers, tell
         self._begun = time.monotonic()
@@ -102,7 +102,7 @@ class SceneInput:
         self._target = NewestMessage(TARGET_BODY, self._seen_body, _targets_apart, *known)
 
     def callbacks(self) -> dict[str, Callable[..., None]]:
-        """Return what takes the next message of a topic, and its number, by the topic's name."""
+        """Return each topic's callback, which takes a message and its sequence number."""
         return {
             OBSTACLES.name: self.keep,
             OBSTACLE_BODIES.name: partial(self._keep, self._bodies),
@@ -110,7 +110,7 @@ class SceneInput:
         }
 
     def keep(self, message: ObstacleSphereArray | bytes, number: int | None = None) -> None:
-        """Take the next obstacles, as they are or serialised: the newest count, valid or not."""
+        """Keep a message of the topic `obstacles`, as `NewestMessage.keep` does."""
         self._keep(self._obstacles, message, number)
 
     def _keep(self, topic: NewestMessage[Any], message: Any, number: int | None = None) -> None:
@@ -121,7 +121,7 @@ class SceneInput:
             self._tell(f"left out: {late}")
 
     def may_come(self) -> bool:
-        """Whether obstacles that were published before the node listened may be on their way."""
+        """Return whether obstacles published before the node subscribed may still arrive."""
         if self._publishers is None:
             return False
         listens = time.monotonic() - self._begun
@@ -131,9 +131,9 @@ class SceneInput:
         return (is_matched and not self._obstacles.is_known) or self.bodies_may_come()
 
     def bodies_may_come(self) -> bool:
-        """Whether bodies that were published before the node listened may be on their way.
+        """Return whether bodies published before the node subscribed may still arrive.
 
-        Nobody needs to publish them: it is not waited for somebody who does.
+        Bodies are optional: only a publisher that is discovered already is waited for.
         """
         if self._publishers is None or self._bodies.is_known:
             return False
@@ -144,7 +144,7 @@ class SceneInput:
         """Return the obstacles: those that a request brings (`own`), or else those of the topics.
 
         Raises:
-            InvalidInput: There are none, or they cannot be used.
+            InvalidInput: None were received (NO_OBSTACLES), or a message is invalid.
         """
         if own is not None:
             return self._own_scene(own)
@@ -182,15 +182,17 @@ class SceneInput:
         max_lead: float,
         max_age: float = math.inf,
     ) -> Scene:
-        """Return what `scene` does; what moves has a stamp that is near enough to now.
+        """Return the obstacles as `scene` does, after a check of the stamps of those that move.
 
         Args:
-            max_lead: Of any stamp of the topics, and of obstacles that move [s].
-            max_age: Of obstacles that move [s].
+            own: Scene of the request; without a stamp, its moving obstacles count as seen now.
+            now_ns: Current time by the node's clock [ns].
+            max_lead: How far stamps of topics and of moving obstacles may be ahead of now [s].
+            max_age: How old stamps of moving obstacles may be [s].
 
         Raises:
-            InvalidInput: As by `scene`, or they have not; what was heard last was stamped ahead of
-                now or before what was heard before, or publishers contradict each other.
+            InvalidInput: As by `scene`; or a moving obstacle's stamp is missing, too old or too far
+                ahead; or a topic's messages come out of order, or its publishers contradict.
         """
         scene = self.scene(own)
         if own is None:
@@ -218,13 +220,13 @@ class SceneInput:
     def target_body(
         self, own: TargetBodyMessage | None, now_ns: int, max_age: float, max_lead: float
     ) -> SeenBody:
-        """Return the target body: that which a request brings (`own`), or else the topic's.
+        """Return the target body: the one that a request brings (`own`), or else the topic's.
 
-        Without a stamp, `own` is as if it had been seen now.
+        Without a stamp, `own` counts as seen now. Limits of the stamp are in seconds.
 
         Raises:
-            InvalidInput: There is none, or it cannot be used, or its stamp is too old, or too far
-                ahead of now.
+            InvalidInput: None was received (NO_TARGET_BODY), the message is invalid, its stamp is
+                too old or too far ahead of now, or the topic's publishers contradict each other.
         """
         seen = self._target.read() if own is None else self._seen_body(own, now_ns)
         if seen is None:
@@ -244,14 +246,14 @@ class SceneInput:
         return seen
 
     def target_clock_offset(self, now_ns: int) -> float | None:
-        """Return by how much the clock of target bodies' stamps is ahead of the node's [s].
+        """Return how far the clock of the target body's publisher is ahead of the node's [s].
 
-        As measured over the last seconds; None: nothing came, or it is not known when.
+        As measured over the last seconds; None: no message, or times of arrival are unknown.
         """
         return self._target.offset(now_ns)
 
     def _require_sound(self, now_ns: int, max_lead: float) -> None:
-        """Refuse obstacles of topics that came in another order or with another clock."""
+        """Refuse topics with another clock, contradicting publishers or messages out of order."""
         for topic in (self._obstacles, self._bodies):
             topic.require_same_clock(now_ns, max_lead)
             topic.require_agreement(now_ns)
@@ -263,7 +265,7 @@ class SceneInput:
         return Scene(spheres, stamp_ns, message.source)
 
     def _bodies_in(self, message: ObstacleArray) -> Scene:
-        """Return the scene that bodies alone make: their stamp and source are its own."""
+        """Return a scene of bodies alone, with their stamp and source."""
         stamp_ns = time_in_ns(f"{OBSTACLE_BODIES.name}.header.stamp", message.header.stamp)
         bodies = bodies_from_message(message, self._inertial_frame)
         return Scene((), stamp_ns, message.source, bodies)

@@ -1,7 +1,8 @@
-"""Publishers of one topic that contradict each other: nobody knows which of them is right.
+"""Detects publishers of one topic that contradict each other.
 
-rclpy does not tell whose a message is. Every publisher numbers its messages one by one, so who says
-number n is who has said number n - 1, or, where messages were lost, an earlier one that agrees.
+rclpy does not say which publisher a message is from. Every publisher numbers its messages one by
+one, so message n is from the publisher of message n - 1 or, if messages were lost, of an earlier
+message that agrees with it.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from ff_planner_ros.ros.inputs.publishers import Publishers
 
 Message = TypeVar("Message")
 
-# Publishers of a topic that are remembered: who was heard last is.
+# Publishers of a topic that are remembered, those heard last.
 _MOST = 16
-# What was published before is heard within this time [s], or never was: the number of who speaks
-# later, and for the first time, is one.
+# Latched messages of a publisher arrive within this time [s] of its discovery; a first message
+# after that has the number 1.
 _DISCOVERY = 5.0
 
 
@@ -47,14 +48,15 @@ class Speakers(Generic[Message]):
         *,
         once: bool,
     ) -> None:
-        """Begin with nothing heard.
+        """Begin without messages.
 
         Args:
-            publishers: None: not known, as in a replay.
-            contradiction: Says in words how far apart two messages are; empty: they agree.
-            came_lately: Whether a message came in the last seconds, by now [ns].
-            once: Whether a publisher may speak once and never again: its number is passed by those
-                of others, and what it said counts for as long as it is there.
+            publishers: None: unknown, as in a replay.
+            contradiction: Returns in words how two messages contradict each other; empty: they
+                agree.
+            came_lately: Returns whether a message arrived in the last seconds before now [ns].
+            once: Whether a publisher may publish only once: other publishers' numbers may then pass
+                its own, and its message counts for as long as it exists.
         """
         self._topic, self._publishers, self._once = topic, publishers, once
         self._contradiction, self._came_lately = contradiction, came_lately
@@ -62,10 +64,10 @@ class Speakers(Generic[Message]):
         self._since: dict[object, float] = {}  # when each publisher was seen first [s]
 
     def note(self, message: Message, number: int | None) -> None:
-        """Take the next message, and its number; None: the middleware gives none.
+        """Add a message and its publication sequence number; None: the middleware gives none.
 
-        Where nobody known can be meant, it counts as that of another publisher: how many there are,
-        the middleware knows.
+        A message that fits no known publisher counts as another publisher's; the number of
+        publishers is limited to what the middleware lists.
         """
         publishers = self._publishers
         several = publishers is not None and publishers.are_several(self._topic)
@@ -84,22 +86,22 @@ class Speakers(Generic[Message]):
         self._last.append(said)
 
     def forget(self) -> None:
-        """Begin again."""
+        """Discard all messages."""
         self._last.clear()
 
     def require_agreement(self, now_ns: int, *, only_lately: bool) -> None:
-        """Refuse what publishers say that contradict each other, by their names.
+        """Refuse a topic whose newest message contradicts the last one of another publisher.
 
-        Of messages that did not come lately, two of one name are one: it was started again, and the
-        middleware has not missed the first one yet.
+        Unless both messages are recent, two publishers of one node name count as one: the node was
+        restarted, and the middleware has not yet missed the old one.
 
         Args:
-            now_ns: By the node's clock [ns].
-            only_lately: Whether what did not come lately contradicts nobody.
+            now_ns: Current time by the node's clock [ns].
+            only_lately: Whether messages that are not recent are ignored.
 
         Raises:
-            InvalidInput: They do, or the newest message may be of one that is gone since, and does
-                to one that is still there (CONTRADICTING_PUBLISHERS).
+            InvalidInput: It does (CONTRADICTING_PUBLISHERS); the error names the publishers, and
+                those of the newest message that are gone since.
         """
         said = list(self._last)
         if self._publishers is None or len(said) < 2:
@@ -126,20 +128,20 @@ class Speakers(Generic[Message]):
         return there
 
     def _all_are_known(self) -> bool:
-        """Whether each has been there for so long that its first words would be number one."""
+        """Return whether a first message of any of the publishers would have the number 1."""
         if self._publishers is None:
             return False
         self._there(self._publishers)
         return max(self._since.values(), default=math.inf) < time.monotonic() - _DISCOVERY
 
     def _agreeing(self, said: Sequence[_Said[Message]], message: Message) -> list[_Said[Message]]:
-        """Return those whose message agrees with another, who was heard last comes first."""
+        """Return those whose message agrees with another, the last heard first."""
         return [one for one in reversed(said) if not self._contradiction(one.message, message)]
 
     def _authors(
         self, publishers: Publishers, same: Sequence[_Said[Message]]
     ) -> Mapping[object, str]:
-        """Return who may have published a message; `same`: by whom were those before, if any."""
+        """Return who may have published a message; `same`: earlier messages of its publisher."""
         before = same[0].authors if same else {}
         if len(before) == 1:
             return before

@@ -1,9 +1,9 @@
 """The newest state of the chaser and its arm, from the messages of its topics.
 
-Messages are stored when they come, and read when somebody asks. The one with the newest stamp
-counts, whatever comes last. While that one is not valid, every request for the state is refused
-with the reason. A stamp that was too far ahead of now when its message came is nobody's newest, not
-even when its time has come: it was not measured then.
+Messages are stored on arrival and converted on demand. The message with the newest stamp counts, in
+whatever order messages arrive. While that message is invalid, every request for the state is
+refused with the reason. A message stamped too far ahead of its time of arrival never counts, not
+even once the time of its stamp has come: the state was not measured then.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ Joints = TypeVar("Joints")
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The state of the chaser and its arm at a time."""
+    """The state of the chaser and its arm at a time, and where it was measured."""
 
     state: SystemState
-    stamp_ns: int  # of the measurement, with odometry that of the odometry [ns]
+    stamp_ns: int  # of the chaser's measurement [ns]
     source: str  # topic, or field of the request
     # Of the joint states that go with odometry; zero without odometry [ns]
     joint_states_stamp_ns: int = 0
-    # By how much the clock of the stamps is ahead of the node's, as measured; zero: not known [s]
+    # How far the clock of the stamps is ahead of the node's, as measured; zero: not known [s]
     clock_offset: float = 0.0
 
 
@@ -63,12 +63,12 @@ class StateInput:
         now_ns: Callable[[], int] | None = None,
         publishers: Publishers | None = None,
     ) -> None:
-        """Begin with nothing heard.
+        """Begin without messages.
 
         Args:
-            source: One of `parameters.STATE_SOURCES`.
-            now_ns: The node's clock; None: when messages come is not known, as in a replay.
-            publishers: None: not known, likewise.
+            source: Parameter `state_source`: `chaser_state` or `odometry`.
+            now_ns: The node's clock [ns]; None: times of arrival are unknown, as in a replay.
+            publishers: None: unknown, as in a replay.
         """
         self._source = source
         self._pairing_tolerance = odometry.pairing_tolerance
@@ -102,7 +102,7 @@ class StateInput:
         )
 
     def callbacks(self) -> dict[str, Callable[..., None]]:
-        """Return what takes the next message of a topic, and its number, by the topic's name."""
+        """Return each topic's callback, which takes a message and its sequence number."""
         return {
             CHASER_STATE.name: self._states.keep,
             ODOMETRY.name: self._chasers.keep,
@@ -116,25 +116,26 @@ class StateInput:
 
     @property
     def since(self) -> str:
-        """Since when nothing was received, in words, where nothing was."""
+        """Since when no state was received, as the end of a sentence that says so."""
         return self._states.since
 
     def clock_offset(self, now_ns: int) -> float | None:
-        """Return by how much the clock of the states' stamps is ahead of the node's [s].
+        """Return how far the clock of the state's publishers is ahead of the node's [s].
 
-        As measured over the last seconds, of two topics the one that is further off; None: nothing
-        came, or it is not known when.
+        As measured over the last seconds, of two topics the larger offset; None: no message, or
+        times of arrival are unknown.
         """
         topics = (self._states,) if self._is_one_topic else (self._chasers, self._joints)
         offsets = [offset for topic in topics if (offset := topic.offset(now_ns)) is not None]
         return max(offsets, key=abs, default=None)
 
     def snapshot(self, now_ns: int, max_age: float, max_lead: float) -> Snapshot:
-        """Return the newest state, unless it is older than max_age or ahead by more than max_lead.
+        """Return the newest state, if it is at most max_age old and max_lead ahead of now [s].
 
         Raises:
-            InvalidInput: Nothing was heard, what was heard last cannot be used, the publisher's
-                clock is ahead, or nothing pairs.
+            InvalidInput: No state was received, the newest is invalid, too old or too far ahead,
+                publishers contradict each other, a publisher's clock is ahead, or no odometry and
+                joint state are within `odometry.pairing_tolerance`.
         """
         limits = (now_ns, max_age, max_lead)
         offset = self.clock_offset(now_ns) or 0.0
@@ -143,7 +144,7 @@ class StateInput:
             state = _sound(self._states, newest)
             return Snapshot(state, _stamp(newest), self._source, clock_offset=offset)
         chasers, joints = self._chasers.current(*limits), self._joints.current(*limits)
-        while True:  # until a pair is sound, or there is none: a message that is not, is left out
+        while True:  # until both messages of a pair are valid; an invalid one is left out
             found, smallest = self._nearest(chasers, joints)
             if found is None:
                 break
@@ -171,7 +172,7 @@ class StateInput:
     def _nearest(
         self, chasers: list[HeardMessage[ChaserPart]], joints: list[HeardMessage[JointPart]]
     ) -> tuple[tuple[HeardMessage[ChaserPart], HeardMessage[JointPart]] | None, float]:
-        """Return the last pair, and how far apart those are that make none [s]."""
+        """Return the last pair or None, and the smallest distance in time of those rejected [s]."""
         smallest, stamped_joints = np.inf, [(_stamp(one), one) for one in joints]
         stamped_chasers = [(_stamp(one), one) for one in chasers]
         for apart, (_, chaser), (_, arm) in pairs(stamped_chasers, stamped_joints):
@@ -195,7 +196,7 @@ def _stamp(heard: HeardMessage[Any]) -> int:
 
 
 def _sound(topic: TopicMemory[SystemState], heard: HeardMessage[SystemState]) -> SystemState:
-    """Return what is in a message that `TopicMemory.current` has found sound."""
+    """Return the content of a message that `TopicMemory.current` has found valid."""
     part = topic.read(heard)
     if isinstance(part, InvalidInput):
         raise part
@@ -205,10 +206,10 @@ def _sound(topic: TopicMemory[SystemState], heard: HeardMessage[SystemState]) ->
 def pairs(
     chasers: Sequence[tuple[int, Chaser]], joints: Sequence[tuple[int, Joints]]
 ) -> Iterator[tuple[float, tuple[int, Chaser], tuple[int, Joints]]]:
-    """Yield each chaser with the joints nearest to it in time, and how far apart they are [s].
+    """Yield the distance in time [s] of each chaser to its nearest joint state, and both.
 
-    The last chaser comes first. Of joints equally near, the last ones are taken. Both lists hold
-    stamps [ns].
+    The last chaser comes first. Of joint states equally near, the last one is taken. The entries of
+    both lists begin with their stamps [ns].
     """
     last_first = joints[::-1]
     stamps_ns = np.array([stamp_ns for stamp_ns, _ in last_first])
@@ -219,5 +220,5 @@ def pairs(
 
 
 def is_pair(apart: float, tolerance: float) -> bool:
-    """Whether a chaser and joints so far apart in time [s] make a state; tolerance [s]."""
+    """Return whether a chaser and joints measured `apart` seconds from each other make a state."""
     return apart <= tolerance + ROUNDING

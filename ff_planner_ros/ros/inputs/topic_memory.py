@@ -1,4 +1,4 @@
-"""The last messages of a topic: stored when they come, and read when somebody asks for them."""
+"""The last messages of a topic: stored on arrival, converted on demand."""
 
 from __future__ import annotations
 
@@ -42,11 +42,12 @@ def require_current(
     """Refuse a stamp that is older than max_age or further ahead of now than max_lead [s].
 
     Args:
-        told: The status of either, and the parameter that max_age is of.
-        came_ns: When the message came, by the node's clock; None: not known [ns].
+        field: Field of the stamp, which the error names.
+        told: Status if too old, status if too far ahead, and name of the parameter of max_age.
+        came_ns: When the message arrived, by the node's clock; None: unknown [ns].
 
     Raises:
-        InvalidInput: It is.
+        InvalidInput: The stamp is too old or too far ahead.
     """
     age, (old, early, parameter) = (now_ns - stamp_ns) / NANOSECONDS, told
     if age > max_age + ROUNDING:
@@ -65,7 +66,7 @@ def require_current(
 
 
 def ahead_of_now(status: Status, field: str, lead: float, max_lead: float) -> InvalidInput:
-    """Return the refusal of a stamp that is ahead of now by a lead [s], more than max_lead."""
+    """Return the refusal of a stamp that is ahead of now by more than max_lead [s]."""
     return InvalidInput(
         status,
         field,
@@ -76,13 +77,13 @@ def ahead_of_now(status: Status, field: str, lead: float, max_lead: float) -> In
 
 
 def require_same_clock(status: Status, field: str, offset: float | None, max_lead: float) -> None:
-    """Refuse a publisher whose clock is ahead by more than max_lead [s], whatever it says now.
+    """Refuse a topic whose publisher's clock is ahead by more than max_lead [s].
 
     Args:
-        offset: As measured over the last seconds; None: nothing came.
+        offset: As measured over the last seconds [s]; None: no message.
 
     Raises:
-        InvalidInput: It is.
+        InvalidInput: The offset is larger than max_lead.
     """
     if offset is not None and offset > max_lead + ROUNDING:
         error = ahead_of_now(status, field, offset, max_lead)
@@ -95,23 +96,23 @@ def require_same_clock(status: Status, field: str, offset: float | None, max_lea
 
 @dataclass(eq=False)
 class HeardMessage(Generic[Part]):
-    """A message, and what is in it once it was read."""
+    """A received message and, once it was converted, its content."""
 
-    message: Any  # as it is or serialised; None once it was read
-    stamp_ns: int | None  # None: its stamp is none
-    came_ns: int | None = None  # by the node's clock; None: not known
-    part: Part | InvalidInput | None = None  # the reason where it cannot be used
+    message: Any  # serialised or not; None once it was converted
+    stamp_ns: int | None  # None: invalid
+    came_ns: int | None = None  # time of arrival by the node's clock; None: unknown
+    part: Part | InvalidInput | None = None  # the content, or why the message is invalid
 
     @property
     def lead(self) -> float:
-        """By how much its stamp was ahead when it came [s]; without end behind: not known."""
+        """Stamp minus time of arrival [s]; minus infinity if either is unknown."""
         if self.came_ns is None or self.stamp_ns is None:
             return float("-inf")
         return (self.stamp_ns - self.came_ns) / NANOSECONDS
 
 
 class TopicMemory(Generic[Part]):
-    """The last messages of a topic, in the order of hearing; may be used from several threads."""
+    """The last messages of a topic, in order of arrival; may be used from several threads."""
 
     def __init__(
         self,
@@ -121,14 +122,15 @@ class TopicMemory(Generic[Part]):
         now_ns: Callable[[], int] | None,
         publishers: Publishers | None,
     ) -> None:
-        """Begin with nothing heard.
+        """Begin without messages.
 
         Args:
-            read: Returns what is in a message, or refuses it.
-            contradiction: Says how far two messages are apart; empty: they agree.
-            now_ns: The node's clock, which is read when a message comes; None: when they come is
-                not known, as in a replay.
-            publishers: None: not known, likewise.
+            read: Converts a message; raises InvalidInput if the message is invalid.
+            contradiction: Returns in words how two messages contradict each other; empty: they
+                agree.
+            now_ns: The node's clock [ns], read when a message arrives; None: times of arrival are
+                unknown, as in a replay.
+            publishers: None: unknown, as in a replay.
         """
         self._topic, self._read, self._now_ns = topic, read, now_ns
         self._contradiction, self._publishers = contradiction, publishers
@@ -144,11 +146,12 @@ class TopicMemory(Generic[Part]):
         self.since = "yet"  # when nothing was heard any more, in words
 
     def keep(self, message: Any, number: int | None = None, *, is_for_others: bool = False) -> None:
-        """Take the next message, as it is or serialised.
+        """Store a message, serialised or not.
 
         Args:
-            number: That its publisher has given it; None: not known.
-            is_for_others: It is told about only while nothing else was heard.
+            number: Publication sequence number; None: unknown.
+            is_for_others: Whether it is not meant for this node, such as the state of a gripper;
+                such a message only explains a refusal while no other was received.
         """
         came_ns = None if self._now_ns is None else self._now_ns()
         heard = HeardMessage[Part](message, stamp_of(message), came_ns)
@@ -164,7 +167,7 @@ class TopicMemory(Generic[Part]):
             self._speakers.note(heard, number)
 
     def read(self, heard: HeardMessage[Part]) -> Part | InvalidInput:
-        """Return what is in a message, or why it cannot be used; it is read once."""
+        """Return the content of a message, or why it is invalid; it is converted once."""
         with self._lock:
             if heard.part is None:
                 heard.part, heard.message = self._read_now(heard.message), None
@@ -180,18 +183,18 @@ class TopicMemory(Generic[Part]):
             self.since = "since the clock has jumped back or changed"
 
     def offset(self, now_ns: int) -> float | None:
-        """Return by how much the publisher's clock is ahead [s]; None: nothing came lately."""
+        """Return how far the publisher's clock is ahead [s]; None: no recent message."""
         with self._lock:
             return self._offset.at(now_ns)
 
     def current(self, now_ns: int, max_age: float, max_lead: float) -> list[HeardMessage[Part]]:
-        """Return the messages that are neither too old nor too early, the newest one last.
+        """Return the messages at most max_age old and max_lead ahead of now [s], the newest last.
 
-        The newest one is sound; others may turn out not to be.
+        The newest message is valid; others may turn out invalid when they are read.
 
         Raises:
-            InvalidInput: There is none, the newest one is not sound, the publisher's clock is
-                ahead, or there are two that contradict each other.
+            InvalidInput: There is none, the newest is invalid, too old or too far ahead, the
+                publisher's clock is ahead, or two publishers contradict each other.
         """
         with self._lock:
             kept, other = list(self._kept), self._other
@@ -243,7 +246,7 @@ class TopicMemory(Generic[Part]):
         ]
 
     def _apart(self, before: HeardMessage[Part], after: HeardMessage[Part]) -> str:
-        """Say how far two messages are apart; empty: they agree, or cannot be used."""
+        """Return how two messages contradict each other; empty: they agree, or are invalid."""
         parts = self.read(before), self.read(after)
         if isinstance(parts[0], InvalidInput) or isinstance(parts[1], InvalidInput):
             return ""  # it is refused for another reason
@@ -276,25 +279,25 @@ class TopicMemory(Generic[Part]):
 
 
 def seconds_between(before: HeardMessage[Any], after: HeardMessage[Any]) -> float:
-    """Return how long after each other two messages were stamped [s]; zero: not known."""
+    """Return the stamp of `after` minus that of `before` [s]; zero if either has none."""
     if not before.stamp_ns or not after.stamp_ns:
         return 0.0
     return (after.stamp_ns - before.stamp_ns) / NANOSECONDS
 
 
 def came_lately(heard: HeardMessage[Any], now_ns: int) -> bool:
-    """Whether a message came in the last seconds."""
+    """Return whether a message arrived within the last `WINDOW` seconds."""
     return heard.came_ns is not None and now_ns - heard.came_ns <= WINDOW * NANOSECONDS
 
 
 def unheard_words(topic: str, publishers: Publishers | None) -> str:
-    """Return words on publishers that the node cannot hear, to be added to a refusal."""
+    """Return the end of a refusal that names publishers which the node cannot hear."""
     unheard = [] if publishers is None else publishers.unheard(topic)
     return "".join(f"; {words}: it is not heard" for words in unheard)
 
 
 def stamp_of(message: Any) -> int | None:
-    """Return the stamp of a message, as it is or serialised [ns]; None: it is none."""
+    """Return the stamp of a message, serialised or not [ns]; None if it is invalid."""
     if isinstance(message, bytes):
         seconds, nanosec = header_time(message)
     else:

@@ -1,4 +1,4 @@
-"""The plan as the arm's controller gets it."""
+"""The joint trajectory in the form that the arm's controller accepts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 
 def controller_message(trajectory: JointTrajectory, effort_interface: bool) -> JointTrajectory:
-    """Return what to publish for the controller, without torques where it takes none."""
+    """Return the trajectory for the controller; without torques if it takes no effort."""
     if effort_interface:
         return trajectory
     return JointTrajectory(

@@ -1,4 +1,4 @@
-"""Messages of packages that no wheel brings: the machine's own, else those that msg_defs built."""
+"""Messages that no ROS wheel contains: those of the ROS installation, or else of msg_defs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ff_planner_ros.common.share import STAND_INS, installation_prefixes
 
 
 def provide(*packages: str) -> None:
-    """Let packages of messages be imported, from where they stand in if they are not installed.
+    """Make packages of messages importable, from their stand-ins if they are not installed.
 
-    Nothing is changed where the packages themselves are installed. One that is nowhere fails with
-    Python's own words when it is imported.
+    Nothing changes for packages that are installed. A package without a stand-in raises Python's
+    ImportError when it is imported.
     """
     missing = [package for package in packages if find_spec(package) is None]
     for prefix in installation_prefixes():

@@ -65,27 +65,27 @@ _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
 
 
 class OnCancel(StrEnum):
-    """What becomes of a goal of the action that is cancelled."""
+    """Result of an action goal that is cancelled."""
 
-    DISCARD = "discard"
-    BEST = "best"  # the best plan until then is the answer
+    DISCARD = "discard"  # no plan
+    BEST = "best"  # the best plan found until then
 
 
 def require_supported(request: PlanRequest) -> None:
-    """Refuse a request for what no plan can have yet.
+    """Refuse a request whose goal kind or `on_cancel` is unknown.
 
     Raises:
-        InvalidInput: It names the field.
+        InvalidInput: One of them is unknown.
     """
     require_known_goal(request.goal)
     a_word(OnCancel).read("on_cancel", request.on_cancel or OnCancel.DISCARD)
 
 
 def require_known_goal(goal: Goal) -> None:
-    """Refuse a goal of another kind.
+    """Refuse a goal of an unknown kind.
 
     Raises:
-        InvalidInput: It names the kind.
+        InvalidInput: The kind is none of `GoalKind`.
     """
     if goal.kind not in iter(GoalKind):
         named = ", ".join(f"{one.name} ({one:d})" for one in GoalKind)
@@ -102,17 +102,18 @@ def problem_from_request(
     body: TargetBody | None = None,
     remaining: float | None = None,
 ) -> PlanningProblem:
-    """Build the problem of a request; its start state and obstacles are not looked at.
+    """Return the planning problem of a request; start state and scene in the request are ignored.
 
     Args:
-        robot: Without the payload that the request may bring.
+        robot: Robot without the payload that the request may bring.
+        start: Measured state of the system.
         obstacles: At the plan's first point.
-        body: That is captured, then; None: the goal is the request's pose.
-        remaining: Of a running plan [s], the duration of a request that leaves it at zero. None:
-            no plan is continued.
+        body: Target body to capture, at the plan's first point; None: the goal is no capture.
+        remaining: Time left to the goal of the plan that is replaced [s], which is the duration if
+            the request's is zero; None: no plan is replaced.
 
     Raises:
-        InvalidInput: A field of the request cannot be used; the error names it.
+        InvalidInput: A field of the request is invalid; the error names it.
     """
     robot = robot_holding(robot, request)
     posture = posture_in(request.goal, robot)
@@ -138,7 +139,7 @@ def problem_from_request(
 
 
 def _names(request: PlanRequest, body: TargetBody | None) -> list[str]:
-    """Return the fields of the problem that are looked at; only a pose has a target."""
+    """Return the fields of the problem to read from a request; only a pose goal has a target."""
     names = [item.name for item in fields(PlanningProblem)]
     if request.goal.kind in (GoalKind.JOINTS, GoalKind.AT_REST):
         names.remove("target")
@@ -154,7 +155,15 @@ def _names(request: PlanRequest, body: TargetBody | None) -> list[str]:
 
 
 def limits_in(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
-    """Return the limits of a request: those of the parameters, or lower ones that it asks for."""
+    """Return the limits of a request: those of the parameters, or lower ones that it asks for.
+
+    Args:
+        asked: Limits in the request, by the field of `Limits`.
+        kept: Limits of the parameters.
+
+    Raises:
+        InvalidInput: A limit is not positive, or higher than the parameter's.
+    """
     for name in OF_ONE_NUMBER:
         number, most = asked.get(name, getattr(kept, name)), getattr(kept, name)
         unit = declared_by_name(Limits)[name].unit
@@ -186,7 +195,17 @@ def limits_in(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
 def duration_in(
     request: PlanRequest | Phase, remaining: float | None
 ) -> tuple[float, DurationRange | None]:
-    """Return the duration and, where the planner is to choose one, its range, else None."""
+    """Return the duration, and its range where the planner chooses it, else None.
+
+    Args:
+        remaining: As in `problem_from_request` [s].
+
+    Returns:
+        Duration [s], the longest one if there is a range; range.
+
+    Raises:
+        InvalidInput: The duration or its range is invalid.
+    """
     if remaining is not None and request.duration == request.duration_max == 0.0:
         return remaining, None
     shortest = finite_number("duration", request.duration, above=0.0)
@@ -194,16 +213,19 @@ def duration_in(
     if request.duration_max != 0.0:
         window = DurationRange(shortest, request.duration_max)
     longest = shortest if window is None else window.maximum
-    # Before anything is foretold for so long.
+    # Before any motion is predicted for so long.
     require_end("duration" if window is None else "duration_max", longest, longest)
     return longest, window
 
 
 def require_end(field: str, duration: float, end: float) -> None:
-    """Refuse a duration with which a plan ends at a time [s] that no message has.
+    """Refuse a duration with which a plan ends after the last time that a message can hold.
+
+    Args:
+        end: When the plan ends, or a lower bound of that, since 1970 [s].
 
     Raises:
-        InvalidInput: It does.
+        InvalidInput: The plan ends too late.
     """
     if end > MAX_MESSAGE_SECONDS:
         raise InvalidInput(Status.OUT_OF_RANGE, field, duration, "the plan must end before 2038")
@@ -262,7 +284,7 @@ def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> t
     """Read the spheres of their topic at their stamp, in the inertial frame.
 
     Raises:
-        InvalidInput: A field of the message cannot be used, two spheres share an id, or one turns.
+        InvalidInput: A field of the message is invalid, or two spheres share an id.
     """
     require_frame("obstacles.header.frame_id", message.header.frame_id, inertial_frame)
     return spheres_of(message, "obstacles")
@@ -292,6 +314,9 @@ def plan_from_answer(answer: PlanAnswer) -> Plan:
     """Read the plan back out of an answer whose status is SOLVED, all phases as one.
 
     Its times are rounded to nanoseconds; it holds NaN where the answer leaves something out.
+
+    Raises:
+        ValueError: Arrays of the answer do not fit each other.
     """
     message, *others = answer.plans
     return Plan(
@@ -321,27 +346,27 @@ def metrics_from_message(message: PlanMetrics) -> Metrics:
 
 
 def solver_report_from_message(message: SolverReportMessage) -> SolverReport:
-    """Read how the search went."""
+    """Read the report on the search from an answer."""
     # A message decoded from a bag of an earlier version lacks what has a default.
     told = {one.name: value_at(message, one.name, one.default) for one in fields(SolverReport)}
     return SolverReport(**told)
 
 
 def require_frame(field: str, frame_id: str, allowed: str) -> None:
-    """Refuse a frame that is not the one allowed.
+    """Refuse a frame other than the allowed one.
 
     Raises:
-        InvalidInput: It is another one.
+        InvalidInput: `frame_id` differs from `allowed` (WRONG_FRAME).
     """
     if frame_id != allowed:
         raise InvalidInput(Status.WRONG_FRAME, field, repr(frame_id), f"it must be '{allowed}'")
 
 
 def xyz(message: Point | Vector3) -> Array:
-    """Return a message's three numbers. Shape (3,)."""
+    """Return a point or vector as an array. Shape (3,)."""
     return np.array([message.x, message.y, message.z])
 
 
 def xyzw(message: Quaternion) -> Array:
-    """Return a message's quaternion. Shape (4,)."""
+    """Return a quaternion as an array x, y, z, w. Shape (4,)."""
     return np.array([message.x, message.y, message.z, message.w])

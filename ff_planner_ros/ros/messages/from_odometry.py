@@ -1,4 +1,4 @@
-"""A testbed's own messages to a state: odometry of a sensor on the chaser, and joint states."""
+"""State from a testbed's own messages: odometry of a sensor on the chaser, and joint states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of the planner's services and action, and the types of the events that tell of them."""
+"""Names of the planner's services and action, and lookup of message classes by their names."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def type_name(message_type: type) -> str:
 
 
 def class_of(element: NamespacedType, owner: Any) -> Any:
-    """Return the class of a message's part; `owner` is the class of the message."""
+    """Return the class of a field's type; `owner` is the class of the message with the field."""
     # What ROS itself makes of an action is in the module of the action only.
     beside = getattr(sys.modules[owner.__module__], element.name, None)
     return beside or getattr(import_module(".".join(element.namespaces)), element.name)
 
 
 def entry_of(message: Any, array: str) -> Any:
-    """Return a new message for an array of a message, by the array's name."""
+    """Return a new, empty element for the array field `array` of a message."""
     kinds = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
     return class_of(kinds[array].value_type, type(message))()

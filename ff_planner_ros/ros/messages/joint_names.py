@@ -1,4 +1,4 @@
-"""Joints in messages, which may come in any order: their names, and goals of them."""
+"""Joint names and joint goals in messages, which may list joints in any order."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 if TYPE_CHECKING:
     from ff_planner_msgs.msg import Goal
 
-# Of joints at fault: more than any arm has would bury the message.
+# Most names of joints in an error: more than any arm has would bury the message.
 _NAMES_SHOWN = 20
-# How messages name a goal of the joints.
+# Fields of a joint goal in messages, by those of a scenario.
 GOAL_JOINTS = {
     f"target.joints.{ours}": f"goal.joints.{theirs}"
     for ours, theirs in (("position", "position"), ("velocity", "velocity"))
@@ -28,17 +28,18 @@ GOAL_JOINTS = {
 
 
 def turns_without_end(robot: Robot) -> Array:
-    """Tell which joints are continuous: positions a turn apart are the same. Shape (joints,)."""
+    """Return which joints are continuous: positions a turn apart are equal. Shape (joints,)."""
     widest = np.minimum(-robot.lower_position_limits, robot.upper_position_limits)
     turns = ~robot.joint_slides.any(axis=1)
     return np.asarray(turns & (widest >= TURN_OF_CONTINUOUS))
 
 
 def posture_in(goal: Goal, robot: Robot) -> Posture | None:
-    """Return the posture that a goal asks for; None: it is one of the end effector.
+    """Return the joint goal, or the goal at rest; None: the goal is one of the end effector.
 
     Raises:
-        InvalidInput: A joint is unknown, missing or named twice, or has no position.
+        InvalidInput: A joint is unknown, missing or named twice, or lacks a finite position or
+            velocity.
     """
     if goal.kind == GoalKind.AT_REST:
         return Posture(at_rest=True)
@@ -56,7 +57,11 @@ def posture_in(goal: Goal, robot: Robot) -> Posture | None:
 def joint_order(
     field: str, found: Sequence[str], wanted: Sequence[str], others_allowed: bool = False
 ) -> list[int]:
-    """Return where each wanted joint stands among those found, with or without other joints.
+    """Return the index in `found` of each wanted joint.
+
+    Args:
+        field: Field of the names found, which the error names.
+        others_allowed: Whether `found` may name further joints.
 
     Raises:
         InvalidInput: A joint is unknown, missing or named twice.

@@ -1,4 +1,4 @@
-"""The phases of a request and of its answer: from messages, and to them."""
+"""Conversion of the phases of a request and of its answer from messages, and to them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _NAMES = names_in(Phase) | names_in(PlanningTask) | GOAL_JOINTS
 
 
 def captures(request: PlanRequest) -> bool:
-    """Tell whether a request captures the target body in any of its phases."""
+    """Return whether any phase of a request captures the target body."""
     goals = [request.goal, *(one.goal for one in value_at(request, FIELD, ()))]
     return any(goal.kind == GoalKind.CAPTURE for goal in goals)
 
@@ -57,13 +57,14 @@ def captures(request: PlanRequest) -> bool:
 def phases_in(
     request: PlanRequest, robot: Robot, parameters: NodeParameters, body: TargetBody | None
 ) -> tuple[Phase, ...]:
-    """Return the phases that follow the goal of a request; none: it is of an older version, too.
+    """Return the phases that follow the goal of a request; older messages have none.
 
     Args:
-        body: That phases capture, at the first point of the first; None: none does.
+        body: Target body that phases capture, at the first point of the first phase; None: no
+            phase captures.
 
     Raises:
-        InvalidInput: A field of a phase cannot be used; the error names it.
+        InvalidInput: A field of a phase is invalid; the error names it.
     """
     phases = []
     for index, message in enumerate(value_at(request, FIELD, ())):
@@ -76,7 +77,7 @@ def phases_in(
 
 
 def longest_duration(phase: Phase) -> float:
-    """Return how long a phase lasts at most [s]."""
+    """Return the longest duration that a phase may have [s]."""
     lasts = phase.duration
     return lasts.maximum if isinstance(lasts, DurationRange) else lasts
 
@@ -108,7 +109,7 @@ def _phase(
 
 
 def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str) -> PhaseMessage:
-    """Write what follows a goal as a part of a request."""
+    """Write a phase as an entry of a request's field `then`."""
     told = replace(phase, payload=None, duration=longest_duration(phase))
     message: PhaseMessage = write_object(told, PhaseMessage(), entry_of)
     message.goal.pose.header.frame_id = inertial_frame
@@ -126,10 +127,11 @@ def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str)
 def plan_messages(
     plan: Plan, start_ns: int, inertial_frame: str, bodies: Sequence[TargetBody | None]
 ) -> list[PlanMessage]:
-    """Write the plan of each phase as a message; see `plan_message`.
+    """Write the plan of each phase as a message, with `plan_message`.
 
     Args:
-        bodies: That each phase captures, at its first point.
+        start_ns: Time of the first phase's first point [ns].
+        bodies: Target body that each phase captures, at the phase's first point; None: none.
     """
     written = list[PlanMessage]()
     for phase, body in zip(plan.phases, bodies, strict=True):
@@ -142,14 +144,14 @@ def plan_messages(
 def tell_found(
     answer: PlanAnswer, error: FfPlannerError, task: PlanningTask, start_ns: int, frame: str
 ) -> None:
-    """Write the plans of the phases before the one that has none into a refusal."""
+    """Write the plans of the phases before the one that failed into the answer to a refusal."""
     if isinstance(error, NoPlanFound) and isinstance(error.found, Plan):
         bodies = bodies_of(task, error.found)
         answer.plans = plan_messages(error.found, start_ns, frame, bodies)
 
 
 def efforts_of(answer: PlanAnswer) -> Sequence[int]:
-    """Return the step at which the search of each phase was ended; zero: it was not."""
+    """Return the step at which the search of each phase was cut short; zero: it was not."""
     told = [value_at(plan, "effort", 0) for plan in answer.plans]
     if answer.status.code != Status.SOLVED:
         return [*told, answer.effort]
@@ -157,6 +159,6 @@ def efforts_of(answer: PlanAnswer) -> Sequence[int]:
 
 
 def bodies_of(task: PlanningTask, plan: Plan) -> list[TargetBody | None]:
-    """Return the body that each phase of a plan captures, at the first point of the phase."""
+    """Return the body that each phase of a plan captures, at the phase's first point."""
     pairs = zip(captured_bodies(task), plan.begins, strict=False)
     return [None if body is None else body.after(begin) for body, begin in pairs]

@@ -1,4 +1,4 @@
-"""Values of a request by the keys of a scenario: what `replay --set` and `ask --set` give."""
+"""Fields of a request by the keys of a scenario, as `replay --set` and `ask --set` set them."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ REQUEST_KEYS["search.depth"] = ("search.depth", declared(PlannerSettings)["searc
 
 
 def split_setting(setting: str, known: Collection[str]) -> tuple[str, str]:
-    """Return the two sides of a `key=value` of the command line.
+    """Split a `key=value` of the command line.
 
     Raises:
-        InvalidInput: It is none, or its key is not among those known.
+        InvalidInput: The text has no `=`, or its key is not in `known`.
     """
     key, equals, value = setting.partition("=")
     key = present_name(key)
@@ -46,7 +46,7 @@ def split_setting(setting: str, known: Collection[str]) -> tuple[str, str]:
 
 
 def yaml_or_text(key: str, value: str) -> Any:
-    """Return what a value stands for in YAML, or the text itself where it is no YAML."""
+    """Return a value parsed as YAML, or the text itself if it is no YAML."""
     try:
         return yaml_document(value, key, "no YAML")
     except InvalidInput:
@@ -54,13 +54,13 @@ def yaml_or_text(key: str, value: str) -> Any:
 
 
 def request_value(key: str, value: Any, in_range: bool) -> Any:
-    """Return a value of the key's type, as a file has it.
+    """Return a value converted to the key's type.
 
     Args:
-        in_range: Whether it must be in the key's range, too, or the planner is to judge that.
+        in_range: Whether to check the key's range here; if not, the planner checks it.
 
     Raises:
-        InvalidInput: It is not of the key's type, or out of its range.
+        InvalidInput: The value is not of the key's type, or out of its range.
     """
     form = REQUEST_KEYS[key][1].form
     read = form.read(key, value)
@@ -72,10 +72,10 @@ def request_value(key: str, value: Any, in_range: bool) -> Any:
 
 
 def set_in_request(request: PlanRequest, key: str, value: Any) -> None:
-    """Put a value of `request_value` into its place.
+    """Set a key's field of a request to a value from `request_value`.
 
     Raises:
-        InvalidInput: It does not fit there.
+        InvalidInput: The value does not fit the field's message type.
     """
     place, declaration = REQUEST_KEYS[key]
     try:

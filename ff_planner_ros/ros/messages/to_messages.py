@@ -1,4 +1,4 @@
-"""Planning objects to messages: pure functions, no clock."""
+"""Conversion of planning objects to messages: pure functions, no clock."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ _OWN_STATE = "start_state."
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanRequest:
-    """Write a problem as a request for the latest published state, scene and target body."""
+    """Write a problem as a request, without its state, obstacles and target body."""
     request: PlanRequest = write_object(problem, PlanRequest(), entry_of)
     request.goal.pose.header.frame_id = inertial_frame
     if problem.duration_range is not None:
@@ -80,14 +80,14 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanReques
 
 
 def payload_message(payload: Payload) -> PayloadMessage:
-    """Write a payload for the request to a planner whose robot does not hold it."""
+    """Write a payload as a message, with its shapes."""
     message: PayloadMessage = write_object(replace(payload, shapes=()), PayloadMessage(), entry_of)
     message.bodies = [_body_message(one) for one in payload.shapes]
     return message
 
 
 def goal_of_joints(posture: Posture, joint_names: Sequence[str]) -> Goal:
-    """Write a goal of the joints as a message."""
+    """Write a joint goal, or the goal at rest, as a message."""
     if posture.positions is None:
         return Goal(kind=Goal.AT_REST)
     joints = JointState(name=list(joint_names), position=posture.positions.tolist())
@@ -99,7 +99,7 @@ def goal_of_joints(posture: Posture, joint_names: Sequence[str]) -> Goal:
 def state_message(
     state: SystemState, joint_names: Sequence[str], stamp_ns: int, inertial_frame: str
 ) -> ChaserState:
-    """Write a state at a time [ns] as a message."""
+    """Write a state, measured at stamp_ns [ns], as a message."""
     header = _header(stamp_ns, inertial_frame)
     message: ChaserState = write_object(
         state, ChaserState(header=header, joint_names=list(joint_names)), entry_of
@@ -112,7 +112,7 @@ def state_message(
 def obstacles_message(
     obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str
 ) -> ObstacleSphereArray:
-    """Write the spheres of a time [ns] as a message, without what is fixed to a target body."""
+    """Write the spheres at stamp_ns [ns], without those fixed to a target body, as a message."""
     header = _header(stamp_ns, inertial_frame)
     return ObstacleSphereArray(header=header, spheres=_sphere_messages(obstacles))
 
@@ -120,13 +120,13 @@ def obstacles_message(
 def bodies_message(
     obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str
 ) -> ObstacleArray:
-    """Write the bodies of a time [ns] as a message, without what is fixed to a target body."""
+    """Write the bodies at stamp_ns [ns], without those fixed to a target body, as a message."""
     header = _header(stamp_ns, inertial_frame)
     return ObstacleArray(header=header, bodies=_body_messages(obstacles))
 
 
 def scene_message(obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str) -> Scene:
-    """Write a scene of a time [ns] as a message, without what is fixed to a target body."""
+    """Write all obstacles at stamp_ns [ns], without those fixed to a target body, as a scene."""
     return Scene(
         header=_header(stamp_ns, inertial_frame),
         spheres=_sphere_messages(obstacles),
@@ -135,7 +135,7 @@ def scene_message(obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: 
 
 
 def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) -> TargetBodyMessage:
-    """Write a target body of a time [ns] as a message, without loss."""
+    """Write a target body at stamp_ns [ns], with all that is fixed to it, as a message."""
     message = TargetBodyMessage(header=_header(stamp_ns, inertial_frame))
     write_object(replace(body, obstacles=body.spheres), message, entry_of)
     bodies = [one for one in body.obstacles if isinstance(one, AttachedBody)]
@@ -146,10 +146,11 @@ def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) ->
 def plan_message(
     plan: Plan, start_ns: int, inertial_frame: str, captured: CapturedBody | None = None
 ) -> PlanMessage:
-    """Write a plan that starts at start_ns [ns] as a message, but for what it was made from.
+    """Write a plan as a message; the fields `geometry` and `first_guess` stay empty.
 
     Args:
-        captured: The body that it captures; None: none.
+        start_ns: Time of the plan's first point [ns].
+        captured: The body that the plan captures; None: none.
     """
     motion = plan.trajectory
     offsets_ns = np.rint(motion.time * NANOSECONDS).astype(np.int64).tolist()
@@ -200,10 +201,12 @@ def plan_message(
 def answer_with_plan(
     plan: Plan, written: Sequence[PlanMessage], plan_id: str, solve_time: float
 ) -> PlanAnswer:
-    """Return the answer with a plan, written by `plan_messages`, that took solve_time [s].
+    """Return the answer with a plan.
 
     Args:
-        plan: That of all phases as one.
+        plan: Plan of all phases as one.
+        written: Plan of each phase, from `plan_messages`.
+        solve_time: From request to plan [s].
     """
     return PlanAnswer(
         status=PlanStatus(code=int(Status.SOLVED), message=plan.message),
@@ -216,9 +219,12 @@ def answer_with_plan(
 
 
 def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> PlanAnswer:
-    """Return the answer without a plan: its cause, in code and words; solve_time [s].
+    """Return the answer to a request that got no plan.
 
-    The best attempt's metrics go with it, so that one sees what was missing; its motion does not.
+    It holds metrics and solver report of the best attempt, if there is one, but not its motion.
+
+    Args:
+        solve_time: From request to refusal [s].
     """
     answer = PlanAnswer(status=status_message(error), plan_id=plan_id)
     if isinstance(error, NoPlanFound):
@@ -230,7 +236,7 @@ def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> P
 
 
 def status_message(error: FfPlannerError) -> PlanStatus:
-    """Return why there is no plan, in words and for programs."""
+    """Return an error as a status: code, text, field, value, what is allowed, whether to retry."""
     retry, field, value, allowed = REMEDIES[error.status]
     refused = error.cause if isinstance(error, NoPlanFound) else error
     if isinstance(refused, InvalidInput):
@@ -252,7 +258,7 @@ def status_message(error: FfPlannerError) -> PlanStatus:
 
 
 def time_message(time_ns: int) -> Time:
-    """Return integer nanoseconds as a message's time."""
+    """Return a time in nanoseconds as a message."""
     return Time(sec=time_ns // NANOSECONDS, nanosec=time_ns % NANOSECONDS)
 
 

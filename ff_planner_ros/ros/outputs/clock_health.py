@@ -1,4 +1,4 @@
-"""How the clock goes, for `/diagnostics`: one that stands still or runs back spoils every plan."""
+"""State of the node's clock for `/diagnostics`: time that stops or jumps back voids plans."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from rclpy.node import Node
 
 # Simulated clocks tick ten times a second or more [s].
 _STANDS = 2.0
-# Jumps back are told for so long [s], each on a line of the log once in so long [s].
+# How long `/diagnostics` reports a jump back, and the shortest time between its log lines [s].
 _TOLD, LOG_PERIOD = 10.0, 1.0
 
 
 @dataclass(frozen=True)
 class ClockHealth:
-    """What is known of the clock; all defaults: it is the system's."""
+    """State of the node's clock; the defaults are those of the system's clock."""
 
-    still_for: float | None = None  # simulated time stands still [s]; None: it is the system's
-    jumps: int = 0  # back, in the last seconds
-    furthest: float = 0.0  # of them, by how much [s]
-    publishers: Sequence[str] = ()  # of /clock
+    still_for: float | None = None  # since /clock ticked last [s]; None: the system's clock
+    jumps: int = 0  # number of jumps back in the last seconds
+    furthest: float = 0.0  # the largest of them [s]
+    publishers: Sequence[str] = ()  # of /clock, after jumps
 
 
 class ClockWatch:
-    """Notes what the clock of a node does; steady time counts here."""
+    """Watches the clock of a node by the host's monotonic clock."""
 
     def __init__(self, node: Node) -> None:
         """Begin with nothing seen."""
@@ -37,11 +37,11 @@ class ClockWatch:
         self._jumps = deque[tuple[float, float]](maxlen=10_000)  # when, and by how much back [s]
 
     def jumped_back(self, seconds: float) -> None:
-        """Note a jump back."""
+        """Note a jump back by some seconds [s]."""
         self._jumps.append((time.monotonic(), seconds))
 
     def health(self, now_ns: int) -> ClockHealth:
-        """Return how the clock goes; now_ns is its time [ns]."""
+        """Return the state of the clock, which now reads now_ns [ns]."""
         clock, now = self._node.get_clock(), time.monotonic()
         if not (isinstance(clock, ROSClock) and clock.ros_time_is_active):
             return ClockHealth()
@@ -58,7 +58,7 @@ class ClockWatch:
 
 
 def clock_part(health: ClockHealth) -> tuple[bytes, str, Mapping[str, str]]:
-    """Return level, sentence and figures of the diagnostics' part on the clock."""
+    """Return level, message and values of the diagnostic status of the clock."""
     if health.still_for is None:
         return DiagnosticStatus.OK, "the system's", {}
     values = {"still for [s]": f"{health.still_for:.1f}", "jumps back": str(health.jumps)}

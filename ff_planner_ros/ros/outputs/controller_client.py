@@ -35,16 +35,16 @@ class Ended:
 
     words: str
     succeeded: bool = False
-    error_code: int = 0  # of the result; zero without one
+    error_code: int = 0  # of FollowJointTrajectory's result; zero without a result
     # Whether the controller may have ended it because it got another one
     is_replaced: bool = False
 
 
 class ControllerClient:
-    """Sends plans to the controller's action and listens to what becomes of them."""
+    """Sends plans to the controller's action, and reports when it accepts and ends them."""
 
     def __init__(self, node: Node, settings: ControllerParameters) -> None:
-        """Look for the action from now on."""
+        """Create the client of the action."""
         self._settings, self._logger = settings, node.get_logger()
         self._lock = threading.Lock()
         self._handle: Any = None  # of the goal that was accepted last; None: none
@@ -72,11 +72,11 @@ class ControllerClient:
         accepted: Callable[[], None],
         ended: Callable[[Ended], None],
     ) -> None:
-        """Send a plan; the controller drops what it runs when it accepts it.
+        """Send a trajectory; a controller that accepts it drops its current goal.
 
         Args:
-            accepted: Is called when the controller has taken it.
-            ended: Is called once, when it refuses the plan or the plan is over.
+            accepted: Called when the controller accepts the trajectory.
+            ended: Called once, when the trajectory is rejected or has ended.
         """
         if not self.is_there:
             ended(Ended(f"no controller answers at the action {self._settings.action}"))
@@ -118,7 +118,7 @@ class ControllerClient:
 
 
 def goal_of(trajectory: JointTrajectory, settings: ControllerParameters) -> Any:
-    """Return the goal that asks a controller to follow a trajectory as the parameters say."""
+    """Return the goal for a trajectory, with the tolerances of the parameters."""
     nanoseconds = round(settings.goal_time_tolerance * NANOSECONDS)
     return FollowJointTrajectory.Goal(
         trajectory=trajectory,
@@ -131,7 +131,7 @@ def goal_of(trajectory: JointTrajectory, settings: ControllerParameters) -> Any:
 
 
 def ended_by(response: Any) -> Ended:
-    """Return how a goal ended, by the response to the request for its result."""
+    """Return how a goal ended, from the response of the action's result service."""
     code, said = response.result.error_code, response.result.error_string
     if response.status == GoalStatus.STATUS_SUCCEEDED:
         return Ended(f"the controller: {said or 'done'}", succeeded=True)
@@ -153,7 +153,7 @@ def _goal_tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:
 
 
 def _tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:
-    """Return the same tolerance of every joint; zero says nothing, and so does no entry."""
+    """Return one tolerance for every joint; none at zero: the controller's own then holds."""
     if not position:
         return []
     return [JointTolerance(name=name, position=position) for name in trajectory.joint_names]

@@ -1,4 +1,4 @@
-"""How the controller takes plans, for `/diagnostics`."""
+"""State of the controller, for `/diagnostics`."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ff_planner_ros.ros.outputs.execution import Event, Execution
 
 @dataclass(frozen=True)
 class ControllerHealth:
-    """What is known of the controller; all defaults: plans go out on the topic alone."""
+    """State of the controller; by default plans go out on the topic alone."""
 
-    action: str = ""  # name of its action; empty: it has none that is asked
+    action: str = ""  # name of its action; empty: plans go out on the topic alone
     is_there: bool = True  # whether the action can be reached
     last: tuple[str, Event, str] | None = None  # of the last plan: id, event, words
     furthest: tuple[str, float] | None = None  # joint off its plan most, and how far [rad]
-    from_node: str = ""  # name of the node that is asked for its parameters; empty: none
-    read: Mapping[str, Any] | None = field(default=None)  # what it said; None: nothing yet
-    complaint: str = ""  # why it takes no plan; empty: nothing is known against that
+    from_node: str = ""  # node whose parameters are read; empty: none
+    read: Mapping[str, Any] | None = field(default=None)  # its parameters; None: no answer yet
+    complaint: str = ""  # why it takes no plan; empty: no reason is known
 
 
 def controller_health(execution: Execution, settings: ControllerSettings) -> ControllerHealth:
-    """Return what is known of the controller by now."""
+    """Return the current state of the controller."""
     client = execution.controller
     return ControllerHealth(
         action="" if client is None else client.action,
@@ -40,7 +40,7 @@ def controller_health(execution: Execution, settings: ControllerSettings) -> Con
 
 
 def controller_part(health: ControllerHealth) -> tuple[bytes, str, Mapping[str, str]]:
-    """Return level, sentence and figures of the diagnostics' part on the controller."""
+    """Return level, message and values of the diagnostic status of the controller."""
     values = {"hand-over": "action" if health.action else "topic"}
     if health.last is not None:
         plan_id, event, words = health.last

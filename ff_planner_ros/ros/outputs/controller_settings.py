@@ -1,4 +1,4 @@
-"""What the controller's own parameters say, where the planner is told to ask its node."""
+"""Reads the controller's own parameters, if `controller.from_node` names its node."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ INTERFACES, JOINTS = "command_interfaces", "joints"
 STATES = "state_interfaces"
 _EFFORT, _VELOCITY = "effort", "velocity"
 GOAL_TIME, STOPPED = "constraints.goal_time", "constraints.stopped_velocity_tolerance"
-# Of each joint, and the planner's that takes its place in a goal.
+# A controller's constraint of each joint, and the planner's parameter that replaces it in a goal.
 _LIMITS = {"trajectory": "path_tolerance", "goal": "goal_tolerance"}
 # In front of the planner's own names.
 _OWN = "controller."
 
 
 class ControllerSettings:
-    """Asks a controller's node for its parameters until it answers."""
+    """Asks a controller's node for its parameters once the node is there."""
 
     def __init__(
         self,
@@ -35,11 +35,11 @@ class ControllerSettings:
         joints: Sequence[str],
         learn: Callable[[Mapping[str, Any]], None],
     ) -> None:
-        """Ask from now on, whenever `look` is called.
+        """Create the client of the node's service; `look` asks.
 
         Args:
-            joints: That plans move.
-            learn: Takes values of the planner's parameters that the controller's say.
+            joints: Names of the joints that plans move.
+            learn: Called with values of the planner's parameters, from the controller's.
         """
         self._node, self._logger, self._learn = node, node.get_logger(), learn
         self._settings, self._joints = settings, joints
@@ -66,7 +66,7 @@ class ControllerSettings:
         return f"its joints are {', '.join(joints)}, and plans move {', '.join(self._joints)}"
 
     def look(self) -> None:
-        """Ask, if the controller's node is there and has not answered yet."""
+        """Ask, if the controller's node is there and was not asked yet."""
         client = self._client
         if client is None or self._is_asked or not client.service_is_ready():
             return
@@ -114,7 +114,7 @@ class ControllerSettings:
             self._logger.error(f"{self.controller} takes no plan: {self.complaint}")
 
     def _compared(self, values: dict[str, Any]) -> None:
-        """Warn of tolerances that the planner's own take the place of."""
+        """Warn of tolerances that looser ones of the planner replace."""
         self._add(values)
         for what, name in _LIMITS.items():
             own = getattr(self._settings, name)

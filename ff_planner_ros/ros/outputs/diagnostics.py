@@ -1,4 +1,4 @@
-"""How the node is, for `/diagnostics`: plain facts in, a message with words for an operator out."""
+"""Message for `/diagnostics`, in words for an operator, from the node's state as plain data."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class LastRequest:
     plan_id: str
     status: Status
     message: str
-    # Of the plan, by their labels, in words; empty: there is no plan
+    # Minimum clearances of the plan in words, by their labels; empty: there is no plan
     clearances: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class NodeHealth:
-    """What the diagnostics are made of."""
+    """State of the node, from which its diagnostics are written."""
 
-    # Of the newest chaser state [s]; negative if stamped ahead; None without any
+    # Age of the newest chaser state [s]; negative if stamped ahead; None without any
     state_age: float | None
     state_max_age: float  # an older one cannot be planned from [s]
     state_refusal: str  # why the newest one cannot be used; empty if it can
@@ -52,33 +52,33 @@ class NodeHealth:
     last: LastRequest | None  # None before the first request
     solve_times: Sequence[float]  # of the last answers [s]
     handover_lead: float  # from a request to where its plan takes over from a running one [s]
-    handover_lead_asked: float  # the parameter, which it is no less than [s]
+    handover_lead_asked: float  # parameter replanning.lead_time, the lower bound of that [s]
     solver_is_warm: bool  # whether a plan can begin at once
     namesakes: Sequence[str]  # nodes that answer requests under the same name
     recorder: RecorderHealth
     tracking: TrackingError | None  # predicted against measured chaser; None while no plan runs
     tracking_max_position: float  # more than this is a warning [m]
     tracking_max_angle: float  # more than this is a warning [rad]
-    # By how much the clocks of stamps are ahead of the node's, as measured over the last seconds
-    # [s]; None: nothing came
+    # How far the clocks of publishers are ahead of the node's, as measured over the last seconds
+    # [s]; None: no message
     state_clock_offset: float | None = None
     target_clock_offset: float | None = None
-    # Words on publishers that the node cannot hear, by topic
+    # A phrase for each publisher that the node cannot hear, by topic
     unheard: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    # Requests that waited at once at most, by service, and that may
+    # Most requests that waited at once, by service, and how many may
     most_waiting: Mapping[str, int] = field(default_factory=dict)
     waiting_allowed: int = 0
     obstacle_bodies: int = 0  # in the scene, beside the spheres
-    # Whether whoever published the obstacles may be there still
+    # Whether a publisher of the obstacles exists
     obstacles_are_published: bool = True
     controller: ControllerHealth = field(default_factory=ControllerHealth)
     clock: ClockHealth = field(default_factory=ClockHealth)
-    # Since when no chaser state was received, in words
+    # Since when no chaser state was received, as the end of a sentence
     state_since: str = "yet"
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
-    """Write how the node is: one status for each part, always the same ones in one order."""
+    """Return one status for each part of the node, always the same parts in the same order."""
     parts = {
         "chaser state": _with_unheard(_state(health), health, _STATES),
         "obstacles": _with_unheard(_obstacles(health), health, _SCENES),
@@ -112,7 +112,7 @@ _Part = tuple[bytes, str, Mapping[str, str]]
 
 
 def _with_unheard(part: _Part, health: NodeHealth, topics: Sequence[str]) -> _Part:
-    """Return a part with what is published in vain."""
+    """Return a part, with the publishers that the node cannot hear added to its message."""
     level, message, values = part
     words = [f"{name}: {one}" for name in topics for one in health.unheard.get(name, ())]
     if not words:
@@ -156,13 +156,13 @@ def _target_body(health: NodeHealth) -> _Part:
 def _of_age(
     age: float, limit: float, digits: int, refusal: str, level: bytes, offset: float | None
 ) -> _Part:
-    """Return how an input is by the age of its newest message [s], and whether it is refused.
+    """Return the part of an input, from the age of its newest message and the age allowed [s].
 
     Args:
-        digits: With which the age is told.
-        refusal: Why the newest cannot be used; empty: it can.
-        level: Where it cannot be used, or is too old.
-        offset: By which the clock of its stamps is ahead [s]; None: nothing came lately.
+        digits: Decimals of the age.
+        refusal: Why the newest message cannot be used; empty: it can.
+        level: Level if the newest message cannot be used or is too old.
+        offset: How far the clock of its publisher is ahead [s]; None: no recent message.
     """
     values = {"age [s]": f"{age:.{digits}f}", "allowed age [s]": f"{limit:g}"}
     if offset is not None:
@@ -193,7 +193,7 @@ def _last(health: NodeHealth) -> _Part:
 
 
 def _requests(health: NodeHealth) -> _Part:
-    """Return how many requests waited at once: the middleware does not tell of those it drops."""
+    """Return how many requests waited at once: the middleware drops more without a word."""
     allowed = health.waiting_allowed
     values = {"may wait": str(allowed)}
     values |= {f"waited at {name}": str(most) for name, most in health.most_waiting.items()}

@@ -1,4 +1,4 @@
-"""What becomes of published plans: handed over to the controller, where asked, and told of."""
+"""Execution of published plans: sent to the controller's action if asked for, and their events."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SOON_NS = 1_000_000
 
 
 class Event(IntEnum):
-    """What can become of a plan; as in `ff_planner_msgs/PlanEvent`."""
+    """Events of a published plan, as in `ff_planner_msgs/PlanEvent`."""
 
     PUBLISHED = PlanEvent.PUBLISHED
     STARTED = PlanEvent.STARTED
@@ -43,12 +43,12 @@ class _Plan:
     goal_ns: int
     trajectory: JointTrajectory
     is_sent: bool = False  # to the action
-    is_taken: bool = False  # by the controller, or by all that is known
+    is_taken: bool = False  # the controller accepted it, or there is no action to ask
     has_started: bool = False
 
 
 class Execution:
-    """Follows plans by the node's clock and, with the action, by what the controller says."""
+    """Tracks plans by the node's clock and, with the action, by the controller's responses."""
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class Execution:
         """Create publisher and client.
 
         Args:
-            aborted: Is told the id of a plan that the joints do not follow any more.
+            aborted: Called with the id of a plan that was aborted.
         """
         self._clock, self._logger = node.get_clock(), node.get_logger()
         self._lead_ns = round(settings.hand_over_lead * 1e9)
@@ -82,7 +82,7 @@ class Execution:
     def published(
         self, plan_id: str, start_ns: int, goal_ns: int, trajectory: JointTrajectory
     ) -> None:
-        """Follow a plan that has just gone out; times of its first point and of its goal [ns]."""
+        """Track a plan that was just published; times of its first point and of its goal [ns]."""
         with self._lock:
             taken = self.controller is None
             plan = _Plan(plan_id, start_ns, goal_ns, trajectory, is_taken=taken)
@@ -91,7 +91,7 @@ class Execution:
             self._arm()
 
     def look(self) -> None:
-        """Tell of all that has happened until now, in its order, and send what is due."""
+        """Publish the events until now, in their order, and send plans that are due."""
         with self._lock:
             now_ns = self._clock.now().nanoseconds
             for plan in list(self._plans):
@@ -106,14 +106,14 @@ class Execution:
             self._arm()
 
     def withdraw(self, why: str) -> None:
-        """Give up plans that were not handed over yet; the controller goes on with what it has."""
+        """Abort plans that are not yet sent to the action; the controller keeps its goal."""
         with self._lock:
             for plan in [one for one in self._plans if not one.is_sent and self.controller]:
                 self._end(plan, Event.ABORTED, f"not handed over: {why}")
             self._arm()
 
     def forget(self, why: str) -> None:
-        """Give up every plan, and cancel the goal that the controller has."""
+        """Abort every plan, and cancel the controller's goal."""
         with self._lock:
             if self.controller is not None:
                 self.controller.cancel()
@@ -128,7 +128,7 @@ class Execution:
             self.controller.close()
 
     def _arm(self) -> None:
-        """Let the clock be looked at when something is due next, and not before."""
+        """Set the timer to when something is due next."""
         waits = [one for one in self._plans if not one.is_sent and self.controller is not None]
         silent = [one for one in self._plans if one.is_sent and not one.is_taken]
         times = [
@@ -146,7 +146,7 @@ class Execution:
             self._node.executor.wake()
 
     def _due(self) -> list[tuple[int, _Plan]]:
-        """Return when what the clock alone decides happens next, plan by plan [ns]."""
+        """Return the time of each plan's next event that the clock alone decides [ns]."""
         starts = [(one.start_ns, one) for one in self._plans if not one.has_started]
         # The controller says itself when it has brought a plan to its end.
         goals = [

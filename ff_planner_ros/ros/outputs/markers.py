@@ -1,4 +1,4 @@
-"""A plan and its scene as markers, for RViz, Foxglove and whatever else draws them."""
+"""A plan and its scene as markers, for RViz, Foxglove and other viewers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _CHASER_PATH = (0.0, 0.62, 0.45, 1.0)
 _ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
 _BODIES, _NEAREST = (0.80, 0.47, 0.65), (0.84, 0.0, 0.0, 1.0)
 _TEXT_HEIGHT = 0.08  # [m]
-# Of a plan that waits to be released: in front of its namespaces, and the colour of what moves.
+# A plan that waits for release: prefix of its namespaces, and the colour of what moves.
 WAITING = "waiting/"
 _WAITING = (0.90, 0.62, 0.0)
 _MOVES = ("arm", "chaser", "bodies", "end_effector_path", "chaser_path")
@@ -54,17 +54,19 @@ def plan_markers(
     scene: Scene,
     inertial_frame: str,
 ) -> MarkerArray:
-    """Draw a plan and what it was made among, in the inertial frame.
+    """Return the markers of a plan and its scene, in the inertial frame.
 
-    The first marker deletes all that were drawn before. Namespaces: `obstacles`,
-    `end_effector_path`, `chaser_path`, `arm` and `chaser`; ids count from 0 in each, in the order
-    of the obstacles and of time. A robot with shapes has `bodies`, too, instead of the chaser's box
-    if the chaser has one of them; and `nearest`, a line and words where they come nearest. An
-    obstacle that moves is drawn where it is at the first point, and its way is `obstacle_path`. Of
-    a body that is captured there are `grasp_path`, and in `target_body` what is fixed to it, at
-    the times of the arm; where a phase follows the grasp, it moves with the end effector from then
-    on, and `nearest` is of the motion until then. What the end effector keeps on its way to the
-    goal has the namespaces of `constraint_lines`.
+    The first marker deletes all earlier ones. Ids count from 0 in each namespace, in the order of
+    the obstacles and of time. Namespaces:
+
+    - `obstacles`, at the first point, and `obstacle_path` of those that move.
+    - `end_effector_path`, `chaser_path`, and at `SNAPSHOTS` times `arm` and `chaser`, a box.
+    - `bodies`: collision geometry at these times; the chaser's own replaces the box.
+    - `nearest`: line and text at the minimum distance, of the motion until a grasp that a phase
+      follows.
+    - `grasp_path` and, at these times, `target_body` of a captured body; after a grasp that a phase
+      follows, it moves with the end effector.
+    - Those of `constraint_lines`, for constraints on the end effector's path.
     """
     obstacles, captured = scene.obstacles, captured_in(scene)
     motion, end = plan.trajectory, float(plan.trajectory.time[-1])
@@ -122,10 +124,9 @@ def plan_markers(
 
 
 def waiting_markers(plan_id: str, markers: Iterable[Marker]) -> Iterator[Marker]:
-    """Return the markers of a plan as of one that waits to be released, and say that it does.
+    """Yield the markers of a plan as those of a plan that waits for release, and a text.
 
-    Their namespaces begin with `waiting/`. What moves has another colour than in a plan that was
-    published.
+    Their namespaces begin with `waiting/`. What moves has another colour than in a published plan.
     """
     header, place = Header(), Point()
     for drawn in map(copy, markers):
@@ -146,7 +147,7 @@ def waiting_markers(plan_id: str, markers: Iterable[Marker]) -> Iterator[Marker]
 def _target_body(
     captured: CapturedBody, motion: Trajectory, shown: Array, opacities: Sequence[float]
 ) -> Iterator[Marker]:
-    """Draw the way of a body's grasp, and what is fixed to it at some of the points."""
+    """Yield the path of a body's grasp, and what is fixed to the body at some of the points."""
     body, there = captured.body, captured.along(motion)
     grasps = Rotation.from_quat(there.quaternions_xyzw).apply(body.grasp_position.copy())
     yield _line("grasp_path", there.positions + grasps, _PATH_WIDTH, _GRASP_PATH)
@@ -159,7 +160,7 @@ def _target_body(
 def _obstacle(
     namespace: str, one: Obstacle, times: Array, colours: Sequence[Sequence[float]]
 ) -> Iterator[Marker]:
-    """Draw an obstacle at some times."""
+    """Yield an obstacle at some times."""
     rotations, origins = obstacle_poses(one, times)
     turns = Rotation.from_matrix(rotations).as_quat().tolist()
     for place, turn, colour in zip(origins.tolist(), turns, colours, strict=True):
@@ -175,7 +176,7 @@ def _obstacle(
 
 
 def _lines(namespace: str, lines: Array) -> Marker:
-    """Draw lines of their own; shape (lines, 2 ends, 3)."""
+    """Return separate lines as a marker; shape (lines, 2 ends, 3)."""
     marker = _line(namespace, lines.reshape(-1, 3), _GUIDE_WIDTH, _GUIDE)
     marker.type = Marker.LINE_LIST
     return marker
@@ -196,7 +197,7 @@ def _solid(
 
 
 def _surface(namespace: str, triangles: Array, colour: Sequence[float]) -> Marker:
-    """Draw triangles; shape (triangles, 3 corners, 3)."""
+    """Return triangles as a marker; shape (triangles, 3 corners, 3)."""
     marker = Marker(ns=namespace, type=Marker.TRIANGLE_LIST, color=_colour(colour))
     marker.scale.x = marker.scale.y = marker.scale.z = 1.0
     marker.points = [point_message(point) for point in triangles.reshape(-1, 3).tolist()]

@@ -1,4 +1,4 @@
-"""Everything that the node publishes of a plan: for controllers, for screens, while it runs."""
+"""Publishes plans for controllers and visualisation, and predictions while a plan runs."""
 
 from __future__ import annotations
 
@@ -33,30 +33,30 @@ from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS, qos_profile
 
 @dataclass(frozen=True, eq=False)
 class PublishedPlan:
-    """The last plan that went out."""
+    """A plan that was published."""
 
     plan_id: str
     trajectory: Trajectory
-    start_ns: int
+    start_ns: int  # time of the first point [ns]
     captured: CapturedBody | None = None  # None: it captures none
     duration: float | None = None  # from the first point to the goal [s]; None: to the last point
-    before: PublishedPlan | None = None  # what runs until it begins, alone; None: not known
-    wheels: WheelMotion | None = None  # that hold the chaser; None: there are none
+    before: PublishedPlan | None = None  # plan that runs until this one starts; None: not known
+    wheels: WheelMotion | None = None  # reaction wheels of the chaser; None: there are none
 
     @property
     def seconds_to_goal(self) -> float:
-        """From its first point to the goal [s]."""
+        """Time from the first point to the goal [s]."""
         return float(self.trajectory.time[-1]) if self.duration is None else self.duration
 
     def at(self, time_ns: int) -> PublishedPlan | None:
-        """Return the plan, this one or what it takes over from, that runs at a time [ns]."""
+        """Return the plan that runs at a time [ns]: this one, the one before it, or None."""
         if time_ns < self.start_ns:
             return None if self.before is None else self.before.at(time_ns)
         end_ns = self.start_ns + round(float(self.trajectory.time[-1]) * NANOSECONDS)
         return self if time_ns <= end_ns else None
 
     def motion(self, since_ns: int) -> JointMotion:
-        """Return what the joints do, with the time counted from a moment [ns]."""
+        """Return the joint motion, with its time counted from since_ns [ns]."""
         # The controller was told whole nanoseconds, and so was the bag, which a replay starts from.
         told = np.rint(self.trajectory.time * NANOSECONDS) / NANOSECONDS
         start = (self.start_ns - since_ns) / NANOSECONDS
@@ -64,7 +64,7 @@ class PublishedPlan:
 
 
 class PlanOutput:
-    """Publishes while the node is active, and remembers the last plan."""
+    """Publishes plans and predictions while the node is active; remembers the last plan."""
 
     def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
         """Create the publishers, which are silent until the node is active."""
@@ -91,7 +91,7 @@ class PlanOutput:
                 (PoseStamped, "predicted_chaser_pose"),
             )
         )
-        # What is told of a target body is told as the same of the chaser is.
+        # The target body's topics have the quality of service of the chaser's.
         self._target_path = self._publisher(
             Path, "predicted_target_path", qos_profile(qos.predicted_chaser_path)
         )
@@ -124,10 +124,13 @@ class PlanOutput:
         captured: CapturedBody | None = None,
         previous_plan_id: str = "",
     ) -> None:
-        """Publish what controllers and executives wait for.
+        """Publish a plan for controllers and executives.
 
         Args:
-            previous_plan_id: Of the plan that the joints follow until it begins; empty: of none.
+            written: `plan` as a message.
+            for_controller: The joint trajectory in the form that the controller accepts.
+            previous_plan_id: Id of the plan that the joints follow until this one starts; empty:
+                none.
         """
         self._trajectory.publish(for_controller)
         self._published_plan.publish(
@@ -158,7 +161,7 @@ class PlanOutput:
 
     @property
     def is_streamed(self) -> bool:
-        """Whether a plan runs, or will. No tracking is told of a plan that is over."""
+        """Whether a plan runs, or will; if not, `tracking` becomes None."""
         published, now_ns = self.published, self._clock.now().nanoseconds
         runs = published is not None and (
             now_ns <= published.start_ns or published.at(now_ns) is not None
@@ -168,7 +171,7 @@ class PlanOutput:
         return runs
 
     def stream(self, measured: Snapshot | None) -> None:
-        """Publish where the chaser should be by now, and how far from there it was measured."""
+        """Publish the plan's predictions for now, and the tracking error of a measured state."""
         running, self.tracking = self.published, None
         if running is None:
             return
@@ -205,19 +208,19 @@ class PlanOutput:
             )
 
     def forget(self, why: str) -> None:
-        """Forget the last plan: its time is no longer the clock's."""
+        """Forget the last plan and abort all plans: their times are no longer the clock's."""
         self.published = self.tracking = None
         self.execution.forget(why)
 
     def close(self) -> None:
-        """Remove timer and publishers from the node."""
+        """Remove timers and publishers from the node."""
         self.preview.close()
         self.execution.close()
         for publisher in self._publishers:
             self._node.destroy_lifecycle_publisher(publisher)
 
     def _forget_plan(self, plan_id: str) -> None:
-        """Take a plan that the controller does not bring to its end for none that runs."""
+        """Forget the last plan if it was aborted."""
         if self.published is not None and self.published.plan_id == plan_id:
             self.published = self.tracking = None
 

@@ -1,4 +1,4 @@
-"""Where a plan says that chaser and end effector are at a time, and how far they are from there."""
+"""Poses that a plan predicts for chaser, end effector and target, and tracking errors."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
 
-# The frame_id of poses that are told in the target body's grasp.
+# The frame_id of poses in the frame of the target body's grasp.
 GRASP_FRAME = "target_grasp"
 
 
 class FramePose(NamedTuple):
-    """A frame in the inertial frame."""
+    """Pose of a frame in the inertial frame."""
 
     position: Array  # of its origin, shape (3,) [m]
     rotation: Rotation  # its axes to inertial axes
 
 
 class TrackingError(NamedTuple):
-    """How far a frame is from where it was predicted."""
+    """Difference between a frame's predicted and its measured pose."""
 
     position: float  # distance of the origins [m]
-    angle: float  # of the turn between the two attitudes [rad]
+    angle: float  # of the rotation between the two attitudes [rad]
 
 
 def predicted_pose(
@@ -66,7 +66,7 @@ def predicted_chaser_pose(
 
 
 def predicted_target(trajectory: Trajectory, time: float, captured: CapturedBody) -> FramePose:
-    """Return where a target body's frame is at a time from the plan's start [s]."""
+    """Return the predicted pose of a target body's frame at a time from the plan's start [s]."""
     ee = None if time <= captured.held_from else predicted_pose(trajectory, "ee", time)
     if ee is None:
         there = captured.body.motion(np.zeros(3), np.array([time]))
@@ -77,10 +77,12 @@ def predicted_target(trajectory: Trajectory, time: float, captured: CapturedBody
 def predicted_relative_pose(
     trajectory: Trajectory, start_ns: int, time_ns: int, captured: CapturedBody
 ) -> PoseStamped | None:
-    """Return where the end effector is to the grasp at time_ns [ns], its stamp; None: no plan then.
+    """Return the end effector's predicted pose in the grasp frame; None outside the plan.
 
-    Its frame is the grasp: from the capture on the position is zero and the quaternion that of no
-    turn.
+    While the end effector holds the body, this pose is the identity.
+
+    Args:
+        time_ns: Time of the prediction, which becomes its stamp [ns].
     """
     time = (time_ns - start_ns) / NANOSECONDS
     ee = predicted_pose(trajectory, "ee", time)
@@ -98,12 +100,13 @@ def predicted_relative_pose(
 def predicted_wheels(
     time_of_points: Array, wheels: WheelMotion, start_ns: int, time_ns: int, base_link: str
 ) -> WheelState | None:
-    """Return what the wheels hold and give at time_ns [ns], its stamp; None outside the plan.
+    """Return the wheels' predicted momenta and torques; None outside the plan.
 
-    Between two points a momentum is on the cubic through both, whose slopes are the torques there.
+    Between two points a momentum follows the cubic Hermite spline whose slopes are the torques.
 
     Args:
         time_of_points: From the plan's first point on. Shape (points,) [s].
+        time_ns: Time of the prediction, which becomes its stamp [ns].
     """
     time = (time_ns - start_ns) / NANOSECONDS
     if not time_of_points[0] <= time <= time_of_points[-1]:
@@ -119,7 +122,7 @@ def predicted_wheels(
 def tracking_error(
     trajectory: Trajectory, start_ns: int, measured: SystemState, measured_ns: int
 ) -> TrackingError | None:
-    """Return how far a chaser measured at measured_ns [ns] is from the plan; None outside it."""
+    """Return the error of a chaser measured at measured_ns [ns]; None outside the plan."""
     predicted = predicted_pose(trajectory, "chaser", (measured_ns - start_ns) / NANOSECONDS)
     if predicted is None:
         return None
@@ -128,12 +131,12 @@ def tracking_error(
 
 
 def difference(predicted: FramePose, found: FramePose) -> TrackingError:
-    """Return how far a frame is from where it was predicted."""
+    """Return distance and rotation angle between a predicted and a found pose."""
     distance = float(np.linalg.norm(found.position - predicted.position))
     return TrackingError(distance, float((predicted.rotation.inv() * found.rotation).magnitude()))
 
 
 def _fixed_to(frame: FramePose, place: pin.SE3) -> FramePose:
-    """Return where a frame is that has a place in another."""
+    """Return the pose of a frame whose pose in another frame is `place`."""
     position = frame.position + frame.rotation.apply(place.translation.copy())
     return FramePose(position, frame.rotation * Rotation.from_matrix(place.rotation))

@@ -1,7 +1,7 @@
-"""What screens show of plans: markers, and the joint motion, played again and again.
+"""Visualisation of plans: markers, and the joint motion, played in a loop.
 
-A plan that waits to be released is what an operator has to look at: it is played instead of the
-one that was published, and drawn beside it, until it is released, rejected or too late.
+A plan that waits for release is played instead of the published one, and drawn beside it, until it
+is released, rejected or too late: an operator has to look at it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A plan, and what is needed to draw it."""
+    """A plan with its robot and scene, to be drawn."""
 
     plan_id: str
     robot: Robot
@@ -44,20 +44,20 @@ class Drawn:
 
     @cached_property
     def markers(self) -> Sequence[Marker]:
-        """The plan and its scene as they are drawn; the first deletes all that were before."""
+        """Markers of the plan and its scene; the first one deletes all earlier markers."""
         drawn = plan_markers(self.robot, self.plan, self.scene, self.inertial_frame)
         return tuple(drawn.markers)
 
 
 class Previewed(NamedTuple):
-    """One moment of a preview."""
+    """Joint state at one time of a preview."""
 
     time: float  # since the plan's first point [s]
     joints: JointState
 
 
 class Preview:
-    """Shows the plan that was published last, and the one that waits."""
+    """Shows the plan that was published last, and the plan that waits for release."""
 
     def __init__(
         self, node: LifecycleNode, transforms: Transforms, parameters: NodeParameters
@@ -84,22 +84,22 @@ class Preview:
         self._timer.cancel()  # until there is something to play
 
     def release(self, released: Drawn) -> None:
-        """Show a plan that was published from the next drawing on; it waits no longer."""
+        """Show a published plan from the next `draw` on; it waits no longer."""
         self._released = released
         if self._waiting is released:
             self._waiting = None
 
     def let_wait(self, waiting: Drawn | None) -> bool:
-        """Show a plan that waits from the next drawing on; None: none does.
+        """Show a plan that waits for release from the next `draw` on; None: no plan waits.
 
         Returns:
-            Whether anything changes.
+            Whether it is another plan than before.
         """
         changes, self._waiting = waiting is not self._waiting, waiting
         return changes
 
     def draw(self) -> None:
-        """Publish what is drawn, and play what is to be looked at."""
+        """Publish the markers, and play the waiting plan, or else the published one."""
         with self._lock:
             released, waiting = self._released, self._waiting
             markers = [Marker(action=Marker.DELETEALL)] if released is None else released.markers
@@ -114,13 +114,13 @@ class Preview:
                 self._timer.reset()
 
     def look_for_viewers(self, recorders: int) -> None:
-        """Play it again where somebody subscribes, beside so many recorders."""
+        """Play on in a loop if there are more subscribers than recorders."""
         self._viewers = self._joint_states.get_subscription_count() - recorders
         if self._viewers > 0 and self._timer.is_canceled() and self._repeated_since_ns is not None:
             self._timer.reset()
 
     def is_repeated(self, received_ns: int) -> bool:
-        """Tell whether it had been played once before a time of the host [ns]."""
+        """Return whether what was received at a time of the host [ns] repeats the first pass."""
         since_ns = self._repeated_since_ns
         return since_ns is not None and received_ns >= since_ns
 

@@ -1,4 +1,4 @@
-"""Transforms for whoever looks frames up: where the chaser is, will be, and what is fixed to it."""
+"""Transforms of the measured, the predicted and the previewed robot, and of its static frames."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ff_planner_ros.ros.outputs.prediction import (
 )
 from ff_planner_ros.ros.qos import LATCHED_QOS, TF_QOS
 
-# What the URDF has no link for: the origin of the chaser's states and predictions.
+# Suffix of the frame at the chaser's centre of mass, which is no link of the URDF.
 CENTER_OF_MASS = "_center_of_mass"
 _TARGET = "target"
 
@@ -55,15 +55,15 @@ class Transforms:
 
     @property
     def is_due(self) -> bool:
-        """Whether the measured chaser is to be published, and was not within the last period."""
+        """Whether the measured pose is published, and was not within the last period."""
         return self._settings.measured and time.monotonic() >= self._due
 
     def describe(self) -> None:
-        """Publish what is fixed to the chaser; to be called when the node becomes active."""
+        """Publish the static transforms; to be called when the node becomes active."""
         self._fixed.publish(TFMessage(transforms=list(self._static.values())))
 
     def measured(self, state: SystemState, stamp_ns: int) -> None:
-        """Publish where the chaser was measured."""
+        """Publish the root link's pose from a state measured at stamp_ns [ns]."""
         self._due = time.monotonic() + self._period
         attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
         chaser = FramePose(state.position_chaser_in_inertial, attitude)
@@ -72,7 +72,7 @@ class Transforms:
     def predicted(
         self, motion: Trajectory, start_ns: int, time_ns: int, captured: CapturedBody | None
     ) -> None:
-        """Publish where chaser, end effector and target should be at a time [ns]."""
+        """Publish the predicted poses of root link, end effector and target at time_ns [ns]."""
         prefix, time = self._settings.predicted_prefix, (time_ns - start_ns) / NANOSECONDS
         chaser, ee = (predicted_pose(motion, frame, time) for frame in ("chaser", "ee"))
         if not prefix or chaser is None or ee is None:
@@ -94,10 +94,12 @@ class Transforms:
         time_ns: int,
         captured: CapturedBody | None,
     ) -> None:
-        """Publish, as of a time [ns], links and target of a plan at a time from its start [s].
+        """Publish the poses of links and target at one time of a plan's preview.
 
         Args:
-            positions: Of the joints then.
+            time: Time from the plan's start [s].
+            positions: Joint positions at that time. Shape (joints,).
+            time_ns: Stamp of the transforms [ns].
         """
         prefix, chaser = self._settings.preview_prefix, predicted_pose(motion, "chaser", time)
         if not prefix or chaser is None:
@@ -112,7 +114,7 @@ class Transforms:
         self._publish(time_ns, frames)
 
     def _on_links(self, prefix: str) -> Iterator[tuple[str, str, FramePose]]:
-        """Yield each link on the one that carries it in the URDF, as whoever reads that expects."""
+        """Yield parent link, link and pose, link by link as the URDF has them."""
         frames, data = self._robot.model.frames, self._data
         for link, carrier in self._links:
             found = data.oMf[carrier].actInv(data.oMf[link])
@@ -121,7 +123,7 @@ class Transforms:
             yield parent, child, pose
 
     def published(self, captured: CapturedBody | None) -> None:
-        """Tell where the grasp is in a target body that a published plan captures."""
+        """Publish the grasp's pose in the target body that a published plan captures, if any."""
         prefix = self._settings.predicted_prefix
         if captured is None or not prefix:
             return
@@ -131,7 +133,7 @@ class Transforms:
         self.describe()
 
     def _fixed_to_chaser(self, parameters: NodeParameters) -> dict[str, TransformStamped]:
-        """Return the frames that no link has, by name."""
+        """Return static transforms from the root link to frames that are no links, by name."""
         to_root = self._robot.rotation_chaser_to_base
         center = FramePose(self._robot.position_chaser_in_base, Rotation.from_matrix(to_root))
         fixed = {f"{self._robot.base_link}{CENTER_OF_MASS}": center}
@@ -160,7 +162,7 @@ def root_link(robot: Robot) -> str:
 
 
 def carried_links(robot: Robot) -> Iterator[tuple[int, int]]:
-    """Yield each other link and the one that carries it, as indices of the model's frames."""
+    """Yield each link but the root and its parent link, as indices of the model's frames."""
     frames, root = robot.model.frames, root_link(robot)
     for link, frame in enumerate(frames):
         if frame.type == pin.FrameType.BODY and frame.name != root:
@@ -171,7 +173,7 @@ def carried_links(robot: Robot) -> Iterator[tuple[int, int]]:
 
 
 def root_pose(robot: Robot, chaser: FramePose) -> FramePose:
-    """Return where the root link is, by the chaser's centre of mass and axes of its base link."""
+    """Return the root link's pose from the pose of the chaser frame, at its centre of mass."""
     rotation = chaser.rotation * Rotation.from_matrix(robot.rotation_chaser_to_base).inv()
     return FramePose(
         chaser.position - rotation.as_matrix() @ robot.position_chaser_in_base,

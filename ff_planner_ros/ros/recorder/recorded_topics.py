@@ -1,4 +1,4 @@
-"""What the node records: all that it hears and says, with what is needed to understand it."""
+"""What the node records: all topics and services it uses, its robot and its parameters."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 def recording(
     node: Node, parameters: NodeParameters, urdf: Path, robot: Robot, bag_directory: Path
 ) -> Iterator[Recorder]:
-    """Record as long as the context lasts; a bag that cannot be written is no error here."""
+    """Record while the context lasts; a bag that cannot be written ends the recording only."""
     settings = parameters.bag
     parameters, description = recorded_robot(parameters, urdf, robot)
     document = yaml.safe_dump({"/**": {"ros__parameters": document_of(parameters)}})
@@ -113,7 +113,7 @@ def recording(
 def recorded_robot(
     parameters: NodeParameters, urdf: Path, robot: Robot
 ) -> tuple[NodeParameters, bytes]:
-    """Return the parameters and the URDF from which the robot can be built without other files."""
+    """Return parameters and URDF from which the robot can be built without further files."""
     described = replace(parameters.robot, geometry=robot.geometry.value)
     description = read_urdf(urdf).encode()
     if robot.geometry is Geometry.SHAPES:

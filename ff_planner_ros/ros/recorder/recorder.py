@@ -1,4 +1,4 @@
-"""Record topics to a bag as they come, byte by byte, undisturbed by what the node is doing."""
+"""Records serialised messages to a bag, independently of what the node is doing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic, TopicQueue
 
 @dataclass(frozen=True)
 class RecorderHealth:
-    """How recording goes."""
+    """State of the recording."""
 
     bag: str  # its directory
     messages: int  # number in the bag
@@ -93,7 +93,7 @@ class Recorder:
 
     @property
     def health(self) -> RecorderHealth:
-        """How recording goes; does not wait for the disk, so a batch may be half in it."""
+        """State of the recording; read without waiting for the disk, perhaps amid a batch."""
         return RecorderHealth(
             bag=str(self._directory),
             messages=self._bag.message_count if self._bag is not None else 0,
@@ -103,11 +103,11 @@ class Recorder:
         )
 
     def leave_out(self, topic: str, is_unwanted: Callable[[int], bool]) -> None:
-        """Do not record the messages of a topic whose time of arrival [ns] is unwanted."""
+        """Leave out a topic's messages if `is_unwanted` is true for their time of arrival [ns]."""
         self._unwanted[topic] = is_unwanted
 
     def pause(self) -> str:
-        """Leave out what arrives from now on, and say so in words.
+        """Pause: leave out messages from now on, and return a sentence on that.
 
         Raises:
             BagError: Recording has stopped.
@@ -123,7 +123,7 @@ class Recorder:
         return f"recording to {self._directory} is paused"
 
     def resume(self) -> str:
-        """Record again, and say in words what was left out.
+        """Record again, and return a sentence on what was left out.
 
         Raises:
             BagError: Recording has stopped.
@@ -136,7 +136,7 @@ class Recorder:
         return f"recording to {self._directory} goes on; {pause.words}"
 
     def split(self) -> str:
-        """Complete the file with all that has arrived, go on in another one, and say which.
+        """Complete the current file, go on in another one, and return a sentence on both.
 
         Raises:
             BagError: Recording has stopped.
@@ -278,7 +278,7 @@ class _Pause:
 
 
 def offered_qos(qos: QoSProfile) -> QualityOfService:
-    """Return a quality of service in the words of rosbag2."""
+    """Return a quality of service as rosbag2 records it."""
     return QualityOfService(
         depth=qos.depth,
         reliability=qos.reliability.name.lower(),

@@ -26,7 +26,7 @@ class RecordedTopic:
 
 
 class TopicQueue:
-    """A queue of DDS, which fills it in threads that Python does not hold up."""
+    """A subscription whose messages wait in DDS, which fills its queue in threads of its own."""
 
     def __init__(self, node: Node, topic: RecordedTopic) -> None:
         """Listen from now on; the node need not be spun."""
@@ -43,7 +43,7 @@ class TopicQueue:
         """Return the waiting messages, and how many others were lost.
 
         Counted by the sequence numbers of the publishers; exact if only one publisher has sent too
-        much. Some middleware has no sequence numbers: then the count is one at least.
+        much. Some middleware has no sequence numbers: then the count is 1 if the queue was full.
         """
         handle, message_type = self._subscription.handle, self._subscription.msg_type
         messages: list[Any] = []

@@ -1,6 +1,6 @@
-"""An action's goals and results as service events, as introspection would tell them.
+"""Goals and results of an action as service events, so that a bag records them.
 
-In Jazzy an action's services cannot be introspected; a bag holds goals and results all the same.
+In Jazzy the services of an action have no introspection of their own.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 
 
 class ActionEvents:
-    """Tells of the goals and results of one action server."""
+    """Publishes the goals and results of one action server."""
 
     def __init__(self, node: Node, action: str, qos: QoSProfile) -> None:
         """Create the publishers."""
@@ -27,19 +27,19 @@ class ActionEvents:
         self._results = node.create_publisher(GET_RESULT.Event, f"{action}{RESULT_EVENTS}", qos)
 
     def goal_received(self, asked: SEND_GOAL.Request) -> None:
-        """Tell of a goal."""
+        """Publish the event of a received goal."""
         info = self._info(ServiceEventInfo.REQUEST_RECEIVED)
         self._goals.publish(SEND_GOAL.Event(info=info, request=[asked]))
 
     def result_sent(self, asked: GET_RESULT.Request, status: int, answer: PlanAnswer) -> None:
-        """Tell of a result, that of a refused goal included, which nobody can ask for."""
+        """Publish the event of a result, even of a rejected goal's, which no client can get."""
         result = PlanTrajectory.Result(answer=answer)
         response = GET_RESULT.Response(status=status, result=result)
         info = self._info(ServiceEventInfo.RESPONSE_SENT)
         self._results.publish(GET_RESULT.Event(info=info, request=[asked], response=[response]))
 
     def destroy(self) -> None:
-        """Take the publishers off the node."""
+        """Destroy the publishers."""
         for publisher in (self._goals, self._results):
             self._node.destroy_publisher(publisher)
 

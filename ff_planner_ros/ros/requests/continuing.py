@@ -1,4 +1,4 @@
-"""A request that takes over from the plan that runs: which it is, and whether it still holds."""
+"""Replanning in motion: the plan that a request replaces, and whether the system follows it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FIELD = "replan_active"
 
 @dataclass(frozen=True, eq=False)
 class ContinuedPlan:
-    """A running plan, and where another one takes over from it."""
+    """A running plan, and where a new plan takes over from it."""
 
     motion: JointMotion  # of the joints, the time counted from the measurement of the state
     splice_time: float  # in the plan, from its first point [s]
@@ -35,14 +35,14 @@ def continued_plan(
     allowed: ReplanningParameters,
     weights: Array | float = 1.0,
 ) -> ContinuedPlan:
-    """Return the published plan that another one takes over from at start_ns [ns].
+    """Return the published plan that a new plan takes over from at start_ns [ns].
 
     Args:
-        weights: Of the joints: those that slide count by theirs. Shape (joints,).
+        weights: Factors of the joint deviations: 1, or rad/m for prismatic joints. Shape (joints,).
 
     Raises:
-        InvalidInput: None runs (NO_ACTIVE_PLAN), it ends too soon (PLAN_ENDING), or the system is
-            not where it says (STATE_MOVED).
+        InvalidInput: No plan runs (NO_ACTIVE_PLAN), it ends too soon (PLAN_ENDING), or the measured
+            system is too far from it (STATE_MOVED).
     """
     if published is None:
         words = (
@@ -76,7 +76,7 @@ def continued_plan(
 
 
 def _joints(running: PublishedPlan, published: PublishedPlan, since_ns: int) -> JointMotion:
-    """Return what the joints do, by the plan that runs and then by the last one."""
+    """Return the joint motion of the running plan, then of the last published one."""
     last = published.motion(since_ns)
     if running is published:
         return last
@@ -97,7 +97,7 @@ def _off(
     allowed: ReplanningParameters,
     weights: Array | float,
 ) -> Iterator[str]:
-    """Yield by how much the measured system is further from its plan than is allowed."""
+    """Yield a phrase for each deviation from the plan that is larger than allowed."""
     (planned,), _, _ = motion.at(np.zeros(1))
     joints = float(np.abs(weights * (measured.state.joint_positions - planned)).max())
     chaser = tracking_error(running.trajectory, running.start_ns, measured.state, measured.stamp_ns)

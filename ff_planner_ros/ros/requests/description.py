@@ -30,7 +30,7 @@ from ff_planner_ros.ros.messages.joint_names import turns_without_end
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 
 _MESSAGES = "ff_planner_msgs"
-# Groups of parameters, and one, that no request meets: files, topics and screens.
+# Parameters that no request depends on, by prefix: files, topics and visualisation.
 _NOT_OF_REQUESTS = (
     *("robot.", "bag.", "qos.", "rates.", "odometry.", "tracking.", "tf.", "allow_remote_paths"),
     *("autostart", "planner.library", "planner.plugins"),
@@ -47,8 +47,8 @@ def description_service(
     """Answer `~/describe` as long as the context lasts, whether the node is active or not.
 
     Args:
-        parameters: Returns those of now.
-        is_active: Tells whether requests are answered.
+        parameters: Returns the current parameters.
+        is_active: Returns whether requests are accepted.
     """
     constant = _constant(robot)
     names = [name for name in DECLARATIONS if not name.startswith(_NOT_OF_REQUESTS)]
@@ -76,7 +76,7 @@ def description_service(
 
 
 def _constant(robot: Robot) -> dict[str, str | list[str]]:
-    """Return what stays the same as long as the node is configured."""
+    """Return the fields that stay the same as long as the node is configured."""
     schema = (share_directory() / "config" / "schemas" / "scenario.json").read_bytes()
     objectives = list(Objective.get_fields_and_field_types())
     if robot.base is not Base.ATTITUDE_HELD:

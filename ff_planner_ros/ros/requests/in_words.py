@@ -13,7 +13,7 @@ from ff_planner_ros.ros.messages.from_messages import metrics_from_message
 
 
 def solved_in_words(plan: Plan, answer: PlanAnswer) -> str:
-    """Return a line of the log."""
+    """Return the line of the log for a request that got a plan."""
     metrics, solver, path = answer.metrics[0], answer.solver, plan.metrics.joint_path_length
     robust = "" if plan.robust is None else f"{plan.robust.told(path)}, "
     notes = "".join(f"{in_log(note)}, " for note in plan.notes)
@@ -28,7 +28,7 @@ def solved_in_words(plan: Plan, answer: PlanAnswer) -> str:
 
 
 def clearances_in_words(answer: PlanAnswer) -> dict[str, str]:
-    """Return how near a plan comes to obstacles and to itself."""
+    """Return the plan's minimum clearances in words, by the labels of the metrics."""
     metrics = metrics_from_message(answer.metrics[0])
     names = ("min_clearance", "min_self_clearance")
     return {METRIC_BY_NAME[name].label: metrics.told(name) for name in names}

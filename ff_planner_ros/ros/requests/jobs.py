@@ -1,4 +1,4 @@
-"""Requests, from the door to their answers: one is planned at a time, and any may be given up."""
+"""Requests from arrival to answer: one is planned at a time, and any may be given up."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ class Job:
     """A request until it is answered."""
 
     def __init__(self, plan_id: str, number: int) -> None:
-        """Begin with nothing against it."""
+        """Create a job that is not given up."""
         self.plan_id, self.number = plan_id, number  # a later request has a higher number
         self._lock = threading.Lock()
         self._cause: FfPlannerError | None = None
         self._sealed = False
-        # Whether the best plan until now shall be its answer
+        # Whether the best plan found until now becomes the answer
         self.ends_early = False
 
     @property
     def cause(self) -> FfPlannerError | None:
-        """Why it was given up; None if it was not."""
+        """Why the job was given up; None if it was not."""
         with self._lock:
             return self._cause
 
     def give_up(self, cause: FfPlannerError) -> bool:
-        """Answer it with a cause instead of a plan; False if its answer stands already."""
+        """Let the answer be a cause instead of a plan; return False if the job is sealed."""
         with self._lock:
             if self._sealed:
                 return False
@@ -36,13 +36,13 @@ class Job:
             return True
 
     def end_early(self) -> bool:
-        """Answer it with the best plan until now; False if its answer stands already."""
+        """Let the answer be the best plan until now; return False if the job is sealed."""
         with self._lock:
             self.ends_early = not self._sealed
             return self.ends_early
 
     def check(self) -> None:
-        """Raise the cause for which it was given up, if it was.
+        """Raise the cause if the job was given up.
 
         Raises:
             FfPlannerError: The cause.
@@ -51,10 +51,10 @@ class Job:
             raise self.cause
 
     def seal(self) -> None:
-        """Let its plan be its answer: from now on it cannot be given up.
+        """Fix the job's plan as its answer: from now on the job cannot be given up.
 
         Raises:
-            FfPlannerError: The cause for which it was given up before.
+            FfPlannerError: The cause, if the job was given up before.
         """
         with self._lock:
             if self._cause is not None:
@@ -63,10 +63,10 @@ class Job:
 
 
 class Jobs:
-    """Who is planned for now, and who may be."""
+    """The job that is planned now, and those that may follow."""
 
     def __init__(self, interrupt: Callable[[], None]) -> None:
-        """Begin closed; `interrupt` ends the plan that is being made, if one is."""
+        """Begin closed; `interrupt` ends the current search, if there is one."""
         self._interrupt = interrupt
         self._change = threading.Condition()
         self._current: Job | None = None
@@ -77,28 +77,28 @@ class Jobs:
 
     @property
     def is_open(self) -> bool:
-        """Whether requests are taken up."""
+        """Whether jobs are accepted."""
         return self._refusal is None
 
     def open(self) -> None:
-        """Take up requests from now on."""
+        """Accept jobs from now on."""
         with self._change:
             self._refusal = None
 
     def close(self, status: Status, message: str) -> None:
-        """Take up no more requests, and answer those that are taken up with this status."""
+        """Refuse new jobs and give up the current ones, both with this status and message."""
         with self._change:
             self._refusal = FfPlannerError(status, message)
         self.give_up_all(status, message)
 
     def give_up_all(self, status: Status, message: str) -> None:
-        """Give up whatever is being planned."""
+        """Give up every job, planned or waiting."""
         with self._change:
             for job in self._all():
                 self.give_up(job, FfPlannerError(status, message))
 
     def give_up(self, job: Job, cause: FfPlannerError) -> bool:
-        """Give up one job; False if its answer stands already."""
+        """Give up one job; return False if it is sealed."""
         given_up = job.give_up(cause)
         with self._change:
             if given_up and job is self._current:
@@ -107,15 +107,16 @@ class Jobs:
         return given_up
 
     def wait_until_idle(self, patience: float) -> None:
-        """Wait until nobody is planned for, at most for a time [s]."""
+        """Wait until there are no jobs, at most `patience` seconds."""
         with self._change:
             self._change.wait_for(lambda: not self._all(), patience)
 
     def admit(self, job: Job, *, preempt: bool) -> None:
-        """Promise a job that it is taken up; `withdraw` it if it never comes to that.
+        """Reserve the planner for a job, unless the job preempts; `withdraw` ends that.
 
         Raises:
-            FfPlannerError: Why it would not be taken up (NOT_ACTIVE, SHUT_DOWN, BUSY).
+            FfPlannerError: The planner is closed (NOT_ACTIVE, SHUT_DOWN), or has a job and this one
+                does not preempt (BUSY).
         """
         with self._change:
             self._require_room(preempt)
@@ -123,7 +124,7 @@ class Jobs:
                 self._admitted = job
 
     def withdraw(self, job: Job) -> None:
-        """Make room again for others than a job that was admitted."""
+        """End the reservation of a job that was admitted."""
         with self._change:
             if job is self._admitted:
                 self._admitted = None
@@ -131,11 +132,11 @@ class Jobs:
 
     @contextmanager
     def taken_up(self, job: Job, *, preempt: bool) -> Iterator[None]:
-        """Plan for a job and for nobody else; it is refused, or it may preempt another one.
+        """Plan only this job while the context lasts; with `preempt`, older jobs are given up.
 
         Raises:
-            FfPlannerError: Why it is not taken up (NOT_ACTIVE, SHUT_DOWN, BUSY), or was given up
-                while it waited for the other one to make room.
+            FfPlannerError: The planner is closed (NOT_ACTIVE, SHUT_DOWN), has a job and this one
+                does not preempt (BUSY), has a newer job (PREEMPTED), or this one was given up.
         """
         with self._change:
             try:
@@ -151,7 +152,7 @@ class Jobs:
                 self._change.notify_all()
 
     def _all(self) -> list[Job]:
-        """Return all who are planned for, or will be."""
+        """Return all jobs, planned or waiting."""
         held = (self._current, self._waiting, self._admitted)
         return [job for job in held if job is not None]
 

@@ -1,4 +1,4 @@
-"""When a plan has to be ready, and how long before its handover it has to be asked for."""
+"""Deadlines of plans, and the lead time of plans that take over from a running one."""
 
 from __future__ import annotations
 
@@ -19,32 +19,31 @@ from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.ros.requests.reading import ReadRequest
 
-# The allowance follows the last answers: a share of them [%] would have come in time, with so much
-# to spare.
+# The lead time is this percentile of the last response times, times a margin.
 _ANSWERS, _SHARE, _SPARE = 20, 95, 1.25
-# What was given up would have taken longer, nobody knows how much: so many times as long.
+# A search that was given up would have taken longer, nobody knows how much: assumed factor.
 _OF_GIVEN_UP = 2.0
-# Of the time until its plan has to be ready, a search leaves so much for writing the plan: a part,
-# and at most [s].
+# Time that a search leaves for writing the plan: part of the time until the deadline, and at most
+# [s].
 _FOR_ANSWER, _MOST_FOR_ANSWER = 0.1, 0.5
-# And once it has a plan that takes over, be it what remains of the running one, this part: on a
-# busy machine the way of the answer takes as long as the search.
+# The same part once there is a plan that takes over, even the rest of the running one: on a busy
+# machine the way of the answer takes as long as the search.
 _FOR_ANSWER_WITH_PLAN = 0.5
-# What remains of the running plan, unchanged, is what the joints do anyway: it takes over at any
-# moment, and counts as an answer until so long after the handover [s].
+# The rest of the running plan, unchanged, is what the joints do anyway: it can take over at any
+# time, and counts as an answer until so long after the handover [s].
 _LATE_REMAINDER = 1.0
 
 
 class LeadTimes:
-    """How long answers to requests took that take over from a running plan."""
+    """Response times of requests that replace a running plan; they set its lead time."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Begin without response times."""
         self._took = deque[float](maxlen=_ANSWERS)
         self._lock = threading.Lock()
 
     def add(self, seconds: float, status: Status) -> None:
-        """Take an answer into account, by its time from the request on [s]."""
+        """Add the response time of an answer with this status [s]."""
         if status >= Status.INTERNAL_ERROR:
             return  # what was called off, or failed, tells nothing of others
         with self._lock:
@@ -52,7 +51,7 @@ class LeadTimes:
             self._took.append(_OF_GIVEN_UP * seconds if late else seconds)
 
     def lead_time(self, parameters: ReplanningParameters) -> float:
-        """Return how long after its request a plan takes over that does not say when [s]."""
+        """Return the time from a request without a `start_time` to its plan's handover [s]."""
         with self._lock:
             if not self._took:
                 return parameters.lead_time
@@ -61,10 +60,10 @@ class LeadTimes:
 
 
 class Stages:
-    """What the time of an answer goes into."""
+    """Durations of the stages of an answer."""
 
     def __init__(self, name: str, begun: float) -> None:
-        """Begin with the first stage, at a time of the monotonic clock [s]."""
+        """Begin the first stage, at a time of the monotonic clock [s]."""
         self._begun: list[tuple[str, float]] = [(name, begun)]
 
     def begin(self, name: str) -> None:
@@ -73,7 +72,7 @@ class Stages:
 
     @property
     def words(self) -> str:
-        """How long each stage took, the last until now."""
+        """Durations of the stages, the last one until now."""
         ends = [*(begun for _, begun in self._begun[1:]), time.monotonic()]
         return ", ".join(
             f"{end - begun:.3f} s {name}"
@@ -86,18 +85,20 @@ class Deadline:
     """The moment at which a plan has to be ready."""
 
     at_ns: int  # by the node's clock [ns]
-    moment: str  # in words: what is then
+    moment: str  # what is then, as the subject of a sentence
     advice: str  # what to change first
     takes_over: bool = False  # whether a plan runs meanwhile
 
     def require(self, now_ns: int, stages: Stages, plan: Plan | None = None) -> None:
-        """Refuse a plan that is not ready by then.
+        """Refuse a plan that is not ready by the deadline.
 
         Args:
-            plan: None: it is still looked for, and may be what remains of the running one.
+            now_ns: Current time by the node's clock [ns].
+            plan: None: still searched for, and may become the rest of the running plan.
 
         Raises:
-            NoPlanFound: It is not (TOO_LATE).
+            NoPlanFound: The deadline is over (TOO_LATE); the rest of a running plan may be a little
+                later.
         """
         may_be_late = self.takes_over and (plan is None or plan.family == REMAINDER)
         latest_ns = self.at_ns + may_be_late * round(_LATE_REMAINDER * NANOSECONDS)
@@ -109,7 +110,7 @@ class Deadline:
             )
 
     def missed(self, now_ns: int, stages: Stages, why: NoPlanFound) -> NoPlanFound:
-        """Return the refusal of a search that was ended so that its plan would have been ready."""
+        """Return the refusal of a search that ended without a plan because of the deadline."""
         left = (self.at_ns - now_ns) / NANOSECONDS
         return NoPlanFound(
             Status.TOO_LATE,
@@ -118,10 +119,12 @@ class Deadline:
         )
 
     def limited(self, budget: Budget, clock: Clock, taken_up: float) -> Budget:
-        """Return a budget that ends with the deadline: the best plan until then is the answer.
+        """Return a budget that ends before the deadline: the best plan until then is the answer.
+
+        With simulated time the budget stays as it is.
 
         Args:
-            clock: The node's.
+            clock: The node's clock.
             taken_up: When the budget began to run, by the monotonic clock [s].
         """
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
@@ -139,7 +142,7 @@ class Deadline:
 
 
 def deadline_of(request: PlanRequest, read: ReadRequest, parameters: NodeParameters) -> Deadline:
-    """Return when the plan of a request has to be ready."""
+    """Return the deadline for the plan of a request."""
     replanning, continues = parameters.replanning, read.task.running_goal is not None
     ahead = (read.start_ns - read.provenance.received_stamp_ns) / NANOSECONDS
     after = f"{ahead:.3f} s after the request"

@@ -1,4 +1,4 @@
-"""Other planners that serve the same requests: answers would come from any of them."""
+"""Finds other planners that serve the same requests, any of which might answer."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _UNNAMED = "another node"  # that the middleware has not told of yet
 
 
 def namesakes(node: Node) -> list[str]:
-    """Return the names of the other nodes that serve what this node serves, sorted.
+    """Return the names of the other nodes that serve this node's service or action, sorted.
 
-    A node of the same name is one of them, too. One that died without a word counts until the
-    middleware misses it, with Fast DDS for 20 s.
+    Another node of the same name is included. A crashed node counts until the middleware misses it,
+    with Fast DDS for 20 s.
     """
     services = {node.resolve_service_name(SERVICE)}
     services.add(f"{node.resolve_service_name(ACTION)}/_action/send_goal")

@@ -26,7 +26,7 @@ from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
 
-# Request, name of the interface that it came by, its job, and what is told of the progress.
+# Returns the answer to a request; takes also the interface it came by, its job, and a callback.
 Answering: TypeAlias = Callable[[PlanRequest, str, Job, Callable[[Progress], None]], PlanAnswer]
 
 # Who asks for the result of an action later than this [s] gets none.
@@ -53,8 +53,11 @@ class PlanAction:
         """Open the action.
 
         Args:
-            preempts: Tells whether a goal takes the place of what is planned.
-            refuse: Returns the answer to a job that is not taken up, and tells of it.
+            jobs: Jobs of the planner, which the action shares with the service.
+            new_job: Returns the job of a new goal.
+            preempts: Returns whether a goal takes the place of the current request.
+            answer: Plans, and returns the answer to a request.
+            refuse: Returns the answer to a job that is not accepted, and logs it.
         """
         self._jobs, self._new_job, self._preempts = jobs, new_job, preempts
         self._answer, self._refuse = answer, refuse
@@ -80,12 +83,12 @@ class PlanAction:
         self._events = ActionEvents(node, ACTION, EVENT_QOS)
 
     def destroy(self) -> None:
-        """Take the action off the node."""
+        """Destroy the action server."""
         self._server.destroy()
         self._events.destroy()
 
     def _arrive(self, asked: SEND_GOAL.Request) -> None:
-        """Admit a goal, or tell why not; what is wrong with its request is its result, later."""
+        """Admit a goal or publish why not; an error in its request becomes its result, later."""
         key = bytes(asked.goal_id.uuid)
         with self._lock:
             if key in self._goals:
@@ -106,7 +109,7 @@ class PlanAction:
         return GoalResponse.ACCEPT if id(goal) in self._admitted else GoalResponse.REJECT
 
     def _depart(self, asked: SEND_GOAL.Request) -> None:
-        """Make room again where rclpy did not hand an admitted goal over: its client is gone."""
+        """Withdraw an admitted goal that rclpy did not hand over because its client is gone."""
         if id(asked.goal) in self._admitted:
             self._admitted.discard(id(asked.goal))
             key = bytes(asked.goal_id.uuid)
@@ -171,7 +174,7 @@ class PlanAction:
 
 
 class _Server(ActionServer):
-    """Tells of each goal with its id, which rclpy does not tell the callback that decides on it."""
+    """Passes on each goal with its id, which rclpy does not pass to the goal callback."""
 
     def __init__(
         self,
@@ -180,7 +183,7 @@ class _Server(ActionServer):
         *server: Any,
         **options: Any,
     ) -> None:
-        """Open the server; `arrive` comes before the decision, `depart` after all of it."""
+        """Open the server; `arrive` is called before the goal callback, `depart` at the end."""
         self._arrive, self._depart = arrive, depart
         ActionServer.__init__(self, *server, **options)
 

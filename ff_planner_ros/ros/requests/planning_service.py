@@ -1,4 +1,4 @@
-"""The service `plan_trajectory`, and how requests of service and action are answered."""
+"""The service `plan_trajectory`, and the answers to requests of service and action."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ from ff_planner_ros.ros.requests.worker import Worker
 # A response that a client reads after it has heard that the service is gone is lost, and rclpy
 # cannot tell when a response has arrived. So the service stays so long after the last one [s].
 _DELIVERY = 1.0
-# Who asked before the service ends is answered, and keeps the node alive for so long at most [s].
+# Requests that arrive while the node ends are answered, and keep it alive for at most so long [s].
 _ON_THE_WAY, _MOST_LINGERING = 0.2, 3.0
-# While a response is written, or obstacles are waited for, whether it is still wanted is asked so
-# often [s]; a response that is not is written to its end beside the next one.
+# Period of the check whether a request is still wanted, while its response is written or obstacles
+# are waited for [s]; a response that is not wanted is written to its end beside the next one.
 _POLL, _WRITERS = 0.02, 2
 _TOKEN_BYTES = 16  # of what opens ~/publish_plan: not to be guessed
 # Percentiles are those of so many plans.
@@ -75,7 +75,7 @@ _SOLVE_TIMES = 200
 
 
 class PlanningService:
-    """Answers planning requests; a problem of a request is an answer and never ends the node."""
+    """Answers planning requests; any error is an answer and never ends the node."""
 
     def __init__(
         self,
@@ -89,11 +89,14 @@ class PlanningService:
         run_name: str,
         guesses: Guesses | None,
     ) -> None:
-        """Open both doors; requests are answered with NOT_ACTIVE until `activate`.
+        """Open service and action; requests are answered with NOT_ACTIVE until `activate`.
 
-        The node's executor needs four threads: one plans, one waits for it to make room, one
-        cancels, one listens. `run_name` stands in front of the number in every plan id. `guesses`
-        are for what is tried first, None: nothing.
+        The node's executor needs four threads: one plans, one waits for the first to make room, one
+        cancels, one answers `~/publish_plan`.
+
+        Args:
+            run_name: Prefix of every plan id, in front of a number.
+            guesses: Warm-start library; None: every search starts cold.
         """
         self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
         self._states, self._scenes, self._output = states, scenes, output
@@ -124,42 +127,42 @@ class PlanningService:
 
     @property
     def most_waiting(self) -> Mapping[str, int]:
-        """How many requests waited at once at most, by service."""
+        """Most requests that waited at once, by service."""
         return {SERVICE: self._queue.most, PUBLISH_PLAN: self._publication.queue.most}
 
     @property
     def is_active(self) -> bool:
-        """Whether requests are taken up."""
+        """Whether requests are accepted."""
         return self._jobs.is_open
 
     def activate(self) -> None:
-        """Take up requests from now on."""
+        """Accept requests from now on."""
         self._publication.open()
         self._jobs.open()
 
     def deactivate(self, status: Status, message: str, patience: float) -> None:
-        """Take up no more requests, give up the one that is, wait so long [s] for its answer."""
+        """Refuse requests, give up the current one, and wait `patience` [s] for its answer."""
         self._jobs.close(status, message)
         self._jobs.wait_until_idle(patience)
         self._publication.close(status, message)
 
     def look(self) -> None:
-        """Let screens show what waits to be published, as long as it may be."""
+        """Update the display of the plan that waits for publication."""
         self._publication.look()
 
     def give_up(self, status: Status, message: str) -> None:
-        """Give up the request that is being planned, if there is one, and plans that wait."""
+        """Give up the current request, if there is one, and forget plans that wait."""
         self._jobs.give_up_all(status, message)
         self._publication.forget()
 
     def linger(self) -> None:
-        """Wait while requests that were on their way still come, and are answered."""
+        """Wait until requests that are already on their way have been answered."""
         first, most = (time.monotonic() + seconds for seconds in (_ON_THE_WAY, _MOST_LINGERING))
         while time.monotonic() < min(most, max(first, self._delivered)):
             time.sleep(_POLL)
 
     def close(self) -> None:
-        """Close both doors once the last response has had its time to arrive."""
+        """Close service and action, once the last response has had time to arrive."""
         time.sleep(max(0.0, self._delivered - time.monotonic()))
         self._action.destroy()
         self._node.destroy_service(self._service)
@@ -222,7 +225,7 @@ class PlanningService:
         return answer
 
     def _refuse(self, job: Job, cause: FfPlannerError) -> PlanAnswer:
-        """Return the answer to a goal that is not taken up; its client gets no more than a no."""
+        """Return the answer to a rejected goal; rclpy tells its client only that it is rejected."""
         answer = self._refused(job, cause, time.perf_counter())
         self._tell_last(answer)
         return answer
@@ -239,7 +242,7 @@ class PlanningService:
     def _read(
         self, request: PlanRequest, knowledge: Knowledge, job: Job
     ) -> tuple[ReadRequest, NodeParameters]:
-        """Read a request; the first one waits for obstacles that were published before."""
+        """Read a request; the first one waits for obstacles that were published before the node."""
         while True:
             try:
                 found = read_request(request, knowledge)

@@ -1,7 +1,7 @@
-"""Plans go out: at once, or later by their ids, through the service `~/publish_plan`.
+"""Publication of plans: at once, or later by plan id, through the service `~/publish_plan`.
 
-A plan that waits is published only while it still fits: its start is ahead, the system will be
-where it begins, and no rule that it was checked by is stricter by now.
+A plan that waits is published only if its start is ahead, it is at most `publication.max_age` old,
+the system will be at its first point, and no rule that it was checked by has become stricter.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ MOST_WAITING = 10
 
 
 class Publication:
-    """Publishes plans, and keeps those that wait for it."""
+    """Publishes plans, and keeps those that wait for their release."""
 
     def __init__(self, node: Node, output: PlanOutput, knowledge: Callable[[], Knowledge]) -> None:
         """Open the service; until `open`, it answers with NOT_ACTIVE.
 
         Args:
-            knowledge: What the planner knows now.
+            knowledge: Returns what the planner knows now.
         """
         self._node, self._output, self._knowledge = node, output, knowledge
         self._logger = node.get_logger()
@@ -95,11 +95,15 @@ class Publication:
                 self._output.preview.draw()
 
     def destroy(self) -> None:
-        """Take the service off the node."""
+        """Destroy the service."""
         self._node.destroy_service(self._service)
 
     def keep(self, made: MadePlan) -> None:
-        """Let a plan wait until somebody asks for it, or newer ones take its place."""
+        """Keep a plan until it is published, or `MOST_WAITING` newer ones take its place.
+
+        Raises:
+            FfPlannerError: The node is not active any more.
+        """
         with self._lock:
             self._require_open()
             self._waiting[made.plan_id] = made
@@ -108,7 +112,7 @@ class Publication:
         self.look()
 
     def look(self) -> None:
-        """Let screens show the newest plan that waits and may still go out, if any."""
+        """Display the newest plan that waits and may still be published, if any."""
         with self._lock:
             shown: Drawn | None = None
             if self._waiting:
@@ -126,7 +130,7 @@ class Publication:
         for_controller: JointTrajectory,
         requester: str,
     ) -> None:
-        """Send a plan to controllers, executives and screens; `written` is its message.
+        """Publish a plan for controllers, executives and visualisation; `written` is its message.
 
         Raises:
             FfPlannerError: The node is not active any more.
@@ -165,7 +169,7 @@ class Publication:
         return response
 
     def _rejected(self, request: PublishPlan.Request) -> str:
-        """Forget the plan that is asked for, and say so in words."""
+        """Forget the plan that a request names, and return a sentence on that."""
         with self._lock:
             self._require_open()
             requester = requester_named(request.requester, PUBLISH_PLAN)
@@ -174,7 +178,7 @@ class Publication:
         return f"{made.plan_id} is dropped, {requester} rejected it"
 
     def _published(self, request: PublishPlan.Request) -> str:
-        """Publish the plan that is asked for, and say so in words."""
+        """Publish the plan that a request names, and return a sentence on that."""
         with self._lock:
             self._require_open()
             requester = requester_named(request.requester, PUBLISH_PLAN)
@@ -205,7 +209,7 @@ class Publication:
             raise FfPlannerError(*self._refusal)
 
     def _waiting_plan(self, request: PublishPlan.Request) -> MadePlan:
-        """Return the plan that is asked for; neither ids nor tokens are told to strangers."""
+        """Return the plan that a request names, if its token is right; errors reveal neither."""
         plan_id, last = request.plan_id, self._output.published
         made = self._waiting.get(plan_id)
         if made is not None:

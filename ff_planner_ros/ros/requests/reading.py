@@ -1,4 +1,4 @@
-"""From a request to what is to be planned, and from when on: the clock's reading comes in here."""
+"""From a request to a planning task and its start time, with the state and scene of now."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.continuing import continued_plan
 
-# Longest name of who asks: it is in a message and in the log.
+# Longest name of a requester: it is in a message and in the log.
 _LONGEST_NAME = 200
 
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """What a planner knows beside the request, at the moment when it reads the request."""
+    """What the planner knows besides the request, at the time when it reads the request."""
 
     robot: Robot
     parameters: NodeParameters  # for what the request leaves open
@@ -51,13 +51,13 @@ class Knowledge:
     scenes: SceneInput  # for obstacles and target body that the request does not bring
     published: PublishedPlan | None  # the last plan, which the arm may be following
     now_ns: int  # [ns]
-    guesses: Guesses | None = None  # for what is tried first
-    handover_lead: float = 0.0  # as for replanning.lead_time, by what answers have taken [s]
+    guesses: Guesses | None = None  # warm-start library; None: none
+    handover_lead: float = 0.0  # lead time by past response times, see `LeadTimes` [s]
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """What a plan, or a refusal, is made from."""
+    """Inputs that a plan or a refusal is made from."""
 
     received_stamp_ns: int = 0  # the node's time when it read the request; zero: it did not [ns]
     state_stamp_ns: int = 0  # of the measured state [ns]
@@ -73,12 +73,12 @@ class Provenance:
     previous_plan_id: str = ""  # id of the plan that the joints follow until the start; empty: none
     task_digest: str = ""  # empty: there is no task
     first_guess: tuple[float, ...] = ()  # of the task; empty: it has none
-    geometry: str = ""  # what of the robot is kept clear; empty: the request was not read
+    geometry: str = ""  # collision geometry of the robot; empty: the request was not read
     handover_delay: float = 0.0  # from reading the request to a plan that takes over [s]
-    splice_time: float = 0.0  # and where that is in the previous plan, from its first point [s]
+    splice_time: float = 0.0  # of the handover in the previous plan, from its first point [s]
 
     def tell(self, answer: PlanAnswer) -> None:
-        """Write it into an answer."""
+        """Write the provenance into an answer."""
         answer.task_digest = self.task_digest
         for plan in answer.plans:
             plan.geometry, plan.first_guess = self.geometry, self.first_guess
@@ -90,31 +90,31 @@ class Provenance:
 
 
 class RequestRefused(InvalidInput):
-    """A request that cannot be planned for."""
+    """An invalid request, or a request whose inputs are invalid."""
 
     def __init__(self, error: InvalidInput, provenance: Provenance) -> None:
-        """Say what is wrong with it."""
+        """Add the provenance to an error."""
         super().__init__(error.status, error.field, error.value, error.allowed)
         self.provenance = provenance  # as far as the request was read
 
 
 @dataclass(frozen=True, eq=False)
 class ReadRequest:
-    """What a request asks at the moment when it is taken up."""
+    """A request, with all that it refers to resolved at the time when it was read."""
 
     task: PlanningTask
     budget: Budget  # wall clock for the task
     start_ns: int  # time of the plan's first point [ns]
     provenance: Provenance  # what the task is made from
     plan_only: bool  # whether the plan waits for `~/publish_plan`
-    requester: str  # empty: it does not say
+    requester: str  # as the request says; may be empty
 
 
 def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
     """Read a request of the service or the action.
 
     Raises:
-        InvalidInput: The first thing that cannot be used, named; it is a `RequestRefused`.
+        InvalidInput: A field or an input is invalid; the error is a `RequestRefused`.
     """
     parameters, provenance = (
         knowledge.parameters,
@@ -211,10 +211,10 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
 
 
 def requester_named(name: str, otherwise: str) -> str:
-    """Return the name of who asks, or another one where it is empty.
+    """Return the name of a requester, or `otherwise` if it is empty.
 
     Raises:
-        InvalidInput: It would spoil a line of the log.
+        InvalidInput: The name is too long, or not printable.
     """
     if len(name) > _LONGEST_NAME or not name.isprintable():
         allowed = f"it must be at most {_LONGEST_NAME} printable characters"
@@ -223,13 +223,13 @@ def requester_named(name: str, otherwise: str) -> str:
 
 
 def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot:
-    """Return the state that a request brings, or else the latest one.
+    """Return the state that a request brings, or else the newest one of the topics.
 
     Args:
-        own: Of the request, one at most.
+        own: Field `start_state` of the request, with one entry at most.
 
     Raises:
-        InvalidInput: There is none, or none that can be used.
+        InvalidInput: There is no state, or it is invalid, too old or too far ahead of now.
     """
     parameters, now_ns = knowledge.parameters, knowledge.now_ns
     limits = (now_ns, parameters.state_max_age, parameters.state_future_tolerance)
@@ -245,7 +245,7 @@ def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot
 def motion_until_start(
     knowledge: Knowledge, measured: Snapshot, start_ns: int
 ) -> JointMotion | None:
-    """Return what moves the joints until a plan begins at start_ns [ns]; None: nothing known."""
+    """Return the joint motion until a plan starts at start_ns [ns]; None: no plan runs."""
     published = knowledge.published
     # A plan that begins with the new one moves nothing before.
     if published is None or published.start_ns == start_ns:
@@ -254,7 +254,7 @@ def motion_until_start(
 
 
 def _seen_body(request: PlanRequest, knowledge: Knowledge) -> SeenBody:
-    """Return the target body that a request brings, or else the latest one."""
+    """Return the target body that a request brings, or else the topic's newest one."""
     parameters = knowledge.parameters
     limits = (knowledge.now_ns, parameters.target_max_age, parameters.state_future_tolerance)
     own = request.target_body[0] if request.target_body else None
@@ -262,7 +262,7 @@ def _seen_body(request: PlanRequest, knowledge: Knowledge) -> SeenBody:
 
 
 def _carried(seen: SeenBody, start_ns: int) -> TargetBody:
-    """Return a target body at a time [ns]: nothing acts on it until then."""
+    """Return a target body at a time [ns], after torque-free motion."""
     with fields_named(NAMED_AS):
         return seen.body.after((start_ns - seen.stamp_ns) / NANOSECONDS)
 
@@ -337,7 +337,7 @@ def _end_behaviour(request: PlanRequest, parameters: NodeParameters) -> EndBehav
 
 
 def _running(plan: PublishedPlan, measured: Snapshot, knowledge: Knowledge) -> JointMotion | None:
-    """Return the published plan if it runs: the joints are where it wants them to be.
+    """Return the motion of the published plan if the measured joints are on it.
 
     Nobody tells the planner which plans are executed; a plan that was not leaves the joints behind.
     """

@@ -1,7 +1,7 @@
-"""How many requests wait at once: the middleware tells nobody that it has dropped some.
+"""Counts the requests that wait at once: the middleware drops more of them without a word.
 
-rclpy hands on when a request arrived, and of its number none that two clients do not share. So what
-is known is how many had arrived and were not answered when another one came.
+rclpy passes on when a request arrived, but no number that is unique among clients. So the count at
+an answer is that of the requests answered since its request arrived, its own included.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from rclpy.service import Service
 
 
 class RequestQueue:
-    """Counts the requests at a service that wait or are being answered."""
+    """Counts the requests at a service that wait or are being answered at once."""
 
     def __init__(self) -> None:
-        """Begin with none."""
-        self.most = 0  # at once, until now
-        self._answered = deque[int]()  # when, of those after the last arrival [ns]
+        """Begin without requests."""
+        self.most = 0  # most requests at once until now
+        self._answered = deque[int]()  # times of the answers since the last arrival [ns]
         self._lock = threading.Lock()
 
     def watch(self, service: Service) -> None:
@@ -34,7 +34,7 @@ class RequestQueue:
         service.send_response = counted  # type: ignore[method-assign]
 
     def answered(self, arrived_ns: int, now_ns: int) -> None:
-        """Count a request, by the system's clock [ns]; arrived_ns: zero or less if not known."""
+        """Count an answer at now_ns, by the system's clock [ns]; arrived_ns <= 0 is unknown."""
         if arrived_ns <= 0:
             return
         with self._lock:

@@ -26,25 +26,25 @@ from ff_planner_ros.planning.motion.watch import SEARCHING, Budget, Progress
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.time_budget import TimeBudget
 
-# A plan, a refusal, or in words an error that nobody foresaw.
+# A plan, a refusal, or the text of an unforeseen error.
 Answer: TypeAlias = Plan | FfPlannerError | str
 
 # Nobody reads faster; each report costs the reader some tens of microseconds.
 _REPORT_INTERVAL = 0.02  # [s]
-# Of its budget a search leaves so much for what comes after it: the check of the best attempt and
-# the answer's way; part of the budget, and at most [s].
+# Time that a search leaves for the check of the best attempt and the way of the answer: part of its
+# budget, and at most [s].
 _RESERVED, _MOST_RESERVED = 0.05, 0.5
 
 
 def serve(requests: Connection) -> None:
-    """Make a plan whenever one is asked for, until the planner is gone.
+    """Fork a process for every plan that is requested, until the node is gone.
 
     Args:
-        requests: A message goes out once everything is loaded; then two handles come in for each
-            plan. On its control connection None goes out when it is begun, and the exit code of
-            its process when that has ended; the planner closes it to end the plan. Its data
-            connection is for request, progress and answer; whatever follows the request ends the
-            search.
+        requests: Sends a message once everything is loaded; then receives two handles per plan, of
+            its control and its data connection. The control connection sends None when the plan is
+            begun, and the exit code of its process when that has ended; the node closes it to end
+            the plan. The data connection is for request, progress and answer; whatever follows the
+            request ends the search.
     """
     # What only some searches load: a fork that needed it would load it again, plan after plan.
     import scipy.interpolate
@@ -84,14 +84,14 @@ def _forked(data: Connection) -> multiprocessing.context.ForkProcess:
 
 
 def _make_plan(data: Connection) -> None:
-    """Read a request, tell of the progress, and write the answer."""
+    """Receive a request, send progress, then send the answer."""
     with suppress(EOFError, ConnectionError):  # nobody wants the plan any more
         task, budget, begun = data.recv()
         data.send(_answer(data, task, budget, begun))
 
 
 class _Teller(TimeBudget):
-    """Ends a search when its time is used up or is told to; tells its progress to who waits."""
+    """Ends a search when its time is used up or it is cancelled; sends its progress."""
 
     def __init__(self, data: Connection, budget: Budget, begun: float) -> None:
         super().__init__(budget, begun, min(_RESERVED * min(budget), _MOST_RESERVED))
@@ -116,7 +116,7 @@ class _Teller(TimeBudget):
 
 
 def _answer(data: Connection, task: PlanningTask, budget: Budget, begun: float) -> Answer:
-    """Plan; a refusal is an answer too, and an error that nobody foresaw is told in words."""
+    """Return a plan, a refusal, or the text of an unforeseen error."""
     try:
         return perform(task, _Teller(data, budget, begun))
     except FfPlannerError as error:

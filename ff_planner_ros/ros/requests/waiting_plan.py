@@ -1,4 +1,4 @@
-"""A plan that waits to be published, and whether it still fits the rules and the state."""
+"""A plan that waits to be published, and checks that it still fits rules and state."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ class MadePlan:
     plan: Plan
     start_ns: int  # time of its first point [ns]
     end_behaviour: str
-    robot: Robot  # that it is for, with what it holds
-    scene: Scene  # that it was made among, at its first point
-    parameters: NodeParameters  # that it was checked by
-    previous_plan_id: str = ""  # that the joints follow until it begins; empty: none
-    made_ns: int = 0  # when it was ready [ns]
-    token: str = ""  # that whoever publishes it must know; empty: it is published at once
+    robot: Robot  # with its payload
+    scene: Scene  # at the plan's first point
+    parameters: NodeParameters  # that the plan was checked by
+    previous_plan_id: str = ""  # plan that the joints follow until the start; empty: none
+    made_ns: int = 0  # when the plan was ready [ns]
+    token: str = ""  # needed to publish the plan; empty: it is published at once
 
     @cached_property
     def drawn(self) -> Drawn:
-        """The plan as screens show it."""
+        """The plan, as visualisation needs it."""
         frame = self.parameters.inertial_frame
         return Drawn(self.plan_id, self.robot, self.plan, self.scene, frame)
 
     def may_go_out(self, now_ns: int, most: float) -> bool:
-        """Tell whether its start is ahead, and it was made at most so long ago [s]."""
+        """Return whether the start is not over and the age is at most `most` seconds."""
         return self.start_ns >= now_ns and self.age(now_ns) <= most
 
     def age(self, now_ns: int) -> float:
-        """Return how long ago it was ready [s]."""
+        """Return how long ago the plan was ready [s]."""
         return (now_ns - self.made_ns) / NANOSECONDS
 
 
@@ -64,22 +64,22 @@ class Difference(NamedTuple):
     """How far one number of a system is from a plan's first point."""
 
     what: str
-    parameter: str  # of `publication.`, that allows it
+    parameter: str  # parameter below `publication.` that limits it
     found: float
     allowed: float
     unit: str
 
     @property
     def is_allowed(self) -> bool:
-        """Whether it is little enough; not a number is not."""
+        """Whether it is within its limit; NaN is not."""
         return self.found <= self.allowed
 
 
 def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
-    """Refuse a plan if a rule that it was checked by is stricter by now.
+    """Refuse a plan if a rule that it was checked by has become stricter.
 
     Raises:
-        NoPlanFound: It is (CHECK_FAILED).
+        NoPlanFound: A rule has (CHECK_FAILED).
     """
     stricter = [
         name
@@ -95,10 +95,10 @@ def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
 
 
 def require_young(made: MadePlan, knowledge: Knowledge) -> None:
-    """Refuse a plan that nobody approved of for too long.
+    """Refuse a plan that is older than `publication.max_age`.
 
     Raises:
-        NoPlanFound: It is too old (CHECK_FAILED).
+        NoPlanFound: The plan is older (CHECK_FAILED).
     """
     age = made.age(knowledge.now_ns)
     most = knowledge.parameters.publication.max_age
@@ -111,13 +111,13 @@ def require_young(made: MadePlan, knowledge: Knowledge) -> None:
 
 
 def require_same_start(made: MadePlan, differences: Iterable[Difference]) -> None:
-    """Refuse a plan if the system will be elsewhere.
+    """Refuse a plan if the system will be too far from its first point.
 
     Args:
-        differences: As `start_differences` yields them.
+        differences: From `start_differences`.
 
     Raises:
-        NoPlanFound: It will (STATE_MOVED).
+        NoPlanFound: A difference is larger than allowed (STATE_MOVED).
     """
     off = [
         f"{one.what} by {one.found:.3g} {one.unit}, more than publication.{one.parameter}, "
@@ -136,13 +136,13 @@ def require_same_start(made: MadePlan, differences: Iterable[Difference]) -> Non
 def start_differences(
     made: MadePlan, own: Sequence[ChaserState], knowledge: Knowledge
 ) -> Iterator[Difference]:
-    """Yield how far the system, carried forward as for a new plan, will be from a plan's start.
+    """Yield how far the system, predicted to a plan's start time, is from the plan's first point.
 
     Args:
-        own: State that the request brings, one at most.
+        own: Field `start_state` of the request, with one entry at most.
 
     Raises:
-        InvalidInput: No state is known that can be used.
+        InvalidInput: There is no state, or it is invalid, too old or too far ahead of now.
     """
     measured = measured_state(own, knowledge)
     running = motion_until_start(knowledge, measured, made.start_ns)

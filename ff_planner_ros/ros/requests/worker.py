@@ -1,4 +1,4 @@
-"""The solver in processes of its own: planning never holds up a callback, and may even crash."""
+"""The solver in processes of its own: planning holds up no callback, and may crash."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from ff_planner_ros.ros.requests.solver_process import Answer
 # What a plan's process sends; None: it has ended.
 _Message: TypeAlias = Progress | Answer | None
 
-# While a plan is made, whether it is still wanted is asked so often [s].
+# Period of the check whether a plan is still wanted [s].
 _POLL = 0.02
-# Loading takes seconds; a server that needs so much longer [s] will not get there.
+# Loading takes seconds; a server that needs so much longer [s] counts as hanging.
 _LOADING = 60.0
-# A search that ends in time needs a moment more for its answer, on a machine that is busy [s]. What
-# is given up without an answer cannot be replayed to its step.
+# A search that ends in time needs a little longer for its answer on a busy machine [s]. A search
+# given up without an answer cannot be replayed to its step.
 _GRACE = 5.0
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
 # hangs, however busy the machine is.
@@ -41,7 +41,7 @@ _BEGINNING = 10.0
 
 
 class Worker:
-    """A solver and a spare one, which takes its place when it dies. One plan at a time."""
+    """Makes one plan at a time in a solver process; a spare one replaces it if it dies."""
 
     def __init__(self) -> None:
         """Start the process; it loads its libraries while the caller goes on."""
@@ -63,7 +63,7 @@ class Worker:
         """Wait until the solver has loaded its libraries.
 
         Raises:
-            FfPlannerError: It has not (SOLVER_DIED).
+            FfPlannerError: It has not within a minute (SOLVER_DIED).
         """
         give_up = time.monotonic() + _LOADING
         while not self.is_warm:
@@ -87,15 +87,15 @@ class Worker:
         """Plan in another process and wait for the answer.
 
         Args:
-            budget: Wall clock that it may take.
-            begun: When the budget began to run, of the monotonic clock [s].
-            check: Called before it begins and many times a second until it answers; what it raises
-                ends the plan.
-            report: Told now and then how far the search has come; what it raises ends the plan.
-            ends_early: Asked many times a second whether the best plan until then is the answer.
+            budget: Wall-clock time that the search may take.
+            begun: When the budget began to run, by the monotonic clock [s].
+            check: Called before the search and many times a second until its answer; what it raises
+                ends the search.
+            report: Called now and then with the progress; what it raises ends the search.
+            ends_early: Called many times a second; if True, the best plan until then is the answer.
 
         Raises:
-            Interrupted: By `interrupt`, which is heard from before `check` on, or `close`.
+            Interrupted: By `close`, or by `interrupt` from the first call of `check` on.
             FfPlannerError: What the planner raised; or the budget was used up before it answered
                 (TIMED_OUT), the process died (SOLVER_DIED) or failed in a way that the planner
                 does not foresee (INTERNAL_ERROR).
@@ -205,7 +205,7 @@ class _Server:
 
     @property
     def is_loaded(self) -> bool:
-        """Whether it is ready for plans: it has said so, and nobody reads what it has said."""
+        """Whether it is ready for plans: its message that it has loaded stays unread for that."""
         with suppress(OSError):  # ended meanwhile
             return not self.has_died and self._requests.poll()
         return False
@@ -217,7 +217,7 @@ class _Server:
 
     @property
     def is_lost(self) -> bool:
-        """Whether it has died, or was waited for so long that it hangs."""
+        """Whether it has died, or hangs: it was waited for too long."""
         if self.is_loaded:
             return self._waited > _BEGINNING
         return self.has_died or time.monotonic() > self._started + _LOADING
@@ -232,7 +232,7 @@ class _Server:
         return _PlanProcess(control, data, request)
 
     def has_begun(self, process: _PlanProcess) -> bool:
-        """Wait a moment until a plan is begun; whether it is."""
+        """Wait a moment for the begin of a plan; return whether it has begun."""
         before, is_loaded = time.monotonic(), self.is_loaded
         begun = process.has_begun()
         hangs = is_loaded and not begun
@@ -259,7 +259,7 @@ class _PlanProcess:
         threading.Thread(target=_converse, args=arguments, daemon=True).start()
 
     def has_begun(self) -> bool:
-        """Wait a moment until the server tells that it is begun; whether it has."""
+        """Wait a moment for the server's message that the plan is begun; return whether it came."""
         with suppress(EOFError, OSError):  # the server has died
             return self._control.poll(_POLL) and self._control.recv() is None
         return False
@@ -270,10 +270,10 @@ class _PlanProcess:
         report: Callable[[Progress], None],
         ends_early: Callable[[], bool],
     ) -> Answer:
-        """Return what it answers.
+        """Return the answer of the process.
 
         Raises:
-            FfPlannerError: It died before (SOLVER_DIED).
+            FfPlannerError: The process died before its answer (SOLVER_DIED).
         """
         is_told = False
         while True:
