@@ -1,8 +1,9 @@
-"""Problems among bodies of any convex shape: a way was drawn first, then bodies around it.
+"""Problems among convex obstacles: a motion was drawn first, then obstacles around it.
 
-The way, the witness, is a quintic of each joint to where the end effector rests in its goal. Bodies
-come from outside until they are near it; all distances are Coal's. They rest, move, turn, make a
-slot that the forearm passes, sweep through the workspace, or are fixed to a target that tumbles.
+The motion, the witness, is a quintic of each joint to a state in which the end effector rests in
+its goal. Obstacles are pushed from outside until they are near it; all distances are Coal's. They
+rest, move, rotate, form a slot around the forearm, sweep through the workspace, or are fixed to a
+tumbling target.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ from ff_planner_ros.robot.state import SystemState
 
 ROBOTS = ("lemur", "arm6", "arm7", "canadarm2", "arm10")
 SITUATIONS = ("at rest", "moving", "turning", "slot", "sweeping panel", "capture")
-# Every so many problems the robot has lines instead of shapes.
+# In every seventh problem the robot has centre lines instead of collision bodies.
 LINES_EVERY = 7
 
 # From the witness bodies are so far away [m], a slot's plates on either side.
@@ -84,7 +85,7 @@ _COME = 2.0  # its parts come from so far [m]
 
 @dataclass(frozen=True, eq=False)
 class ShapesProblem:
-    """A problem and a way that solves it."""
+    """A problem and a motion that solves it."""
 
     problem: PlanningProblem
     witness: Witness
@@ -93,14 +94,14 @@ class ShapesProblem:
 
 
 def problems(count: int) -> Iterator[ShapesProblem]:
-    """Yield the first problems, robots and situations in turn; always the same."""
+    """Yield the first `count` problems, robots and situations in turn; see `problem`."""
     for number in range(count):
         yield problem(number)
 
 
 @cache
 def problem(number: int) -> ShapesProblem:
-    """Return one problem, always the same."""
+    """Return a problem by its number, which seeds the draw."""
     name, situation = ROBOTS[number % len(ROBOTS)], SITUATIONS[number % len(SITUATIONS)]
     lines = number % LINES_EVERY == LINES_EVERY - 1
     robot = bench_robot(name, Geometry.LINES if lines else Geometry.SHAPES)
