@@ -70,7 +70,7 @@ _REGULAR = 0.08
 class JointGoal:
     """A problem, and a joint motion that solves it."""
 
-    robot: str  # of `ROBOTS`, or of `ON_RAILS`
+    robot: str  # name, as `bench_robot` takes it
     problem: PlanningProblem
     witness: JointMotion | None  # None: none is known
 
