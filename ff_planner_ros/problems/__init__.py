@@ -1,1 +1,1 @@
-"""Generators of planning problems; nearly all come with a motion that solves them, the witness."""
+"""Generators of problems, each with a path that is known to be free."""
