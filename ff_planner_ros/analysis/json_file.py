@@ -62,7 +62,7 @@ def _require_moderate(text: str) -> None:
     """Refuse a document that is too deep or has too many values, whether it is JSON or not.
 
     Raises:
-        ValueError: It is, or has.
+        ValueError: The document is too deep or has too many values.
     """
     depth = values = 0
     for token in _TOKEN.finditer(text):

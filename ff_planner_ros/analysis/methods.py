@@ -52,6 +52,6 @@ PLANNED = Method("planned", "#0072b2", "solid")
 MEASURED = Method("measured", "#d55e00", "dashed")
 DEVIATION = Method("deviation", "#d55e00", "solid")
 
-# What was recorded, and what comes of the same request with something changed.
+# The recorded plan, and the plan of the same request with changes.
 RECORDED = Method("recorded", "#0072b2", "solid")
 CHANGED = Method("changed", "#d55e00", "dashed")

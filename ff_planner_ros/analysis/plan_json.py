@@ -118,7 +118,7 @@ def received_dictionary(
 
 
 def _of_plan(plan: Plan, solve_time: float) -> dict[str, Any]:
-    """Return the motion of a plan, its path, and how good it is."""
+    """Return the motion of a plan, its path, metrics and solver report."""
     motion = plan.trajectory
     return {
         "joint_names": list(plan.joint_names),
@@ -192,7 +192,7 @@ def _how_good(plan: Plan, solve_time: float) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """JSON knows no infinity: without obstacles, say, there is no clearance to tell."""
+    """Return None for infinity, which JSON does not know: of a clearance without obstacles, say."""
     if isinstance(value, tuple):
         return [_finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -74,7 +74,7 @@ def problem(number: int) -> EverythingProblem:
 def _with_everything(
     drawn: Capture, objective: Objective, rng: np.random.Generator
 ) -> EverythingProblem:
-    """Lay limits and durations around a witness, and a frame that moves around all of it."""
+    """Set limits and durations around a witness, and transform the problem to a moving frame."""
     given, witness = drawn
     angle = float(np.abs(chaser_euler(given.robot, witness.way)).max())
     accelerations = _ROOM * _accelerations(witness)
@@ -107,7 +107,7 @@ def _accelerations(witness: Witness) -> Array:
 
 
 def _in_orbit(problem: PlanningProblem, rng: np.random.Generator) -> PlanningProblem:
-    """Return the same physics in a frame that is turned, far away and moves fast."""
+    """Return the same physics in a rotated frame, far away and at orbital speed."""
     axes = rng.normal(size=4)
     turned = pin.Quaternion(axes / np.linalg.norm(axes)).toRotationMatrix()
     there, velocity = rng.normal(size=(2, 3)) * np.array([[_AWAY], [_FAST]]) / 3.0

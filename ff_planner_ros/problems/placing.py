@@ -22,7 +22,7 @@ KINDS = ("box", "cylinder", "plate", "capsule", "cone", "mesh")
 THICKNESS = 0.005  # of plates [m]
 # Half of the edges of what is drawn, in lengths of the stretched arm, and corners of a hull.
 _SMALLEST, _LARGEST, _CORNERS = 0.02, 0.07, 20
-# A body comes to within this of what it keeps [m], in so many steps at most.
+# Tolerance of the distance at which a body stops [m], and largest number of steps.
 _NEAR, _STEPS = 1e-3, 40
 
 

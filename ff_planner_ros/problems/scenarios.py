@@ -57,7 +57,7 @@ _CANDIDATES = 200
 _SMALLEST_SPHERE, _LARGEST_SPHERE = 0.025, 0.08
 # Certified clearance is lower than sampled clearance by this at most [m], nearly always.
 _CERTIFICATE_ALLOWANCE = 1e-3
-# Of so many draws one is sound, or none ever is: with an arm that has no free path, say.
+# If none of so many draws is sound, none will be: the arm has no free path, say.
 _MOST_DRAWS = 10_000
 
 

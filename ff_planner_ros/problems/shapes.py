@@ -57,10 +57,9 @@ SITUATIONS = ("at rest", "moving", "turning", "slot", "sweeping panel", "capture
 # In every seventh problem the robot has centre lines instead of collision bodies.
 LINES_EVERY = 7
 
-# From the witness bodies are so far away [m], a slot's plates on either side.
+# Clearance of bodies from the witness [m], and of a slot's plates on either side.
 CLEAR, SLOT = 0.02, 0.03
-# Bodies come so much less near [m], at the witness's points; between them, on so many times as
-# many, they are looked at once more.
+# Allowance on these at the witness's points [m]; they are checked again at so many times as many.
 _ALLOWANCE, _FINER = 3e-3, 5
 # How far each joint turns at most [rad], and how fast it and the chaser begin [rad/s, m/s, rad/s].
 _TURN, _MOVING, _DRIFT, _SPIN = 0.9, 0.03, 0.01, 0.01
@@ -154,7 +153,7 @@ class _Draw:
         return replace(asked, obstacles=tuple(self.bodies)), witness
 
     def _look_closer(self, start: SystemState, witness: Witness) -> None:
-        """Follow the robot's bodies along the witness between its points, too."""
+        """Compute the poses of the robot's bodies along the witness at finer times."""
         robot, times = self.robot, witness.times
         joints = cast(JointMotion, witness.joints)  # of `witness_to_grip`, which always says it
         q, v = configuration(robot, start)
@@ -177,7 +176,7 @@ class _Draw:
         )
 
     def _grip(self) -> Grip:
-        """Draw a body that tumbles; where it is no target, one that rests."""
+        """Draw a tumbling target body; in other situations than a capture, a body at rest."""
         rng = self.rng
         out, turn = rng.normal(size=3), rng.normal(size=3)
         a, b, c = rng.uniform(0.2, 1.2, 3)
@@ -192,9 +191,9 @@ class _Draw:
         )
 
     def _lay(self, asked: PlanningProblem, witness: Witness, swept: Swept) -> bool:
-        """Lay bodies around the witness; tell whether there is what the situation promises.
+        """Place obstacles around the witness; tell whether the situation's are among them.
 
-        The straight path hits the first of them, a slot's plates aside.
+        The straight path hits the first one, except in the situation "slot".
         """
         situation, times = self.situation, witness.times
         if situation == "slot":
@@ -254,7 +253,7 @@ class _Draw:
         swept: Swept,
         times: Array,
     ) -> ObstacleBody | None:
-        """Let a body come to a point of the arm on `around` until it is near the witness."""
+        """Push a body towards a point of the arm along `around` until it is near the witness."""
         rng, (solid, twist) = self.rng, drawn
         points = arm_points(self.robot, around.way)
         time, link = int(rng.integers(len(times))), int(rng.choice(segments(points)))
@@ -269,7 +268,7 @@ class _Draw:
         return laid if laid and gap_of(self.closely, self.times, laid) > CLEAR else None
 
     def _slot(self, witness: Witness, swept: Swept) -> bool:
-        """Lay two plates on either side of the forearm's way; tell whether it is a slot."""
+        """Place two plates on either side of the forearm's path; tell whether they form a slot."""
         points = arm_points(self.robot, witness.way)
         long = [
             link
@@ -302,7 +301,7 @@ class _Draw:
         return True
 
     def _parts(self, witness: Witness, swept: Swept) -> tuple[AttachedBody, ...]:
-        """Draw what a target is made of: it comes to places in the body from outside."""
+        """Draw the parts of a target body: each is pushed into the body from outside."""
         rng, (_, times, body, *_) = self.rng, witness
         points = arm_points(self.robot, witness.way)
         motion = body.motion(np.zeros(3), times)
@@ -335,6 +334,6 @@ class _Draw:
 def _track(
     body: TargetBody, solid: Solid, turn: Array, place: Array, way: Array, times: Array
 ) -> Track:
-    """Return where a solid is that is fixed to a body, and a way of the body's."""
+    """Return the poses of a solid that is fixed to a body, and a direction in body axes."""
     motion = body.motion(place, times)
     return Track(solid, motion.rotations @ turn, motion.positions, motion.rotations @ way)

@@ -32,12 +32,12 @@ from ff_planner_ros.robot.state import SystemState
 FROM_LIMITS, _OF_LIMITS = 0.1, 0.7
 # Its smallest singular value is more, at its ends; the planner's threshold is 0.02.
 _REGULAR = 0.08
-# Its end settles on so many steps of Runge-Kutta, and once more on so many times as many: then it
+# Runge-Kutta steps on which its end is solved for, and the factor of a second, finer solution: this
 # is exact to 1e-11 m, so that any sound integrator leads to the same scenario in six decimals.
 _STEPS, _FINER = 100, 16
-# Of the way along the corridor: from so many times its length on, in this part of the duration.
+# Of the straight part: its length over the corridor's, its part of the duration, and its steps.
 _BEFORE, _LAST_PART, _LAST_STEPS = 1.2, 0.35, 40
-# Of the quintics' end: so often it is improved, until nothing changes any more [rad/s, rad/s2].
+# Of the quintics' end: largest number of iterations, and tolerance [rad/s, rad/s2].
 _ROUNDS, _SETTLED = 30, 1e-11
 
 

@@ -26,7 +26,7 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine, compiled, specification
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
-# Steps of MuJoCo [s], and how stiff the weld is: it gives way within so many of them.
+# Step of MuJoCo [s], and time constant of the weld in steps.
 _STEP, _STIFF = 1e-3, 2.0
 # Bandwidth of the control [rad/s], and number of steps after which its inertia is updated.
 _CONTROL, _RENEWED = 20.0, 20
@@ -73,7 +73,7 @@ class _Flight:
         moments, axes = np.linalg.eigh(body.inertia)
         axes[:, 0] *= np.linalg.det(axes)
         target.mass, target.inertia, target.explicitinertial = body.mass, moments, True
-        # To MuJoCo the axes of the body are the main ones of its inertia.
+        # To MuJoCo the body's axes are its principal axes.
         self._main_to_body = Rotation.from_matrix(axes)
         weld = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY)
         weld.name1, weld.name2, weld.active = names[robot.tip_link], _BODY, False

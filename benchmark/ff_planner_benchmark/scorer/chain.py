@@ -69,7 +69,8 @@ class Chain:
         """Read the text of a URDF.
 
         Raises:
-            ValueError: It is not XML, not all links hang on the base link, or there are too many.
+            ValueError: It is not XML, has too many links or ones that do not hang on the base link,
+                or a joint is neither revolute nor fixed.
             LookupError: Something is missing in it.
         """
         tree = xml_of(urdf)

@@ -80,7 +80,7 @@ def _report(row: Row, directory: Path, scenario: Path) -> Report:
     """Return the report of a case.
 
     Raises:
-        InvalidInput: The scenario is none of a campaign.
+        InvalidInput: The row's changes are malformed, or the path of the parameters is a link.
     """
     facts = [
         ("campaign", str(directory)),
