@@ -4,8 +4,9 @@
         --arm-heavier 0.05 --rate-bias 0.000175
     .venv/bin/python examples/follower.py config/scenarios/lemur_capture.yaml
 
-needs the planner node, too. Each new plan takes over from the one that runs, begins on it, and goes
-to the same goal from where the chaser is by then. With `--rate 0` it flies the first plan alone.
+needs the planner node, too. Each new plan takes over from the running plan at a point on it, and
+goes to the same goal from the chaser's state at that time. With `--rate 0` the first plan is flown
+alone.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.messages.to_messages import request_message
 
-NAME = "follower"  # who asks
+NAME = "follower"  # requester
 PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
-# One plan was not to be had in time: the arm goes on with the one that runs, and the next is asked.
+# No new plan in time: the arm continues with the running one, and the next plan is requested.
 _GOES_ON = (Status.TOO_LATE, Status.TIMED_OUT)
 _LOOK_INTERVAL = 0.005  # [s] between looks at the clock
 
@@ -76,7 +77,7 @@ def _replans(
     rate: float,
     check: Callable[[], None],
 ) -> Iterator[tuple[PlanAnswer, float]]:
-    """Ask again and again until the goal is near; yield answers, and how long each took [s]."""
+    """Request plans until the goal is near; yield each answer and its round-trip time [s]."""
     due = begin + (1.0 / rate if rate else np.inf)
     while rate:
         while time.time() < due:
@@ -99,7 +100,7 @@ def _replans(
 
 
 def _figures(replans: list[tuple[PlanAnswer, float]]) -> dict[str, float]:
-    """Return figures of what was planned on the way."""
+    """Return statistics of the replans: counts, delays and times [s], iterations."""
     made = [(one, took) for one, took in replans if one.status.code == Status.SOLVED]
     report: dict[str, float] = {"asked": len(replans), "plans": len(made)}
     if made:

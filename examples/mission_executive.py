@@ -2,8 +2,8 @@
 
     .venv/bin/python examples/mission_executive.py config/scenarios/lemur_capture.yaml
 
-needs the planner node and a testbed (`simulated_testbed.py`) that run. The scenario says what to
-ask for; where the chaser is, and what is in the way, the planner hears from the testbed.
+needs a running planner node and a running testbed (`simulated_testbed.py`). The scenario says what
+to request; the planner receives the chaser's state and the obstacles from the testbed.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         window = DurationRange(*options.durations)
         problem = replace(problem, duration=window.maximum, duration_range=window)
     with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
-        # 1. Ask. The planner carries the chaser forward to the start time and plans from there. It
-        #    keeps the plan to itself, so that nobody executes what the mission has not checked.
+        # 1. Ask. The planner predicts the chaser's state at the start time and plans from there. It
+        #    does not publish the plan, so that nobody executes what the mission has not checked.
         #    Where the scenario has phases, it plans all of them.
         request = request_of_task(replace(task, problem=problem), SCENARIO_FRAME)
         request.plan_only, request.requester = True, NAME
@@ -67,8 +67,8 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         for number, said in enumerate(phases_said(request, answer), start=1):
             print(f"phase {number}    {said}", flush=True)
 
-        # 2. Check. No plan that the planner gives breaks a limit or touches an obstacle; what only
-        #    the mission knows has to be checked here.
+        # 2. Check. No plan of the planner violates a limit or touches an obstacle; what only the
+        #    mission knows has to be checked here.
         rotation = math.degrees(answer.metrics[0].max_chaser_rotation)
         if rotation > options.max_attitude_deg:
             raise NoPlanFound(

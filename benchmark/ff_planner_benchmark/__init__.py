@@ -1,1 +1,1 @@
-"""Methods compared on a data set of scenarios: who plans them, how fast, and who judges that."""
+"""Planning methods compared on a data set of scenarios, judged by an independent scorer."""

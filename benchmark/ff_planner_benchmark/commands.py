@@ -1,4 +1,4 @@
-"""What the command line does: the data set, methods on it, one answer, plans in two engines."""
+"""The commands of `ff-planner-benchmark`: dataset, contest, score, simulate."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _REASONS = 8
 
 
 def dataset(options: argparse.Namespace) -> int:
-    """Write the data set if it is not there, and tell whether it is a published one.
+    """Write the data set if it is not there, and print whether it is a published one.
 
     Raises:
-        InvalidInput: A file is not what was written, the set is of other seeds than asked for, or
-            the whole set is not the published one.
+        InvalidInput: A file differs from what was written, the set is of other seeds than asked
+            for, or the whole set is not the published one.
     """
     _require_in_range("scenarios", options.scenarios)
     _require_in_range("workers", options.workers)
@@ -61,7 +61,7 @@ def dataset(options: argparse.Namespace) -> int:
 
 
 def contest(options: argparse.Namespace) -> int:
-    """Let methods plan the data set; answers in the file of an earlier run are taken from there."""
+    """Let methods plan the data set; answers in the file of an earlier run are not made again."""
     each, seconds, workers = options.scenarios, options.seconds, options.workers
     _require_in_range("scenarios", each)
     _require_in_range("workers", workers)
@@ -107,7 +107,7 @@ def score(options: argparse.Namespace) -> int:
 
 
 def simulate(options: argparse.Namespace) -> int:
-    """Execute plans of ours in two engines."""
+    """Execute our plans in two physics engines, and print the errors."""
     each = options.scenarios
     _require_in_range("scenarios", each)
     _opened(options.directory, each)
@@ -122,7 +122,7 @@ def _require_in_range(name: str, value: int | None) -> None:
 
 
 def _opened(directory: Path, each: int) -> str:
-    """Return the hash of a data set that has so many scenarios of each class."""
+    """Return the hash of a data set; refuse one with fewer than `each` scenarios of a class."""
     found = data_set.checked(directory)
     for kind, index in data_set.names(each):
         if not (directory / "scenarios" / kind / f"{index:04d}.yaml").exists():

@@ -32,21 +32,23 @@ def results(
     workers: int,
     there: Collection[Result] = (),
 ) -> Iterator[Result]:
-    """Let methods plan the first scenarios of each class, and judge them.
+    """Yield the judged answers of methods to the first scenarios of each class.
 
     Args:
-        each: Scenarios of each class.
-        seconds: Processor time that a method has for each.
+        directory: Directory of the data set.
+        each: Number of scenarios of each class.
+        seconds: Processor time that a method has for a scenario [s].
+        workers: Number of processes that judge.
         there: Results of an earlier run, which are not made again.
 
     Raises:
-        InvalidInput: A method is not known, or cannot be loaded.
+        InvalidInput: A method is not known or cannot be loaded, or a judge was ended from outside.
     """
     for method in methods:
         require_known(method)
     known = {(one.method, one.kind, one.index) for one in there}
     which = list(names(each))
-    # Before any method runs: it may do with the files what it likes.
+    # Before any method runs, as a method may change the files.
     copies = {
         one: own_copy(directory, *one)
         for one in which
@@ -92,14 +94,14 @@ def _require_loads(seconds: float, method: str) -> None:
 def _in_turn(
     directory: Path, seconds: float, task: tuple[str, list[tuple[str, int]]]
 ) -> list[Result]:
-    """Let a method plan some scenarios of a data set."""
+    """Return the judged answers of a method to some scenarios of a data set."""
     method, which = task
     copies = [own_copy(directory, *one) for one in which]
     return _judged_in_turn(seconds, (method, copies))
 
 
 def _judged_in_turn(seconds: float, task: tuple[str, list[OwnCopy]]) -> list[Result]:
-    """Let a method plan some scenarios; after a death or too long a time it is started anew."""
+    """Return a method's judged answers; after its death or a time-out it is started again."""
     method, copies = task
     done = list[Result]()
     running: Method | None = None

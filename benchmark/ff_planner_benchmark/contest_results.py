@@ -1,4 +1,4 @@
-"""Results of methods on the data set: kept in a file, told in tables."""
+"""Results of methods on the data set: their file and their tables."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 @dataclass(frozen=True)
 class Result:
-    """What became of one scenario."""
+    """The result of a method on one scenario."""
 
     method: str
     kind: str
     index: int
-    seconds: float  # processor time
+    seconds: float  # processor time [s]
     score: Score
 
 
@@ -34,15 +34,15 @@ class Kept:
     """The file of results: written after each, so that a run which was stopped can go on."""
 
     def __init__(self, file: Path | None, dataset_hash: str, seconds: float) -> None:
-        """Take a file that need not exist yet; None: nothing is kept."""
+        """Set the file, which need not exist yet (None: nothing is kept), and its conditions."""
         self.file = file
         self.of = {"dataset": dataset_hash, "seconds": seconds}
 
     def read(self) -> list[Result]:
-        """Return what is there.
+        """Return the results in the file.
 
         Raises:
-            InvalidInput: The file is of another data set or other processor times.
+            InvalidInput: The file is malformed, or of another data set or processor time.
         """
         if self.file is None or not self.file.exists():
             return []
@@ -56,7 +56,7 @@ class Kept:
             raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed) from None
 
     def write(self, done: Sequence[Result]) -> None:
-        """Write all that is done."""
+        """Replace the file by one with all results."""
         if self.file is not None:
             text = json.dumps(self.of | {"answers": [asdict(one) for one in done]}, indent=1)
             beside = self.file.with_name(f"{self.file.name}.part")
@@ -70,10 +70,10 @@ def _from_json(one: dict[str, Any]) -> Result:
 
 
 def reasons(done: Sequence[Result], most: int) -> Iterator[tuple[str, ...]]:
-    """Yield why answers do not count: method, answers, example, reason as it is told there.
+    """Yield the cells of `REASONS_HEADER`: why answers do not count, the most frequent first.
 
     Args:
-        most: Reasons of a method that are told, the most frequent first.
+        most: Largest number of reasons of a method.
     """
     for method in dict.fromkeys(one.method for one in done):
         found = dict[str, list[tuple[Result, str]]]()
@@ -101,10 +101,10 @@ HEADER = (
 
 
 def rows(done: Sequence[Result]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each method and class; the last two columns compare with the first method.
+    """Yield the cells of `HEADER` for each method and class.
 
-    Those are medians over what both solve. Clearance is the least of what is solved, the miss that
-    of every motion, solved or not.
+    The last two columns are medians of ratios to the first method, over what both solve. Clearance
+    is the least of solved scenarios; the miss is that of every motion, solved or not.
     """
     first = {(r.kind, r.index): r.score for r in done if r.method == done[0].method}
     for method in dict.fromkeys(r.method for r in done):

@@ -1,7 +1,7 @@
 """The data set of the benchmark: a thousand scenarios that have a plan, written from seeds.
 
-What is drawn is rounded to six decimals before it is written, so that machines whose last bits
-differ write the same text. The hash over all files tells whether it is the published data set.
+Numbers are rounded to six decimals before they are written, so that machines whose last bits differ
+write the same text. The hash over all files tells whether it is the published data set.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ DECIMALS = 6
 # is a number that nobody has seen before the set is written: witnesses follow from seeds.
 SEEDS, HIDDEN = {"second": 1, "public": 0}, "hidden"
 _MOST_DIGITS = 12  # of a seed
-# So far are the problems of two sets apart in the numbering of a class.
+# Difference of the problems' numbers in a class between two sets.
 _APART = 1_000_000
 # Hashes over `SHA256SUMS`, which has the hash of every file. A published set stays as it is. Where
 # the generators change what they draw, there is a new version, and docs/how_to/dataset.md keeps the
@@ -54,7 +54,7 @@ _OF_THREE = ("lemur", "arm6", "arm7")
 
 
 def _drawn_around(kind: str, number: int) -> PlanningProblem:
-    """Return a scenario with spheres around lines, every other one seen from a turned frame."""
+    """Return a scenario of spheres and centre lines, every other one in a rotated frame."""
     robot = _OF_THREE[number % len(_OF_THREE)]
     return scenarios.scenario(kind, robot, number, turned=bool(number % 2)).problem
 
@@ -71,8 +71,8 @@ def _still(kind: str, number: int) -> PlanningProblem:
 class SetClass:
     """A class of the data set."""
 
-    scenarios: int
-    problem: Callable[[int], PlanningProblem]  # of a number
+    scenarios: int  # number in the published set
+    problem: Callable[[int], PlanningProblem]  # returns the problem of a number
 
 
 CLASSES = {
@@ -86,10 +86,10 @@ CLASSES = {
 
 
 def seed_of(word: str) -> int:
-    """Return the seed that a name or a number stands for; that of a hidden set is drawn.
+    """Return the seed of a name or a number; that of a hidden set is drawn.
 
     Raises:
-        InvalidInput: It is neither.
+        InvalidInput: The word is neither a name nor a number.
     """
     if word == HIDDEN:
         return secrets.randbelow(10**_MOST_DIGITS)
@@ -103,7 +103,7 @@ def seed_of(word: str) -> int:
 
 
 def names(each: int | None = None) -> Iterator[tuple[str, int]]:
-    """Yield class and index of the scenarios, the first so many of each class; None: all."""
+    """Yield class and index of the scenarios, the first `each` of each class; None: all."""
     for kind, of_class in CLASSES.items():
         for index in range(min(of_class.scenarios, each or of_class.scenarios)):
             yield kind, index
@@ -113,10 +113,10 @@ def write_dataset(directory: Path, seed: int, each: int | None = None, workers: 
     """Write a data set into a new or empty directory, and return its hash.
 
     Args:
-        each: Scenarios of each class; None: as many as are published.
+        each: Number of scenarios of each class; None: as many as are published.
 
     Raises:
-        InvalidInput: The directory holds something.
+        InvalidInput: The directory is not empty.
         OSError: A file cannot be written.
     """
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
@@ -148,10 +148,10 @@ def _written(directory: Path, seed: int, each: int | None, workers: int) -> str:
 
 
 def end_with_parent(last: Callable[[], object] = bool) -> None:
-    """Let this process end as soon as the one that started it has ended, however that was.
+    """Let this process end as soon as its parent has ended, in whatever way.
 
     Args:
-        last: What it does before.
+        last: Called before this process ends.
     """
     parent = multiprocessing.parent_process()
 
@@ -165,7 +165,7 @@ def end_with_parent(last: Callable[[], object] = bool) -> None:
 
 
 def write_sums(directory: Path) -> str:
-    """Write the hash of every file into a file, and return the hash of that."""
+    """Write the hash of every file into `SHA256SUMS`, and return the hash of that file."""
     text = sums(directory)
     (directory / SUMS).write_text(text, encoding="ascii", newline="\n")
     return hashlib.sha256(text.encode()).hexdigest()
@@ -183,10 +183,10 @@ def _hash(file: Path) -> str:
 
 
 def checked(directory: Path) -> str:
-    """Return the hash of a data set whose files are what was written.
+    """Return the hash of a data set, after a comparison of every file with `SHA256SUMS`.
 
     Raises:
-        InvalidInput: A file is missing, new or other than written.
+        InvalidInput: A file is missing, new or changed.
     """
     if not (directory / SUMS).is_file():
         allowed = f"it has no {SUMS}: `ff-planner-benchmark dataset {directory}` writes a data set"
@@ -222,7 +222,7 @@ def _files(directory: Path) -> Iterator[Path]:
 def _write(
     directory: Path, seed: int, which: tuple[str, int]
 ) -> tuple[str, tuple[str, list[list[str]]]]:
-    """Write a scenario, and return the name of its robot, its URDF and what must not touch."""
+    """Write a scenario; return its robot's name, URDF, and pairs of links that must not touch."""
     kind, index = which
     problem = CLASSES[kind].problem(seed * _APART + index)
     robot = problem.robot

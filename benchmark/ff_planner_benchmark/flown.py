@@ -1,4 +1,4 @@
-"""Our plans of the data set, executed in two engines that nobody here wrote."""
+"""Our plans on the data set, executed in two independent physics engines, MuJoCo and Drake."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ HEADER = (
 
 
 def flown_rows(directory: Path, each: int) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each class: how far the end effector is from the plan's end at worst.
+    """Yield the cells of `HEADER` for each class: largest final errors of the end effector.
 
     Raises:
         FfPlannerError: MuJoCo or Drake is not installed.

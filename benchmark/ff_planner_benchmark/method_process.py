@@ -30,21 +30,21 @@ from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.errors import InvalidInput, Status
 
 ENTRANTS = ("ours", "direct", "fixed_base", "zero_momentum", "rrt_connect")
-# A method is ended after so many times its processor time. The clock ends only what waits, after so
-# many times that: the machine may have other work.
+# Factors of the allowed processor time after which a method is ended: of processor time, and of
+# wall time, which ends only what waits, as the machine may have other work.
 TOO_LONG, _PATIENCE = 2.0, 20.0
 _SET_DEATH_SIGNAL = 1  # of prctl: a method ends with its judge
-# So much is kept of what a method says when it fails: of a command the end.
+# Characters that are kept of a method's error message; of a command, the last ones.
 MOST_WORDS = 200
 
 Answers: TypeAlias = Callable[[Path, float], Any]
 
 
 def require_known(method: str) -> None:
-    """Refuse what is no method.
+    """Refuse a word that names no method.
 
     Raises:
-        InvalidInput: It is not one of ours, no file that is there, and no command that can run.
+        InvalidInput: It is no entrant, no existing Python file and no command that can run.
     """
     if method == "rrt_connect" and importlib.util.find_spec("ompl") is None:
         allowed = "it needs OMPL: pip install './benchmark[ompl]'"
@@ -68,7 +68,7 @@ def require_known(method: str) -> None:
 
 
 def main(method: str, seconds: str) -> None:
-    """Answer the scenarios that standard input names, a line each, in lines of JSON.
+    """Answer the questions on standard input, a line of JSON each, by lines of JSON.
 
     What a method prints is not part of an answer: it goes to standard error.
     """
@@ -99,7 +99,7 @@ def main(method: str, seconds: str) -> None:
 
 
 def _limit_processor_time(seconds: float) -> None:
-    """Let the system end this process, or one that it starts, after so much more."""
+    """Let the system end this process, or one that it starts, after more processor time [s]."""
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(time.process_time() + seconds), most))
 
@@ -126,7 +126,7 @@ def _answers_of(method: str) -> Answers:
 
 
 def _by_command(method: str, scenario: Path, seconds: float) -> Any:
-    """Return what a command writes; it and all that it starts are ended if it takes too long."""
+    """Return the answer that a command writes; on a time-out, end its process group."""
     with tempfile.TemporaryDirectory() as directory, tempfile.TemporaryFile() as said:
         file = Path(directory) / "answer.json"
         words = shlex.split(method)

@@ -15,7 +15,7 @@ from ff_planner_benchmark.scorer.score import load
 
 @dataclass(frozen=True)
 class OwnCopy:
-    """A scenario with all that it names."""
+    """A scenario and its robot's files, in memory."""
 
     kind: str
     index: int
@@ -37,7 +37,7 @@ class OwnCopy:
             yield Path(place, self.name)
 
     def loaded(self) -> tuple[dict[str, Any], Any, list[list[str]]]:
-        """Return what the scorer needs.
+        """Return what `load` does for the scorer.
 
         Raises:
             ValueError: It is no scenario of the data set.
@@ -56,7 +56,7 @@ def scenario_name(kind: str, index: int) -> str:
 
 
 def own_copy(directory: Path, kind: str, index: int) -> OwnCopy:
-    """Read a scenario of a data set, and its robot."""
+    """Read a scenario of a data set and its robot; on failure the copy is empty."""
     name = scenario_name(kind, index)
     try:
         scenario = text_of(directory / name)

@@ -1,4 +1,4 @@
-"""All processes that one has started, whatever became of them: their time, and their end."""
+"""Processor time and termination of all descendants of a process, whatever became of them."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ _PATIENCE = 10.0  # [s] until they have: the system ends them at once, but for w
 
 
 class _Process(NamedTuple):
-    """What the system says of a process."""
+    """An entry of the system's table of processes."""
 
     pid: int
     parent: int
-    begun: int  # [ticks] with the number it tells it from every other process
+    begun: int  # [ticks]; with the pid it identifies the process
     own: float  # processor time [s]
-    of_ended: float  # of those that it has waited for [s]
+    of_ended: float  # processor time of the children that it has waited for [s]
 
 
 class Family:
-    """A process and all that it starts, in sessions of their own and left alone ones, too."""
+    """A process and all its descendants, also in other sessions and orphaned."""
 
     def __init__(self, of_all: bool = False) -> None:
-        """Begin before the process is started.
+        """Begin to count; the process must be started by this one afterwards.
 
         Args:
-            of_all: What this process has as children is part of it, too.
+            of_all: Whether present children of this process belong to the family, too.
         """
         with suppress(OSError, AttributeError):  # another system than Linux
             ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
@@ -43,13 +43,14 @@ class Family:
         self._others = {one.pid for one in _processes() if one.parent == here and not of_all}
         self._before = _of_reaped()
         self._seen: dict[tuple[int, int], float] = {}  # processor time of each [s]
-        # Whether the time of children of one of them is lost: the system tells nobody of their end
+        # Whether one of them ignores SIGCHLD, so that the time of its ended children is lost
         self.loses_time = False
 
     def seconds(self) -> float:
-        """Return the processor time that all of them have taken so far.
+        """Return the processor time of the whole family so far [s].
 
-        Ended ones count as their parents waited for them, or as they were seen last if nobody did.
+        Ended processes count with the time that their parents got from the system, or else with the
+        time seen last.
         """
         living = list(self._living())
         for one in living:
@@ -60,7 +61,7 @@ class Family:
         return max(waited, sum(self._seen.values()))
 
     def end(self) -> None:
-        """Kill all of them, and wait until they have ended."""
+        """Kill the whole family, and wait until it has ended."""
         until = time.monotonic() + _PATIENCE
         while (living := list(self._living())) and time.monotonic() < until:
             for one in living:
@@ -73,7 +74,7 @@ class Family:
             time.sleep(_PAUSE)
 
     def _living(self) -> Iterator[_Process]:
-        """Yield them; what has ended and waits for its parent is among them."""
+        """Yield the processes of the family, zombies included."""
         by_parent: dict[int, list[_Process]] = {}
         for one in _processes():
             by_parent.setdefault(one.parent, []).append(one)

@@ -37,33 +37,32 @@ except ModuleNotFoundError:
         "flying a plan in the second engine needs Drake: pip install './benchmark[drake]'",
     ) from None
 
-# Torques between two points of a plan are given so often, and are linear between; and how exact
-# the integration is, relative. Both leave less than a thousandth of a millimetre.
+# Samples of the torques between two points of a plan, linear between them, and relative accuracy of
+# the integration. Both leave errors below a thousandth of a millimetre.
 _STEPS_PER_POINT, _ACCURACY = 60, 1e-10
-# What holds a base is a matter of accelerations, and those of a light wrist need more; so does an
-# arm that is light beside its payload, and runs away from the plan uncontrolled.
+# The torque that holds a base depends on accelerations, and those of a light wrist need more; so
+# does an arm that is light beside its payload, and diverges from the plan without control.
 _MORE_STEPS = 960
 # The longest step [s].
 _STEP = 0.01
 
 
 class Miss(NamedTuple):
-    """How far the motion in Drake is from the plan."""
+    """Deviations of the motion in Drake from the plan."""
 
     position: float  # of the end effector at the end [m]
-    orientation: float  # likewise [rad]
-    chaser: float  # of its centre of mass, at worst [m]
-    # Of what holds the chaser's attitude from what the plan's wheels give, at worst at the points,
-    # about any axis [N m]; zero where nothing holds it
+    orientation: float  # of the end effector at the end [rad]
+    chaser: float  # of its centre of mass, at the worst point [m]
+    # Largest difference about any axis, at the points, between the torque that holds the base and
+    # the plan's wheel torque [N m]; zero: no wheels hold the base
     holding_torque: float
 
 
 def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
-    """Let Drake execute a plan's torques open loop, from its first state.
+    """Execute a plan's torques open loop in Drake, from the plan's first state.
 
-    Only the URDF, the names of its links and the samples of the plan are used. An arm on a table
-    floats freely: nothing lifts it off the plane. A base that wheels hold is on three slides along
-    the axes of its root link.
+    Drake reads the URDF itself. A planar base floats freely: nothing lifts it off its plane. A base
+    that wheels hold is on three prismatic joints along the axes of its root link.
     """
     is_held = robot.base is Base.ATTITUDE_HELD
     turn = (
@@ -139,7 +138,7 @@ def _starts(trajectory: Trajectory) -> tuple[Array, Array]:
 
 
 def _slides(plant: Any, base: Any, turn: Rotation) -> list[Any]:
-    """Put the base on three slides along its own axes, and return them."""
+    """Put the base on three prismatic joints along its own axes, and return them."""
     turned = plant.AddFrame(
         FixedOffsetFrame(
             "turned", plant.world_frame(), RigidTransform(_pose(turn.as_matrix(), np.zeros(3)))
@@ -168,7 +167,7 @@ def _pose(rotation: Array, position: Array) -> Any:
 
 
 def _without_shapes(urdf: str) -> str:
-    """Return a URDF without what can touch or be seen: the engine shall only move masses."""
+    """Return a URDF without collision and visual shapes."""
     tree = ElementTree.fromstring(urdf)
     for link in tree.findall("link"):
         for kind in ("collision", "visual"):

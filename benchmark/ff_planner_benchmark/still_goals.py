@@ -1,7 +1,7 @@
-"""Problems with a goal at rest and an exact witness: on a table, or of a fast, spinning system.
+"""Problems with a goal at rest, each with a motion that solves it: planar, or of high momentum.
 
-The witness is a quintic of each joint at whose end the end effector rests in the inertial frame,
-however the chaser moves then. The obstacles stay away from it.
+That motion, the witness, is a quintic of each joint; at its end the end effector is at rest in the
+inertial frame, whatever the chaser's motion. The obstacles stay clear of it.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class Kind:
 
     robots: tuple[str, ...]  # in turn
     orientations: tuple[Orientation, ...]  # in turn
-    drift: tuple[float, float]  # of the chaser at the start, slowest and fastest [m/s]
-    spin: tuple[float, float]  # likewise [deg/s]
-    spheres: int  # at most
+    drift: tuple[float, float]  # least and largest speed of the chaser at the start [m/s]
+    spin: tuple[float, float]  # least and largest angular rate of the chaser at the start [deg/s]
+    spheres: int  # largest number
 
 
-# With a high momentum the system drifts by its own length and turns by 30 to 120 deg on the way.
+# With high momentum the system drifts by its own length and rotates by 30 to 120 deg in a motion.
 KINDS = {
     "planar": Kind(
         ("planar3", "planar4", "planar5"),
@@ -75,7 +75,7 @@ class StillGoal:
 
 @cache
 def problem(kind: str, number: int) -> StillGoal:
-    """Return one problem of a class, always the same."""
+    """Return a problem of one of `KINDS`; kind and number seed the draw."""
     asked = KINDS[kind]
     robot = bench_robot(asked.robots[number % len(asked.robots)])
     orientation = asked.orientations[number % len(asked.orientations)]
@@ -89,7 +89,7 @@ def problem(kind: str, number: int) -> StillGoal:
 def _drawn(
     robot: Robot, kind: Kind, orientation: Orientation, rng: np.random.Generator
 ) -> StillGoal | None:
-    """Draw a moving system and a motion; None: the motion violates what a plan must keep."""
+    """Draw a moving system and a motion; None: the motion violates a constraint."""
     lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
     highest = np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS
     drift = _drawn_vector(rng, *kind.drift)

@@ -1,6 +1,6 @@
-"""A method as its judge sees it: a process that answers in bytes, with its time from outside.
+"""A method as its judge runs it: a process that answers in JSON, with its time measured outside.
 
-Nothing that comes from it is more than JSON: no object of Python, no time, no score.
+Nothing but JSON is taken from it: no object of Python, no time, no score.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from ff_planner_benchmark.processes import Family
 from ff_planner_ros.analysis.json_file import json_document
 from ff_planner_ros.errors import InvalidInput, Status
 
-# A method has so much time to load, and to end once its answers have [s].
+# Wall time for a method to load, and to end after its standard output has ended [s].
 _TO_LOAD, _TO_END = 120.0, 1.0
-_FREE_TO_LOAD = 10.0  # processor time that is not counted [s]
-# The clock ends only what waits, after so many times the processor time and so much more [s].
+_FREE_TO_LOAD = 10.0  # processor time of loading that is not counted [s]
+# Wall time ends only what waits, after so many times the processor time and so much more [s].
 _PATIENCE, _MORE_PATIENCE = 20.0, 10.0
 _LOOK_AFTER = 0.1  # [s] between two looks at how much time has been taken
 # [bytes] of an answer: ten thousand points of fourteen joints are 8 MB.
@@ -33,21 +33,24 @@ _LONGEST, _CHUNK = 20_000_000, 1 << 16
 
 
 class Asked(NamedTuple):
-    """What came of a scenario."""
+    """A method's answer to a scenario."""
 
-    seconds: float  # processor time of all processes
-    answer: Any  # JSON
-    failed: str | None  # why there is no answer
+    seconds: float  # processor time of all its processes [s]
+    answer: Any  # JSON; None: there is none
+    failed: str | None  # why there is no answer; None: there is one
 
 
 class Method:
-    """A method that runs."""
+    """The process of a method."""
 
     def __init__(self, method: str, seconds: float) -> None:
-        """Start it, and wait until it has loaded.
+        """Start the process, and wait until the method has loaded.
+
+        Args:
+            seconds: Processor time for a scenario [s].
 
         Raises:
-            InvalidInput: It cannot.
+            InvalidInput: The method cannot be loaded.
         """
         self._seconds, self._limited = seconds, method != "ours"
         self._family = Family()
@@ -68,9 +71,9 @@ class Method:
         self._taken = min(self._family.seconds(), _FREE_TO_LOAD)
 
     def ask(self, scenario: Path) -> Asked:
-        """Return what it answers to a scenario; one without an answer is to be ended.
+        """Return the method's answer to a scenario; without an answer in time the process is ended.
 
-        What its processes did since the last answer counts, too.
+        The processor time since the last answer counts, too.
         """
         number = secrets.token_hex(8)  # so that nothing said before is an answer
         question = json.dumps({"scenario": str(scenario), "number": number}) + "\n"
@@ -99,11 +102,11 @@ class Method:
 
     @property
     def has_ended(self) -> bool:
-        """Whether it answers no more."""
+        """Whether the process has ended."""
         return self._process.poll() is not None
 
     def end(self, reason: str = "") -> str:
-        """End it and all that it has started, and return what had become of it."""
+        """End the process and its descendants, and return `reason`, or else how it had ended."""
         if not reason:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_TO_END)
@@ -123,7 +126,7 @@ class Method:
         return int(pipe.fileno())
 
     def _line(self, wait: float, most_seconds: float | None) -> tuple[bytes | None, str | None]:
-        """Return a line that it says; None: why there is none, empty if the process ended."""
+        """Return a line of the process, or None and why there is none (None: the process ended)."""
         until, begun = time.monotonic() + wait, self._taken_so_far()
         found = bytearray(self._rest)
         with selectors.DefaultSelector() as selector:

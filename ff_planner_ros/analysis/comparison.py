@@ -1,4 +1,4 @@
-"""What the methods made of one problem, side by side, and the paper's ratios beside ours."""
+"""Tables of several methods' plans for one problem, and of the paper's ratios beside ours."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _NOTHING = "-"
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a method made of the problem."""
+    """A method's plan for the problem, or its refusal."""
 
-    plan: Plan | FfPlannerError  # the motion that follows, sound or not; or why there is none
-    failures: tuple[Failure, ...]  # what is wrong with the motion
-    seconds: float  # wall clock until then
+    plan: Plan | FfPlannerError  # passes the check or not; an error if the method found none
+    failures: tuple[Failure, ...]  # of the check of the plan; empty: passed
+    seconds: float  # wall time of search and check [s]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def comparison_rows(
 
 
 def findings(answers: Mapping[Method, Answer]) -> Iterator[str]:
-    """Yield in words what is wrong with each plan: which constraint, where, by how much."""
+    """Yield a line for each method that failed: which constraint, where, by how much."""
     for method, answer in answers.items():
         if isinstance(answer.plan, FfPlannerError):
             yield f"{method.name}: {answer.plan}"
@@ -100,7 +100,11 @@ def findings(answers: Mapping[Method, Answer]) -> Iterator[str]:
 
 
 def ratio_rows(answers: Mapping[Method, Answer]) -> Iterator[tuple[str, ...]]:
-    """Yield the cells of `RATIO_COLUMNS`; they mean something for the paper's own scenario."""
+    """Yield the cells of `RATIO_COLUMNS`; they compare only on the paper's own scenario.
+
+    Args:
+        answers: Of all `PAPERS_METHODS`.
+    """
     for ratio in _PAPERS_RATIOS:
         above, below = (answers[method].plan for method in (ratio.above, ratio.below))
         here = _NOTHING

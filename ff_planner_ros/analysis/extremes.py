@@ -1,4 +1,4 @@
-"""Where a motion is at its worst: nearest to an obstacle, to a joint's limits, at its torques."""
+"""Extremes of a motion: smallest distances to obstacles, and each joint's extremes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
-# Few points hide what is between them: a motion is looked at, at this many times or more.
+# Few points hide what is between them: distances are sampled at this many times or more.
 _TIMES = 400
 # Of an obstacle, in a figure.
 _LONGEST_NAME = 24
@@ -47,11 +47,11 @@ _Flags: TypeAlias = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """How far the robot is from every obstacle over time: its bodies, or else the arm's lines."""
+    """Distances of the robot's bodies, or else the arm's centre lines, to every obstacle."""
 
-    time: Array  # the motion's points, and times between them; shape (times,) [s]
-    of_each: Array  # from the nearest segment or body; shape (times, obstacles) [m]
-    nearest: NDArray[np.intp]  # which one that is; shape (times, obstacles)
+    time: Array  # of the motion's points, and between them; shape (times,) [s]
+    of_each: Array  # distance to the nearest body or segment; shape (times, obstacles) [m]
+    nearest: NDArray[np.intp]  # index of that body or segment; shape (times, obstacles)
 
     @property
     def closest(self) -> Array:
@@ -83,11 +83,10 @@ def distances(
     motion: Trajectory,
     scene: Scene | None = None,
 ) -> Distances:
-    """Return the distances of a motion, between its points, too.
+    """Return the distances of a motion to obstacles, also between its points.
 
     Args:
-        scene: That says which bodies may touch which obstacles at the goal: from then on these have
-            no distance. None: none may.
+        scene: Its allowed collisions at the goal are ignored near the goal. None: there are none.
     """
     time, q = _between_points(robot, motion)
     until = np.full((1, len(obstacles)), len(time))
@@ -119,9 +118,9 @@ def distances(
 def _of_shapes(
     robot: Robot, obstacles: Sequence[ObstacleBody], time: Array, q: Array, counts: _Flags
 ) -> Array:
-    """Return distances of bodies from obstacles; infinite where another body is nearer for certain.
+    """Return distances of bodies to obstacles; infinite where another body is surely nearer.
 
-    Shape (times, bodies, obstacles) [m], and that of what counts may be broadcast to it.
+    Shape (times, bodies, obstacles) [m]; `counts` may be broadcast to it.
     """
     placed = placed_bodies(robot, q[:, 7:])
     lowest = np.where(counts, obstacle_bounds(robot, placed, q, time, obstacles), np.inf)
@@ -137,9 +136,9 @@ def _of_shapes(
 def _of_bodies(
     robot: Robot, obstacles: Sequence[Sphere], time: Array, q: Array, counts: _Flags
 ) -> Array:
-    """Return distances of bodies from spheres; infinite where another body is nearer for certain.
+    """Return distances of bodies to spheres; infinite where another body is surely nearer.
 
-    Shape (times, bodies, spheres) [m], and that of what counts.
+    Shape (times, bodies, spheres) [m]; `counts` has the same.
     """
     placed, radius = placed_bodies(robot, q[:, 7:]), np.array([one.radius for one in obstacles])
     centers = centers_in_base(q, centers_at(time, obstacles))
@@ -154,7 +153,7 @@ def _of_bodies(
 def nearest(
     robot: Robot, obstacles: Sequence[Obstacle], found: Distances, number: int | None = None
 ) -> Nearest:
-    """Return where the robot comes nearest to any obstacle, or to the one of that number."""
+    """Return the smallest distance to any obstacle, or to that of index `number`."""
     if number is None:
         number = int(found.of_each.min(axis=0).argmin())
     time = int(found.of_each[:, number].argmin())
@@ -173,31 +172,31 @@ def nearest(
 
 @dataclass(frozen=True)
 class JointExtremes:
-    """What one joint does in a motion."""
+    """Extreme position, velocity and torque of one joint in a motion."""
 
     name: str
-    slides: bool  # in m, m/s and N; else in rad, rad/s and N m
+    slides: bool  # prismatic: units below are m, m/s and N instead
     start: float  # [rad]
     end: float  # [rad]
     lowest: float  # [rad]
     highest: float  # [rad]
-    margin: float  # to the nearer limit of its position, at the least [rad]
+    margin: float  # smallest distance to a position limit; negative beyond it [rad]
     margin_time: float  # [s]
-    rate: float  # largest, either way [rad/s]
+    rate: float  # largest magnitude of the velocity [rad/s]
     rate_time: float  # [s]
     rate_limit: float  # [rad/s]
-    torque: float  # largest, either way; NaN: not known [N m]
-    torque_time: float  # [s]
+    torque: float  # largest magnitude; NaN: not known [N m]
+    torque_time: float  # of the largest at a trajectory point [s]
     torque_limit: float  # infinite: none [N m]
 
 
 def joint_extremes(
     robot: Robot, motion: Trajectory, peak_torques: Sequence[float] = ()
 ) -> list[JointExtremes]:
-    """Return what each joint does at its worst, positions and rates between the points, too.
+    """Return the extremes of each joint; of positions and velocities also between points.
 
     Args:
-        peak_torques: Between the points, too, where they are known [N m].
+        peak_torques: Largest torques also between points, shape (joints,) [N m]; empty: unknown.
     """
     (lowest, highest), position_times = _extremes(motion, 0)
     rates, rate_times = _extremes(motion, 1)
@@ -232,12 +231,15 @@ def joint_extremes(
 
 
 def _torque(at_points: Array, peak: Sequence[float]) -> float:
-    """Return the largest torque [N m]; an older plan may not tell its peak, or be NaN."""
+    """Return the largest torque [N m]; an older plan's peak may be missing or NaN."""
     return float(max([at_points.max(), *(value for value in peak if np.isfinite(value))]))
 
 
 def _extremes(motion: Trajectory, order: int) -> tuple[Array, Array]:
-    """Return lowest and highest position, or rate, of each joint and when: shapes (2, joints)."""
+    """Return each joint's lowest and highest position (order 0) or velocity (1), and the times.
+
+    Both have shape (2, joints).
+    """
     if _is_smooth(motion):
         return joint_motion(motion).extremes(order)
     values = motion.joint_velocities if order else motion.joint_positions
@@ -246,7 +248,7 @@ def _extremes(motion: Trajectory, order: int) -> tuple[Array, Array]:
 
 
 def _is_smooth(motion: Trajectory) -> bool:
-    """Tell whether there is a motion between the points; of a measured one only they are known."""
+    """Tell whether a motion can be interpolated; a measured one has no accelerations."""
     return bool(np.isfinite(motion.joint_accelerations).all())
 
 

@@ -17,7 +17,7 @@ _DEEPEST = 32  # lists and objects within each other; ours have four
 # Strings, the last one perhaps without an end, and what begins and ends lists and objects.
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+(?:"|\\?\Z)|[\[\]{},]', re.DOTALL)
 _LONG_NUMBER = re.compile(r"(?<!\d)\d{400}")  # longer than any that Python writes
-# Half a character, which no file and no terminal takes, behind whole pairs of backslashes.
+# An unpaired surrogate, which UTF-8 cannot encode, behind whole pairs of backslashes.
 _HALF = re.compile(
     r"(?<!\\)((?:\\\\)*)(?:\\u[dD][89abAB]..(?!\\u[dD][c-fC-F])"
     r"|(?<!\\u[dD][89abAB]..)\\u[dD][c-fC-F]..)",
@@ -26,7 +26,7 @@ _HALF = re.compile(
 
 
 def read_json(path: Path) -> Any:
-    """Return the document in a JSON file; half a character in a text becomes a question mark.
+    """Return the document in a JSON file; an unpaired surrogate becomes a question mark.
 
     Raises:
         InvalidInput: The file cannot be read, is not JSON, or too large or too deep to be ours.
@@ -35,12 +35,12 @@ def read_json(path: Path) -> Any:
 
 
 def json_document(text: str, field: str, value: object) -> Any:
-    """Return a JSON document, as `read_json` does.
+    """Return the document in a JSON text; see `read_json`.
 
     Args:
         text: JSON.
-        field: As the message names the document.
-        value: As the message shows it.
+        field: Name of the document in an error.
+        value: Value that an error shows for it.
 
     Raises:
         InvalidInput: It is not JSON, or too large or too deep to be ours.
@@ -62,7 +62,7 @@ def _require_moderate(text: str) -> None:
     """Refuse a document that is too deep or has too many values, whether it is JSON or not.
 
     Raises:
-        ValueError: It is, or has.
+        ValueError: The document is too deep or has too many values.
     """
     depth = values = 0
     for token in _TOKEN.finditer(text):

@@ -1,4 +1,4 @@
-"""The ways to plan that are compared, as tables and pictures show them."""
+"""The planning methods that are compared, as tables and pictures show them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ff_planner_ros.planning.problem.problem import Objective
 
 @dataclass(frozen=True)
 class Method:
-    """A way to plan; the same name, colour and dash in every table and picture."""
+    """A planning method; its name, colour and dash are the same in every table and picture."""
 
     name: str  # in tables
     colour: str  # one of Okabe and Ito's, which colour-blind readers tell apart
@@ -52,6 +52,6 @@ PLANNED = Method("planned", "#0072b2", "solid")
 MEASURED = Method("measured", "#d55e00", "dashed")
 DEVIATION = Method("deviation", "#d55e00", "solid")
 
-# What was recorded, and what comes of the same request with something changed.
+# The recorded plan, and the plan of the same request with changes.
 RECORDED = Method("recorded", "#0072b2", "solid")
 CHANGED = Method("changed", "#d55e00", "dashed")

@@ -1,4 +1,4 @@
-"""Where the bodies of a robot come nearest to each other or to an obstacle, at a plan's points."""
+"""The smallest distance of a robot's bodies to each other or to obstacles, at a plan's points."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from ff_planner_ros.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """The least distance."""
+    """The smallest distance between two bodies, or a body and an obstacle."""
 
     pair: str  # "body/body" or "body/obstacle", by their names
     time: float  # from the start of the plan [s]
-    distance: float  # negative where one is in the other [m]
-    ends: Array  # the point of each that is nearest to the other; shape (2, 3) [m]
+    distance: float  # negative where they penetrate [m]
+    ends: Array  # the nearest point of each, inertial; shape (2, 3) [m]
 
     @property
     def words(self) -> str:
@@ -42,7 +42,7 @@ def nearest(
     obstacles: Sequence[Obstacle],
     may_touch: Collection[str] = (),
 ) -> Nearest | None:
-    """Return the least distance at the points of a plan, as `nearest_of` does."""
+    """Return the smallest distance at the points of a plan; see `nearest_of`."""
     q, _ = from_trajectory(robot, motion)
     return nearest_of(robot, q, motion.time - motion.time[0], obstacles, may_touch)
 
@@ -54,13 +54,12 @@ def nearest_of(
     obstacles: Sequence[Obstacle],
     may_touch: Collection[str] = (),
 ) -> Nearest | None:
-    """Return the least distance at some configurations; None: there is nothing to measure.
+    """Return the smallest distance at some configurations; None without bodies or pairs.
 
     Args:
-        q: Shape (points, 7 + joints).
-        times: Of each, from the first point of the plan on, where obstacles are told. Shape
-            (points,) [s].
-        may_touch: Pairs that are left out, as `allowed_collisions` names them.
+        q: Configurations. Shape (points, 7 + joints).
+        times: Their times, from the instant of the obstacles' states on. Shape (points,) [s].
+        may_touch: Pairs that are left out, named as in `allowed_collisions`.
     """
     if not robot.bodies:
         return None

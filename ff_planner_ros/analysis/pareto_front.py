@@ -1,4 +1,4 @@
-"""The trade between joint path and chaser attitude: plans of one task with different weights."""
+"""Pareto front of joint path and chaser attitude: plans of one task with several weights."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ class Point:
 
     @property
     def weights(self) -> str:
-        """What `--objective` takes to make this plan again."""
+        """Value of `--objective` that gives this plan."""
         weights = self.task.problem.objective
         return f"{weights.joint_path_length:g},{weights.chaser_attitude:g}"
 
     @property
     def trade(self) -> tuple[float, float]:
-        """Joint path and attitude [rad]."""
+        """Joint path length and largest Euler angle of the chaser [rad]."""
         return self.plan.metrics.joint_path_length, self.plan.metrics.max_chaser_euler
 
 
 def pareto_front(task: PlanningTask, watch: Watch, clock: Callable[[], float]) -> list[Point]:
-    """Return plans of which none is better than another in both, the shortest joint path first.
+    """Return the Pareto-optimal plans of a task over `WEIGHTS`, the shortest joint path first.
 
-    Each is the plan that its weights give alone. Weights whose plan is refused are left out.
+    Each plan is the one that its weights give by themselves. Weights without a plan are left out.
 
     Args:
-        task: Its own weights do not matter.
+        task: Its own objective is replaced.
         clock: Returns the time [s].
 
     Raises:
         InvalidInput: As `perform`.
-        NoPlanFound: The time is over, or there is no plan for any weights.
+        NoPlanFound: The time is over, or no weights give a plan.
     """
     points, refused = [], []
     for weights in WEIGHTS:
@@ -76,7 +76,7 @@ def pareto_front(task: PlanningTask, watch: Watch, clock: Callable[[], float]) -
 
 
 def not_dominated(points: Sequence[Point]) -> Iterator[Point]:
-    """Yield the points than which none is better in one and as good in the other."""
+    """Yield the Pareto-optimal points; of equal ones, the first."""
     for number, point in enumerate(points):
         at_least_as_good = (
             (other.trade != point.trade or place < number)
@@ -89,7 +89,7 @@ def not_dominated(points: Sequence[Point]) -> Iterator[Point]:
 
 
 def front_rows(points: Sequence[Point]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the table."""
+    """Yield the cells of `COLUMNS`, a row per plan."""
     for point in points:
         shown = (
             METRIC_BY_NAME[name].shown(getattr(point.plan.metrics, name))
@@ -114,7 +114,7 @@ def front_dictionary(points: Sequence[Point]) -> dict[str, Any]:
 
 
 def save_front(points: Sequence[Point], directory: Path) -> Path:
-    """Draw the Pareto front into a directory, made if needed, and return the PNG file."""
+    """Draw the Pareto front into a directory, created if missing, and return the PNG file."""
     from matplotlib.figure import Figure  # half a second, which the console does without
 
     directory.mkdir(parents=True, exist_ok=True)

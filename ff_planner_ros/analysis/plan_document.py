@@ -39,23 +39,23 @@ _ROBOT = ("urdf", "base_link", "tip_link")
 
 @dataclass(frozen=True, eq=False)
 class PlanDocument:
-    """A plan as its dictionary tells of it."""
+    """A plan, its robot and its scene, read from a dictionary."""
 
     robot: Robot
     plan: Plan
     solve_time: float  # wall clock [s]
-    # Of joint path length, chaser attitude and duration; None: the dictionary does not tell
+    # Of the objective, in the order of the fields of `Objective`; None: not in the dictionary
     weights: tuple[float, ...] | None
-    # What was planned around; None: the dictionary does not tell
+    # At the plan's first point; None: not in the dictionary
     obstacles: tuple[Obstacle, ...] | None
-    scene: Scene  # as far as the dictionary tells
+    scene: Scene  # as far as it is in the dictionary
 
 
 def planned_scene(answer: object) -> Scene | None:
-    """Read what a plan's dictionary says that it was made among; None: it does not tell.
+    """Read the scene in a plan's dictionary; None if target or obstacles are missing.
 
     Raises:
-        InvalidInput: That is something else.
+        InvalidInput: A value of the problem is malformed.
     """
     asked = _asked_in(answer)
     if not {"target", "obstacles"} <= asked.keys():
@@ -64,7 +64,7 @@ def planned_scene(answer: object) -> Scene | None:
 
 
 def _scene(asked: dict[str, Any]) -> Scene:
-    """Return the scene of what a plan's dictionary says of its problem, by key."""
+    """Return the scene of the problem that `_asked_in` has read."""
     body, told = asked.get("target_body"), fields_of(PlanningProblem, asked)
     target = asked.get("target")
     return Scene(
@@ -76,10 +76,10 @@ def _scene(asked: dict[str, Any]) -> Scene:
 
 
 def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
-    """Read robot and motion of a plan's dictionary; nothing checks the shapes of the motion.
+    """Read robot and motion in a plan's dictionary; the shapes of the motion are not checked.
 
     Raises:
-        InvalidInput: It is no plan, or lacks something.
+        InvalidInput: The dictionary is a refusal, or an entry is missing or malformed.
     """
     status = _entry(answer, "status")
     if status != Status.SOLVED.name.lower():
@@ -103,7 +103,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
 
 
 def phases_of(answer: Any, name: str) -> list[tuple[str, Any]]:
-    """Return the plan of each phase of an answer, with its name; one by itself stays as it is."""
+    """Return name and dictionary of each phase of an answer; without phases, of the answer."""
     phases = answer.get("phases") if isinstance(answer, dict) else None
     if not isinstance(phases, list) or not phases:
         return [(name, answer)]
@@ -114,7 +114,8 @@ def plan_document(answer: Any) -> PlanDocument:
     """Read a plan's dictionary; objective, obstacles and target may be missing.
 
     Raises:
-        InvalidInput: It is no plan, lacks something, or its motion is none of its robot.
+        InvalidInput: The dictionary is a refusal, an entry is missing or malformed, or the motion
+            does not belong to the robot.
     """
     robot, trajectory = planned_motion(answer)
     require_sound_samples(robot, trajectory)
@@ -164,10 +165,10 @@ def plan_document(answer: Any) -> PlanDocument:
 
 
 def uncertainty_in(answer: object) -> Uncertainty:
-    """Read the errors that a plan's dictionary says it withstands, or else the usual ones.
+    """Read the deviations in a robust plan's dictionary; those it lacks have their defaults.
 
     Raises:
-        InvalidInput: That is something else.
+        InvalidInput: They are no mapping of names and numbers.
     """
     robust = answer.get("robust", {}) if isinstance(answer, dict) else {}
     told = robust.get("deviations", {}) if isinstance(robust, dict) else robust
@@ -175,10 +176,10 @@ def uncertainty_in(answer: object) -> Uncertainty:
 
 
 def _asked_in(answer: Any) -> dict[str, Any]:
-    """Return what a plan's dictionary says of its problem, by key.
+    """Return the fields of the problem in a plan's dictionary, by key.
 
     Raises:
-        InvalidInput: That is something else.
+        InvalidInput: A value is malformed.
     """
     given = answer if isinstance(answer, dict) else {}
     told = {key: given[key] for key in given if key in ASKED_HEADS and given[key] is not None}

@@ -48,8 +48,8 @@ BODY_ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velo
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
     """Return a plan, its robot and its problem: SI units, radians, a row per point.
 
-    Of a sequence it is the whole motion, and under `phases` each phase as a plan of its own, whose
-    search took as much of the time as of the rollouts.
+    Of a sequence it is the whole motion, and under `phases` each phase as a plan of its own; their
+    shares of `solve_time` are those of the rollouts.
     """
     if not plan.then:
         return _phase(plan, task, solve_time)
@@ -100,10 +100,10 @@ def _requirements(problem: PlanningProblem) -> dict[str, Any]:
 def received_dictionary(
     plan: Plan, plan_id: str, publish_token: str, digest: str, start: float, solve_time: float
 ) -> dict[str, Any]:
-    """Return a plan that a node has made: as `plan_dictionary`, but for robot and problem.
+    """Return a plan received from a node: as `plan_dictionary`, without robot and problem.
 
     Args:
-        publish_token: Opens `~/publish_plan` for it; empty: it is published.
+        publish_token: Token with which `~/publish_plan` publishes the plan; empty: not needed.
         start: ROS time of the plan's first point [s].
     """
     return {
@@ -118,7 +118,7 @@ def received_dictionary(
 
 
 def _of_plan(plan: Plan, solve_time: float) -> dict[str, Any]:
-    """Return the motion of a plan, its path, and how good it is."""
+    """Return the motion of a plan, its path, metrics and solver report."""
     motion = plan.trajectory
     return {
         "joint_names": list(plan.joint_names),
@@ -133,7 +133,7 @@ def _of_plan(plan: Plan, solve_time: float) -> dict[str, Any]:
 
 
 def _robust(told: RobustReport) -> dict[str, Any]:
-    """Return what a plan keeps back; what has no number is null."""
+    """Return the margins of a robust plan; an infinite `least_sigmas` is null."""
     pairs = ("clearance", "torques", "deviations")
     numbers = asdict(told) | {name: dict(getattr(told, name)) for name in pairs}
     if not math.isfinite(told.least_sigmas):
@@ -147,10 +147,10 @@ def refusal_dictionary(
     digest: str | None = None,
     task: PlanningTask | None = None,
 ) -> dict[str, Any]:
-    """Return a refusal: its cause, its task's digest, and how near the best attempt came.
+    """Return a refusal: its cause, its task's digest, and the metrics of the best attempt.
 
     Args:
-        task: Where it is known, and is a sequence, `phases` are those before the one without plan.
+        task: If given, `phases` holds the plans of a sequence before the phase without a plan.
     """
     refusal: dict[str, Any] = {"status": error.status.name.lower(), "message": str(error)}
     if digest is not None:
@@ -167,7 +167,7 @@ def refusal_dictionary(
 
 
 def _asked(problem: PlanningProblem, times: Array) -> dict[str, Any]:
-    """Return what a scenario says of a problem, and where its target body is at some times."""
+    """Return a problem as a scenario has it, with its target body's motion at some times."""
     values = {key: getattr(problem, one.name) for key, one in ASKED.items()}
     values["target"] = problem.posture or problem.target
     values["obstacles"] = [one for one in problem.obstacles if one.body is None]
@@ -192,7 +192,7 @@ def _how_good(plan: Plan, solve_time: float) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """JSON knows no infinity: without obstacles, say, there is no clearance to tell."""
+    """Return None for infinity, which JSON does not know: of a clearance without obstacles, say."""
     if isinstance(value, tuple):
         return [_finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""The robot in a plan's dictionary, and what its wheels hold and give."""
+"""The robot in a plan's dictionary, and the momenta and torques of its reaction wheels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ROWS = ("momenta", "torques")
 
 
 def robot_told(problem: PlanningProblem) -> dict[str, Any]:
-    """Return the robot of a problem; wheels as a scenario has them, where it has some."""
+    """Return the robot of a problem as a dictionary, with its wheels as a scenario has them."""
     robot, wheels = problem.robot, wheels_file(problem)
     return {
         "urdf": robot.drawn_urdf,
@@ -33,10 +33,10 @@ def robot_told(problem: PlanningProblem) -> dict[str, Any]:
 
 
 def wheels_of_robot_read(robot: dict[str, Any]) -> Wheels | None:
-    """Read the wheels of a robot's dictionary; None: it tells none.
+    """Read the wheels in a robot's dictionary; None: there are none.
 
     Raises:
-        InvalidInput: They are no wheels.
+        InvalidInput: They are malformed.
     """
     if "wheels" not in robot:
         return None
@@ -45,17 +45,20 @@ def wheels_of_robot_read(robot: dict[str, Any]) -> Wheels | None:
 
 
 def slide_weight_read(robot: dict[str, Any]) -> float:
-    """Read the share of joints that slide of a robot's dictionary; older ones tell none.
+    """Read the joint path weight of prismatic joints [rad/m]; missing: the default.
 
     Raises:
-        InvalidInput: It is none.
+        InvalidInput: It is not a positive finite number.
     """
     told = robot.get("slide_weight", SLIDE_WEIGHT)
     return finite_number("robot.slide_weight", told, above=0.0)
 
 
 def chaser_told(plan: Plan) -> dict[str, Any]:
-    """Return what wheels hold and give, a row a point, and how all turns at rest, if it does."""
+    """Return the wheels' momenta [N m s] and torques [N m], a row a point, and the rate at rest.
+
+    Both are left out of the dictionary where the plan has none.
+    """
     told: dict[str, Any] = {}
     if plan.wheels is not None:
         told["wheels"] = {name: getattr(plan.wheels, name).tolist() for name in _ROWS}
@@ -65,10 +68,10 @@ def chaser_told(plan: Plan) -> dict[str, Any]:
 
 
 def wheels_read(answer: dict[str, Any]) -> WheelMotion | None:
-    """Read what a plan's dictionary says of its wheels; None: nothing.
+    """Read the wheels' momenta and torques in a plan's dictionary; None: there are none.
 
     Raises:
-        InvalidInput: It is none of wheels.
+        InvalidInput: They are not a row a point with one number a wheel.
     """
     if "wheels" not in answer:
         return None
@@ -82,7 +85,7 @@ def wheels_read(answer: dict[str, Any]) -> WheelMotion | None:
 
 
 def peaks_read(robot: Robot, metrics: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Read what a dictionary's metrics tell of each joint, and of each wheel if there are any.
+    """Read the metrics that have one value for each joint or wheel.
 
     Raises:
         InvalidInput: They are not one number for each.

@@ -1,4 +1,4 @@
-"""How far the robot is from what is in the way before anything is planned: at start and goal."""
+"""Distances between robot and obstacles at start and goal, before anything is planned."""
 
 from __future__ import annotations
 
@@ -19,17 +19,20 @@ from ff_planner_ros.robot.configuration import configuration
 
 @dataclass(frozen=True, eq=False)
 class Gap:
-    """The distance of an obstacle, or of a body, from the body that is nearest to it."""
+    """The distance between a body of the robot and an obstacle or another body."""
 
     body: str
     other: str  # id of an obstacle, or name of a body
-    distance: float  # negative where one is in the other [m]
-    ends: Array  # the point of each that is nearest to the other; shape (2, 3) [m]
+    distance: float  # negative where they penetrate [m]
+    ends: Array  # the nearest point of each, inertial; shape (2, 3) [m]
     allowed: bool  # whether they may touch near the goal
 
 
 def gaps_at_start(problem: PlanningProblem) -> list[Gap]:
-    """Return the nearest body of each obstacle at the start, and the nearest two bodies."""
+    """Return each obstacle's gap to its nearest body at the start, and the smallest self gap.
+
+    The smallest comes first.
+    """
     robot = with_bodies(problem.robot)
     q, _ = configuration(robot, problem.start)
     data = robot.model.createData()
@@ -44,9 +47,9 @@ def gaps_at_start(problem: PlanningProblem) -> list[Gap]:
 
 
 def gaps_at_goal(problem: PlanningProblem) -> list[Gap] | None:
-    """Return the nearest body of the tool of each obstacle at the goal.
+    """Return each obstacle's gap to the tool at the goal, the smallest first.
 
-    The tool is what the last joint carries. None: the goal does not say how it is turned there.
+    The tool is all that the last joint carries. None: the goal does not fix its orientation.
     """
     robot, target = with_bodies(problem.robot), problem.target
     if target.orientation is not Orientation.FIXED:
@@ -56,7 +59,7 @@ def gaps_at_goal(problem: PlanningProblem) -> list[Gap] | None:
 
 
 def tool_at_goal(problem: PlanningProblem) -> Iterator[tuple[Body, pin.SE3]]:
-    """Yield the bodies that the last joint carries, and where they are at a goal that fixes it."""
+    """Yield the bodies that the last joint carries, and their poses at a fixed goal pose."""
     robot, target = with_bodies(problem.robot), problem.target
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()

@@ -40,10 +40,10 @@ def plan_rows(
     """Return name and value of what a user wants to know first of a plan made in `solve_time` s.
 
     Args:
-        robot: None: not known.
-        digest: Of the task.
+        robot: Says which joints are prismatic; None: not known.
+        digest: Digest of the task.
         chosen: Whether the planner chose the duration.
-        limits: That the plan keeps; None: not known.
+        limits: Limits that the plan keeps; None: not known.
     """
     solver, metrics = plan.solver, plan.metrics
     told = {name: metrics.told(name) for name in _TOLD}
@@ -67,7 +67,7 @@ def plan_rows(
 
 
 def _peaks(robot: Robot | None, plan: Plan) -> str:
-    """Return the largest torque and whose it is; so, too, the largest force of those that slide."""
+    """Return the largest torque and its joint, and so the largest force of a prismatic joint."""
     peaks, largest = plan.metrics.peak_joint_torques, dict[str, int]()
     for joint in sorted(range(len(peaks)), key=lambda joint: -peaks[joint]):
         unit = "N m, or N if it slides" if robot is None else robot.effort_unit(joint)
@@ -79,13 +79,13 @@ def _peaks(robot: Robot | None, plan: Plan) -> str:
 
 
 def _at_rest(plan: Plan) -> list[tuple[str, str]]:
-    """Return name and value of how all turns together at the goal, where the joints rest there."""
+    """Return name and value of the system's rotation rate after the goal, with joints at rest."""
     rate = plan.turn_rate_at_rest
     return [] if rate is None else [("turns at rest", f"{np.rad2deg(rate):.4g} deg/s")]
 
 
 def _wheel_rows(metrics: Metrics) -> list[tuple[str, str]]:
-    """Return name and value of the largest momentum and torque of any wheel; none: nothing."""
+    """Return name and value of the largest momentum and torque of any wheel, if there are any."""
     return [
         (METRIC_BY_NAME[name].label, f"{metrics.told(name)}, wheel {np.argmax(peaks) + 1}")
         for name in ("peak_wheel_momenta", "peak_wheel_torques")
@@ -119,7 +119,7 @@ def phase_rows(plan: Plan) -> list[tuple[str, ...]]:
 
 
 def _grasp_rows(metrics: Metrics) -> list[tuple[str, str]]:
-    """Return name and value of what the grasp takes; of no grasp nothing."""
+    """Return name and value of the loads and impulses at the grasp; empty without a grasp."""
     return [
         (METRIC_BY_NAME[name].label, metrics.told(name))
         for name in _OF_GRASP
@@ -149,7 +149,7 @@ def _limits(limits: Limits, plan: Plan) -> str:
 
 
 def robot_rows(robot: Robot) -> list[tuple[str, str]]:
-    """Return name and value of what the planner makes of a URDF."""
+    """Return name and value of a robot as the planner has read it: masses, limits, geometry."""
     chaser = robot.model.inertias[1]
     moments = np.linalg.eigvalsh(chaser.inertia)
     rows = [
@@ -181,7 +181,7 @@ def _joint_limits(robot: Robot, joint: int) -> str:
 
 
 def _body_rows(robot: Robot) -> list[tuple[str, str]]:
-    """Return name and value of what is kept clear."""
+    """Return name and value of the collision geometry."""
     if robot.geometry is Geometry.LINES:
         return [("geometry", "lines: the arm's centre lines are kept clear of spheres")]
     rows = [("geometry", "shapes, as <collision> has them"), ("bodies", str(len(robot.bodies)))]

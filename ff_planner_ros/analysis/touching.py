@@ -1,4 +1,4 @@
-"""Whether bodies touch anything along a plan, looked at a thousand times a second."""
+"""Collisions along a plan, by Pinocchio's collision checks at samples of 1 kHz."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def touching(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Obstacle]
     """Return the pairs that touch somewhere along a plan: "body/body" or "body/obstacle".
 
     Args:
-        robot: With bodies; those that the plan was made for, or the same robot's.
-        obstacles: As they are at the plan's first point.
+        robot: The plan's robot, with bodies, be they other than the plan was made for.
+        obstacles: In their states at the plan's first point.
     """
     geometry, names = _geometry(robot, obstacles)
     data, placed = robot.model.createData(), geometry.createData()
@@ -44,10 +44,10 @@ def touching(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Obstacle]
 
 
 def configurations(robot: Robot, trajectory: Trajectory) -> Iterator[tuple[float, Array]]:
-    """Yield times and configurations along a plan, so many a second.
+    """Yield times [s] and configurations, shape (7 + joints,), along a plan at `RATE`.
 
-    The joints are on quintics through the plan's points, the chaser's position on cubics and its
-    attitude on a smooth spline: off the true motion by less than a tenth of a millimetre.
+    Joints are interpolated by quintics, the chaser's position by cubics and its attitude by a
+    rotation spline: within a tenth of a millimetre of the true motion.
     """
     time = trajectory.time
     joints = trajectory.joint_positions, trajectory.joint_velocities

@@ -41,11 +41,11 @@ _HELD = 0.1
 def artificial_potential_field(
     problem: PlanningProblem, settings: PlannerSettings, parameters: PotentialFieldParameters
 ) -> Plan:
-    """Return the motion in the field, not yet judged; `solver.stop_reason` tells how it ended.
+    """Return the motion in the field, not yet checked; `solver.stop_reason` says how it ended.
 
     Raises:
-        InvalidInput: The start violates what a plan must keep, or the field is not made for the
-            arm, its base or the target.
+        InvalidInput: The start violates a constraint, or the field does not apply to the arm, its
+            base or the target.
         NoPlanFound: The goal is out of reach, or the motion meets a dynamic singularity.
     """
     require_papers_paths(problem, "method", "APF", "only the planner itself will do")
@@ -89,13 +89,13 @@ class _Sample(NamedTuple):
 
     @property
     def force(self) -> Array:
-        """What accelerates the end effector's reference. Shape (6,)."""
+        """The acceleration of the end effector's reference. Shape (6,)."""
         total: Array = self.attraction + self.repulsion + self.damping
         return total
 
 
 class _Motion:
-    """Configuration and end-effector twist on their way through the field."""
+    """The equations of motion of configuration and end-effector twist in the field."""
 
     def __init__(
         self, problem: PlanningProblem, parameters: PotentialFieldParameters, momentum: Array
@@ -148,7 +148,7 @@ class _Motion:
         return pin.integrate(model, q, way), twist + step / 6 * (f1 + 2 * (f2 + f3) + f4)
 
     def _offset(self, time: float, q: Array) -> Array:
-        """Return the way to the goal, which moves so as to be at the target in the end."""
+        """Return the way to the moving goal: position [m] and rotation vector [rad], inertial."""
         robot, left = self._problem.robot, self._problem.duration - time
         pin.forwardKinematics(robot.model, self._data, q)
         ee = pin.updateFramePlacement(robot.model, self._data, robot.tip_frame_id)
@@ -160,7 +160,7 @@ class _Motion:
 def _endings(
     problem: PlanningProblem, settings: PlannerSettings, metrics: Metrics, last: _Sample
 ) -> Iterator[str]:
-    """Yield how the motion ended, the most harmful first."""
+    """Yield in words how the motion ended, the most harmful first."""
     if not metrics.min_clearance >= 0.0:
         yield "collision: the repulsion did not keep the arm out of the obstacles"
     if not metrics.final_position_error <= settings.position_tolerance:

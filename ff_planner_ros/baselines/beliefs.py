@@ -1,10 +1,9 @@
-"""What a plan comes to on the true free-floating system, its joint motion followed exactly.
+"""Plans under wrong assumptions on the chaser, their joint motions executed by the true system.
 
-Two common kinds of plan misjudge the chaser. *Fixed base*: it does not move at all. *Zero
-momentum*: it moves as the arm makes it, P0 = L0 = 0, and does not drift. The planner itself finds
-both, with every obstacle in its place, for the problem as such a planner sees it. Both know the
-true pose of the chaser and the true joints at the start. Rest and zero momentum depend on the
-inertial frame: they mean that of the problem.
+*Fixed base* assumes that the chaser does not move at all; *zero momentum*, that it only reacts to
+the arm, P0 = L0 = 0, and does not drift. The planner itself makes both plans, for the problem under
+that assumption, with every obstacle in its place and the true pose of chaser and joints at the
+start. Rest and zero momentum are those in the problem's inertial frame.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ def fixed_base(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     """Plan as if the chaser did not move, and return the plan as `executed`.
 
     Raises:
-        InvalidInput: As `perform`, for the problem as this planner sees it.
+        InvalidInput: As `perform`, for the problem of `with_fixed_base`.
         NoPlanFound: Likewise.
     """
     return _executed_as("a fixed base", problem, with_fixed_base(problem), settings)
@@ -54,10 +53,10 @@ def _executed_as(
 
 
 def with_fixed_base(problem: PlanningProblem) -> PlanningProblem:
-    """Return the problem as a planner sees it that takes the chaser to be immovable.
+    """Return the problem with an immovable chaser, at rest in its start pose.
 
-    The chaser rests in its start pose. The joint rates are the start's but for their part in the
-    null space of the arm's own Jacobian, which Eq. (31) never has.
+    The joint velocities are the start's without their part in the null space of the arm's own
+    Jacobian, which Eq. (31) never has.
     """
     model = problem.robot.model.copy()
     chaser = model.inertias[1]
@@ -73,9 +72,9 @@ def with_fixed_base(problem: PlanningProblem) -> PlanningProblem:
 
 
 def with_zero_momentum(problem: PlanningProblem) -> PlanningProblem:
-    """Return the problem as a planner sees it that takes the total momentum to be zero.
+    """Return the problem with zero total momentum.
 
-    The joint rates are the start's, and the chaser's twist is what they would make it.
+    The joint velocities are the start's, and the chaser's twist is their reaction.
     """
     robot = problem.robot
     q, v = configuration(robot, problem.start)
@@ -84,12 +83,12 @@ def with_zero_momentum(problem: PlanningProblem) -> PlanningProblem:
 
 
 def executed(problem: PlanningProblem, planned: Plan, settings: PlannerSettings) -> Plan:
-    """Return the motion of the true system whose joints follow a plan exactly, not yet judged.
+    """Return the motion of the true system whose joints follow a plan exactly, not yet checked.
 
-    Between the points the joints move as a trajectory controller makes them: on the quintic
-    through positions, velocities and accelerations. The momentum is that of the problem's own
-    start; where the plan's first joint rates differ from it, the joints jump and momentum stays.
-    The final errors in its metrics are the miss.
+    Between the points the joints follow the quintics through positions, velocities and
+    accelerations, as a trajectory controller makes them. The momentum is that of the problem's
+    start: if the plan's first joint velocities differ from the start's, they jump and momentum
+    stays. The final errors in its metrics are those of the executed motion.
     """
     robot, frame = problem.robot, system_frame(problem.robot, problem.start)
     problem = frame.problem(problem)

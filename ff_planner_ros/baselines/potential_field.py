@@ -32,10 +32,10 @@ _BLOCK = "artificial_potential_field"
 
 @dataclass(frozen=True)
 class PotentialFieldParameters:
-    """What shapes the field and its integration; values live in `config/baselines.yaml`.
+    """Parameters of the field and its integration; `config/baselines.yaml` has the values.
 
     Raises:
-        InvalidInput: A value of the wrong type or out of its range.
+        InvalidInput: A value is of the wrong type or out of its range.
     """
 
     attraction: float = tunable(

@@ -16,11 +16,11 @@ from ff_planner_ros.planning.search.families import require_papers_paths
 
 
 def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
-    """Return the motion along the path without free terms, Sec. 4.1 of the paper, not yet judged.
+    """Return the motion along the path without free terms, Sec. 4.1 of the paper, not yet checked.
 
     Raises:
-        InvalidInput: The start violates what a plan must keep, or there are no such paths for the
-            arm, its base or the target.
+        InvalidInput: The start violates a constraint, or there are no such paths for the arm, its
+            base or the target.
         NoPlanFound: The goal is out of reach, or the path meets a dynamic singularity.
     """
     require_papers_paths(problem, "method", "straight line", "only the planner itself will do")

@@ -1,4 +1,4 @@
-"""Everything asked for at once: how often, and how fast, the planner finds a plan."""
+"""Success rate and time of the planner on problems that use all features at once."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _HEADER = (
 
 @dataclass(frozen=True)
 class EverythingAttempt(Attempt):
-    """What became of one problem."""
+    """The planner's result on one problem."""
 
     robot: str
     number: int
-    of_witness: float | None  # the duration that was chosen, in parts of the witness's
+    of_witness: float | None  # chosen duration over the witness's; None for a miss
 
 
 def measurement(count: int, settings: PlannerSettings, *, quick: bool) -> Measurement:
-    """Plan so many problems; if quick, not the first one: it takes twenty times the median."""
+    """Plan `count` problems; if quick, not the first one, which takes twenty times the median."""
     tried = list(attempts(count, settings, first=1 if quick else 0))
     groups = {"all": tried} | {
         robot: [each for each in tried if each.robot == robot] for robot in all_features.ROBOTS
@@ -46,7 +46,7 @@ def measurement(count: int, settings: PlannerSettings, *, quick: bool) -> Measur
 
 
 def attempts(count: int, settings: PlannerSettings, first: int = 0) -> Iterator[EverythingAttempt]:
-    """Plan so many problems, from that number on."""
+    """Plan `count` problems, from number `first` on."""
     for number in range(first, first + count):
         drawn = all_features.problem(number)
         made, outcome = timed_plan(PlanningTask(drawn.problem, settings))

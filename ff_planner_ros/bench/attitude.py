@@ -1,4 +1,4 @@
-"""How near the plans of least attitude come to the best that is known."""
+"""Chaser attitude of minimum-attitude plans, beside the best known plans and SLSQP's."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ _HEADER = (
     *("search", "scenarios", "min(L)", "min(Theta) too", "worse than min(L)"),
     *("attitude / best, median", "worst", "processor time, median [s]", "worst [s]"),
 )
-# Largest Euler angle [rad] of the best plan that was ever found: of 80 initial guesses and 150 hops
-# each, in each of the path families; or of one of our searches, where that was better.
+# Largest Euler angle [rad] of the best known plan: of 80 initial guesses with 150 basin hops each,
+# in each of the path families; or of one of our searches, where that was better.
 BEST_KNOWN = {
     ("ordinary", "lemur", 4): 0.0591,
     ("ordinary", "lemur", 0): 0.0251,
@@ -64,20 +64,20 @@ BEST_KNOWN = {
 
 @dataclass(frozen=True)
 class Steadiness:
-    """What became of one scenario."""
+    """Chaser attitudes of the plans of one scenario."""
 
     kind: str
     robot: str
     number: int
     depth: SearchDepth
-    seconds: float  # of processor time, for the plan of least attitude
-    shortest: float | None  # attitude of the plan of least joint path [rad]; None: there is none
-    steadiest: float | None  # that of the plan of least attitude [rad]
+    seconds: float  # processor time of the minimum-attitude plan
+    shortest: float | None  # attitude of the minimum-path plan [rad]; None: there is none
+    steadiest: float | None  # attitude of the minimum-attitude plan [rad]; None: there is none
     best_known: float  # [rad]
 
 
 def measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan the first scenarios, with each depth of search."""
+    """Plan the first `count` scenarios of `BEST_KNOWN`, with each depth of search."""
     done = [each for depth in SearchDepth for each in steadiness(count, depth, settings)]
     rows = [
         (str(depth), *_nearness([each for each in done if each.depth is depth]))
@@ -88,7 +88,7 @@ def measurement(count: int, settings: PlannerSettings) -> Measurement:
 
 
 def steadiness(count: int, depth: SearchDepth, settings: PlannerSettings) -> Iterator[Steadiness]:
-    """Plan the first scenarios for least joint path and for least attitude."""
+    """Plan the first `count` scenarios of `BEST_KNOWN` for min(L) and for min(Theta)."""
     settings = replace(settings, search=depth)
     for (kind, robot, number), best in islice(BEST_KNOWN.items(), count):
         problem = scenario(kind, robot, number, turned=False).problem
@@ -118,28 +118,29 @@ _SHARES_HEADER = ("class", "processor time [s]", "scenarios", "plans", "better t
 
 @dataclass(frozen=True)
 class EqualTime:
-    """How good the plans of one scenario are that pass the check, by when they were found."""
+    """Attitudes of a method's plans for one scenario that pass the check, over processor time."""
 
     kind: str
     robot: str
     number: int
     method: str
     best_known: float | None  # [rad]; None: it is not known
-    found_after: tuple[float, ...]  # processor time at which each better plan was found [s]
-    attitudes: tuple[float, ...]  # of each [rad]
+    found_after: tuple[float, ...]  # processor time at which each plan was found [s]
+    attitudes: tuple[float, ...]  # of each plan [rad]
 
     def at(self, seconds: float) -> tuple[int, float | None]:
-        """Return how many plans were found until a time, and the attitude of the best [rad]."""
+        """Return the number of plans found until a time, and the attitude of the best [rad]."""
         until = [a for t, a in zip(self.found_after, self.attitudes, strict=True) if t <= seconds]
         return len(until), min(until, default=None)
 
 
 def equal_time_measurement(count: int, ordinary: int, settings: PlannerSettings) -> Measurement:
-    """Compare plans after equal times: of the scenarios whose best is known, and ordinary ones.
+    """Compare the methods' plans after equal processor times.
 
     Args:
-        count: Of those whose best is known.
-        ordinary: Scenarios that only ours is made for, for the second of the times.
+        count: Number of scenarios of `BEST_KNOWN`.
+        ordinary: Number of ordinary scenarios that only our planner solves, in the second of
+            `TIMES`.
     """
     known = list(islice(BEST_KNOWN.items(), count))
     methods = {"ours": _ours, "SLSQP": _slsqp, "with restarts": _slsqp_with_restarts}
@@ -172,7 +173,7 @@ def equal_time_measurement(count: int, ordinary: int, settings: PlannerSettings)
 def _qualities(
     results: Sequence[EqualTime], methods: Iterable[str], seconds: float
 ) -> Iterator[str]:
-    """Yield cells of each method: how many have a plan after a time, and how good it is."""
+    """Yield cells of each method: number of scenarios with a plan after a time, and its quality."""
     for method in methods:
         group = [(each, *each.at(seconds)) for each in results if each.method == method]
         found = [a / each.best_known for each, _, a in group if a is not None and each.best_known]
@@ -188,7 +189,7 @@ def _least_attitude(kind: str, robot: str, number: int) -> PlanningProblem:
 
 
 class _Offers(Watch):
-    """Ends a search after a processor time, and notes when it found what."""
+    """Ends a search after a processor time, and records when it found plans."""
 
     def __init__(self, seconds: float) -> None:
         self._begun, self._seconds = time.process_time(), seconds
@@ -203,7 +204,7 @@ class _Offers(Watch):
 
 
 def _ours(problem: PlanningProblem, settings: PlannerSettings, seconds: float) -> _Found:
-    """Return when our search found plans, and their attitudes."""
+    """Return the processor times at which our search found plans, and their attitudes."""
     watch = _Offers(seconds)
     with suppress(NoPlanFound, OutOfTime):
         plan_of(problem, settings, watch)
@@ -211,14 +212,14 @@ def _ours(problem: PlanningProblem, settings: PlannerSettings, seconds: float) -
 
 
 def _slsqp(problem: PlanningProblem, settings: PlannerSettings, seconds: float) -> _Found:
-    """Return likewise of SLSQP with exact gradients, from the straight path alone."""
+    """Return the same of SLSQP with exact gradients, from the straight path alone."""
     return _slsqp_from(problem, settings, seconds, 1)
 
 
 def _slsqp_with_restarts(
     problem: PlanningProblem, settings: PlannerSettings, seconds: float
 ) -> _Found:
-    """Return likewise of SLSQP from one first guess of ours after the other."""
+    """Return the same of SLSQP, started from our initial guesses in turn."""
     return _slsqp_from(problem, settings, seconds, None)
 
 

@@ -1,4 +1,4 @@
-"""What becomes of plans that misjudge how the chaser moves, once the true system executes them."""
+"""Errors of plans that assume a wrong motion of the chaser, when the true system executes them."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ _HEADER = (
 
 @dataclass(frozen=True)
 class BeliefResult:
-    """What became of one plan."""
+    """The result of executing one plan."""
 
     kind: str  # class of the scenario
     robot: str
     number: int
-    belief: str  # how the planner thinks that the chaser moves; a key of `BELIEFS`
+    belief: str  # assumed motion of the chaser; a key of `BELIEFS`
     status: Status  # of the planner; solved does not mean that the plan arrives
-    position_miss: float | None = None  # of the end effector at the end [m]; None without a plan
-    orientation_miss: float | None = None  # likewise [rad]
+    position_miss: float | None = None  # final error of the end effector [m]; None: no plan
+    orientation_miss: float | None = None  # final error of the end effector [rad]; None: no plan
     collides: bool = False  # whether the arm is inside an obstacle at a point of the motion
 
 
@@ -61,7 +61,7 @@ BELIEFS: dict[str, Callable[[PlanningProblem, PlannerSettings], Plan]] = {
 
 
 def measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many scenarios of each class under every belief, and execute the plans."""
+    """Plan `count` scenarios of each class under every belief, and execute the plans."""
     done = [each for kind in KINDS for each in belief_results(kind, count, settings)]
     rows = [
         (kind, belief, *_misses([e for e in done if (e.kind, e.belief) == (kind, belief)]))
@@ -86,7 +86,7 @@ def _misses(group: Sequence[BeliefResult]) -> Iterator[str]:
 
 
 def belief_results(kind: str, count: int, settings: PlannerSettings) -> Iterator[BeliefResult]:
-    """Plan scenarios of a class under every belief and execute the plans, the robots in turn."""
+    """Plan `count` scenarios of a class under every belief, and execute the plans."""
     for index in range(count):
         number, robot = divmod(index, len(ROBOTS))
         for belief in BELIEFS:

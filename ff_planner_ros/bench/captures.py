@@ -1,10 +1,8 @@
-"""Captures of bodies that tumble: how often, how fast, and how they come true in MuJoCo.
+"""Captures of tumbling bodies: success rate, time, and errors of the plans executed in MuJoCo.
 
-The fastest captures, too, where the planner chooses the duration. Of the witness of each problem
-it is known that it arrives after its duration. A sweep over fixed durations that are shorter than
-the one chosen says whether the planner could have been faster.
-
-And what follows a grasp: how often, and how fast, the planner goes on with the body.
+Captures of minimum duration are compared with the duration of the problem's witness, a known
+feasible motion, and with the shortest duration found by a sweep over fixed ones. Tasks with a
+captured body are measured, too.
 """
 
 from __future__ import annotations
@@ -44,7 +42,7 @@ _FASTEST_HEADER = (
     *("from", "problems", "solved", "median [s]", "95 % [s]", "slowest / witness's"),
     "slowest / sweep's",
 )
-# Ranges of durations, in parts of the witness's: about it, and down to what no arm can do.
+# Ranges of durations over the witness's: around it, and down to what no arm can do.
 RANGES = {"70 %": (0.7, 1.3), "10 %": (0.1, 1.3)}
 # Of the sweep, in parts of the duration that was chosen, the longest first.
 _SWEPT = (0.98, 0.96, 0.94, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5)
@@ -52,11 +50,12 @@ _SWEPT = (0.98, 0.96, 0.94, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5)
 
 @dataclass(frozen=True)
 class CaptureAttempt(Attempt):
-    """What became of one problem."""
+    """The planner's result on one problem."""
 
     kind: str  # key of `tumbling.KINDS`
     number: int
-    # Of end effector and grasp at the capture, as executed; None for a miss, and without MuJoCo
+    # Of the end effector relative to the grasp, at the capture as executed; None for a miss, and
+    # without MuJoCo
     position_error: float | None = None  # [m]
     orientation_error: float | None = None  # [rad]
     linear_speed: float | None = None  # [m/s]
@@ -64,18 +63,18 @@ class CaptureAttempt(Attempt):
 
 @dataclass(frozen=True)
 class FastestAttempt(Attempt):
-    """What became of one problem of which the planner chooses the duration."""
+    """The planner's result on one problem of minimum duration."""
 
     shortest: str  # key of `RANGES`
     number: int
-    # The duration that was chosen, in parts of the witness's and of the shortest that the sweep
-    # found, which is at most 1 where it found none; None for a miss
+    # Chosen duration over the witness's, and over the shortest that the sweep found (1: the sweep
+    # found none shorter, or there was no sweep); None for a miss
     of_witness: float | None = None
     of_sweep: float | None = None
 
 
 def measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many problems of each class, and execute the plans."""
+    """Plan `count` problems of each class, and execute the plans."""
     tried, rows = [], []
     for kind in tumbling.KINDS:
         group = [*capture_attempts(kind, count, settings)]
@@ -94,7 +93,7 @@ def measurement(count: int, settings: PlannerSettings) -> Measurement:
 
 
 def capture_attempts(kind: str, count: int, settings: PlannerSettings) -> Iterator[CaptureAttempt]:
-    """Plan so many problems of a class, and execute the plans."""
+    """Plan `count` problems of a class, and execute the plans."""
     for number, problem in enumerate(tumbling.problems(kind, count)):
         made, outcome = timed_plan(PlanningTask(problem, settings))
         errors = _errors(problem, made) if made else ()
@@ -102,7 +101,7 @@ def capture_attempts(kind: str, count: int, settings: PlannerSettings) -> Iterat
 
 
 def _errors(problem: PlanningProblem, plan: Plan) -> tuple[float, ...]:
-    """Return position [m], orientation [rad] and speed [m/s] of the capture as executed."""
+    """Return a capture's errors in MuJoCo: position [m], orientation [rad], velocity [m/s]."""
     try:
         from ff_planner_ros.simulation.verification import verify
     except FfPlannerError:  # MuJoCo is not installed: the rest of the table needs none
@@ -112,13 +111,13 @@ def _errors(problem: PlanningProblem, plan: Plan) -> tuple[float, ...]:
 
 
 def _worst(errors: Sequence[float | None], unit: float) -> str:
-    """Return the largest of the errors that are known, in its unit."""
+    """Return the largest known error times `unit`, as text."""
     known = [error for error in errors if error is not None]
     return f"{unit * max(known):.4f}" if known else "-"
 
 
 def fastest_measurement(count: int, settings: PlannerSettings, *, quick: bool) -> Measurement:
-    """Plan so many problems in each range; if quick, in the first one only, and without a sweep."""
+    """Plan `count` problems in each range; if quick, in the first one only, without a sweep."""
     tried, rows = [], []
     for name in list(RANGES)[: 1 if quick else None]:
         group = [*fastest_attempts(name, count, settings, sweep=not quick)]
@@ -133,7 +132,7 @@ def fastest_measurement(count: int, settings: PlannerSettings, *, quick: bool) -
 def fastest_attempts(
     name: str, count: int, settings: PlannerSettings, *, sweep: bool
 ) -> Iterator[FastestAttempt]:
-    """Plan so many problems in a range, a key of `RANGES`."""
+    """Plan `count` problems of minimum duration in a range, a key of `RANGES`."""
     for number, given in enumerate(tumbling.problems("tumbling", count)):
         problem = fastest(given, RANGES[name])
         made, outcome = timed_plan(PlanningTask(problem, settings))
@@ -146,7 +145,7 @@ def fastest_attempts(
 
 
 def fastest(problem: PlanningProblem, part: tuple[float, float]) -> PlanningProblem:
-    """Return a problem that asks for the fastest capture, in parts of its duration."""
+    """Return a problem of minimum duration; part: shortest and longest over the given duration."""
     shortest, longest = (one * problem.duration for one in part)
     body = problem.target_body
     return replace(
@@ -159,7 +158,7 @@ def fastest(problem: PlanningProblem, part: tuple[float, float]) -> PlanningProb
 
 
 def _swept(problem: PlanningProblem, chosen: float, settings: PlannerSettings) -> float:
-    """Return the shortest duration [s], of fixed ones up to the one chosen, that has a plan."""
+    """Return the shortest fixed duration [s] with a plan, up to the chosen one."""
     found = chosen
     for part in _SWEPT:
         if part * chosen >= problem.durations.minimum:
@@ -179,16 +178,16 @@ _CAPTURED_HEADER = (
 
 @dataclass(frozen=True)
 class CapturedAttempt(Attempt):
-    """What became of one task; its time is that of a phase in the mean."""
+    """The planner's result on one task; `seconds` is the mean time of its phases."""
 
     kind: str  # of `captured.KINDS`
     robot: str  # of `captured.ROBOTS`
     number: int
-    force: float  # largest through the grasp [N]; NaN: there is no plan
+    force: float  # peak force at the grasp in the last phase [N]; NaN: there is no plan
 
 
 def captured_measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many tasks of each kind."""
+    """Plan `count` tasks with a captured body of each kind, and tabulate the results."""
     tried = list(captured_attempts(count, settings))
     rows = []
     for kind in captured.KINDS:
@@ -201,7 +200,7 @@ def captured_measurement(count: int, settings: PlannerSettings) -> Measurement:
 
 
 def captured_attempts(count: int, settings: PlannerSettings) -> Iterator[CapturedAttempt]:
-    """Plan so many tasks of each kind."""
+    """Plan `count` tasks with a captured body of each kind."""
     for kind in captured.KINDS:
         for number, drawn in enumerate(captured.problems(kind, count)):
             task, phases, begun = drawn.task(settings), 1 + len(drawn.then), time.process_time()

@@ -1,4 +1,4 @@
-"""The paper's optimisation as it is written: what the planner is compared with.
+"""The paper's optimisation as printed, with which the planner is compared.
 
 Minimise the objective subject to R_obst = 0, Eq. (43), from xi = 0, by SciPy's SLSQP with finite
 differences. The joint limits enter by their smallest margin. R_obst is never negative, so that
@@ -25,15 +25,15 @@ _WALL = (1e3, 1e3, -1e3)
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """Where another method stopped."""
+    """The point at which another method stopped."""
 
     x: Array  # decision variables of the path; shape (variables,)
-    rollouts: int
-    message: str  # of the method, why
+    rollouts: int  # motions that were integrated
+    message: str  # the method's reason
 
 
 def solve_directly(settings: PlannerSettings, program: PathProgram, max_iterations: int) -> Stop:
-    """Solve by SLSQP with finite differences; `settings` has g1 and g2 of the penalty."""
+    """Solve by SLSQP with finite differences; `settings` has the penalty's g1 and g2, Eq. (47)."""
     # Objective, penalty and smallest joint margin, by the bytes of x: one motion serves all three.
     known: dict[bytes, tuple[float, float, float]] = {}
 

@@ -27,7 +27,7 @@ TOLERANCE = 1e-6
 
 
 def solve_by_slsqp(program: PathProgram, max_iterations: int, x: Array | None = None) -> Stop:
-    """Solve by SciPy's SLSQP with exact gradients, from a path; None: from the straight one."""
+    """Solve by SciPy's SLSQP with exact gradients; x: initial path, None: the straight one."""
     functions = ExactFunctions(program)
     result = minimize(
         functions.objective,
@@ -41,10 +41,7 @@ def solve_by_slsqp(program: PathProgram, max_iterations: int, x: Array | None = 
 
 
 def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Stop | None:
-    """Solve by IPOPT with exact gradients; None where `casadi`, which brings it, is missing.
-
-    The Hessian is IPOPT's own approximation.
-    """
+    """Solve by IPOPT with exact gradients and its limited-memory Hessian; None without `casadi`."""
     try:
         casadi = importlib.import_module("casadi")
     except ModuleNotFoundError:
@@ -105,21 +102,24 @@ def _with_jacobian(
 
 @dataclass(eq=False)
 class ExactFunctions:
-    """What the solvers call; consecutive calls with the same variables cost one linearisation."""
+    """Objective, constraints and derivatives for the solvers, from one linearisation per point.
+
+    Variables z are those of a path and, if the program has max terms, an upper bound of these.
+    """
 
     program: PathProgram
-    rollouts: int = 0  # so far
+    rollouts: int = 0  # linearisations so far
     _x: Array = field(default_factory=lambda: np.empty(0))
     _here: Linearisation | None = None
 
     def start(self, x: Array | None = None) -> Array:
-        """Return a path and, where there are max terms, the largest; None: the straight path."""
+        """Return z of a path; None: of the straight path."""
         x = np.zeros(self.program.family.variables) if x is None else x
         max_terms = self._at(x).max_terms
         return np.append(x, max_terms.max()) if max_terms.size else x
 
     def objective(self, z: Array) -> float:
-        """Return the function to minimise."""
+        """Return the objective at z."""
         return self._at(z).value + float(z[self._size :].sum())
 
     def gradient(self, z: Array) -> Array:
@@ -127,7 +127,7 @@ class ExactFunctions:
         return np.append(self._at(z).gradient, np.ones(len(z) - self._size))
 
     def constraints(self, z: Array) -> Array:
-        """Return what shall not be negative."""
+        """Return the values that must not be negative at z."""
         return self._rows(z)[0]
 
     def jacobian(self, z: Array) -> Array:
@@ -135,7 +135,7 @@ class ExactFunctions:
         return self._rows(z)[1]
 
     def stop(self, z: Array, message: str) -> Stop:
-        """Return where the solver stopped."""
+        """Return the path at z as the point where the solver stopped."""
         return Stop(z[: self._size], self.rollouts, message)
 
     @property

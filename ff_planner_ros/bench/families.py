@@ -1,4 +1,4 @@
-"""Both path families on the same problems: how often, how fast and how good."""
+"""Both trajectory parameterisations on the same problems: success rate, time and objective."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ff_planner_ros.problems.robots import ROBOTS
 from ff_planner_ros.problems.scenarios import KINDS, scenario
 
 FAMILIES = (Parametrisation.END_EFFECTOR_POLYNOMIAL, Parametrisation.JOINT_SPLINE)
-# Of each class this part is planned for the least attitude, too, which takes ten times as long.
+# This part of a class is also planned for min(Theta), which takes ten times as long.
 _STEADY = 1 / 8
 _HEADER = (
     *("class", "objective", "problems", "paper's: solved", "splines: solved"),
@@ -33,7 +33,7 @@ _HEADER = (
 
 @dataclass(frozen=True)
 class FamilyAttempt(Attempt):
-    """What became of one problem in one family."""
+    """The planner's result on one problem with one parameterisation."""
 
     kind: str
     objective: str  # key of `OBJECTIVES`
@@ -44,7 +44,7 @@ class FamilyAttempt(Attempt):
 
 
 def measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many problems of each class in both families."""
+    """Plan `count` problems of each class with both parameterisations, and tabulate the results."""
     tried = list(family_attempts(count, settings))
     missed = [each for each in tried if each.parametrisation is Parametrisation.JOINT_SPLINE]
     table = Table("Path families side by side", _HEADER, [*_rows(tried)])
@@ -52,7 +52,7 @@ def measurement(count: int, settings: PlannerSettings) -> Measurement:
 
 
 def family_attempts(count: int, settings: PlannerSettings) -> Iterator[FamilyAttempt]:
-    """Plan so many problems of each class in both families."""
+    """Plan `count` problems of each class with both parameterisations."""
     for kind in (*KINDS, *witnessed.KINDS):
         for number in range(count):
             for name in ("min(L)", "min(Theta)"):

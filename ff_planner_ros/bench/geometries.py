@@ -1,4 +1,4 @@
-"""The same problems planned with lines and with shapes: who touches what, how often, how fast."""
+"""The same problems planned with lines and with shapes: success rate, contacts and time."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 
-# Added spheres keep so far from the bodies on their way [m].
+# Clearance of added spheres from the bodies along the plan [m].
 _APART = 0.05
 _NAME = "{0.robot} {0.number}, {0.objective}"  # of a problem
 _HEADER = (
@@ -45,29 +45,29 @@ _CROWD_HEADER = (
 
 @dataclass(frozen=True)
 class GeometryAttempt(Attempt):
-    """What became of one problem with one geometry."""
+    """The planner's result on one problem with one geometry."""
 
     robot: str
     number: int
     objective: str  # key of `OBJECTIVES`
     geometry: Geometry  # that was planned with
-    touches: tuple[str, ...]  # pairs that touch along the plan, with shapes whatever it was made of
+    touches: tuple[str, ...]  # pairs of bodies that touch along the plan, with either geometry
 
 
 @dataclass(frozen=True)
 class Crowd:
-    """Time of one problem among so many spheres."""
+    """Planning times of one problem among many spheres."""
 
     problem: str
-    spheres: int
-    lines: float  # median processor time [s]
-    shapes: float  # likewise [s]
-    lines_rollouts: int  # that the search needed
-    shapes_rollouts: int  # likewise: the same task is another one with bodies, and often harder
+    spheres: int  # number
+    lines: float  # median processor time with lines [s]
+    shapes: float  # median processor time with shapes [s]
+    lines_rollouts: int  # of the search with lines
+    shapes_rollouts: int  # of the search with shapes, which has more constraints
 
 
 def measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many problems for every objective, with lines and with shapes."""
+    """Plan `count` problems for every objective, with lines and with shapes."""
     tried = list(geometry_attempts(count, settings))
     title = "Lines and shapes side by side, contacts looked for 1000 times a second"
     shapes = [each for each in tried if each.geometry is Geometry.SHAPES]
@@ -77,7 +77,7 @@ def measurement(count: int, settings: PlannerSettings) -> Measurement:
 
 
 def geometry_attempts(count: int, settings: PlannerSettings) -> Iterator[GeometryAttempt]:
-    """Plan so many problems for every objective, with lines and with shapes; the robots in turn."""
+    """Plan `count` problems for every objective, with lines and with shapes; robots in turn."""
     for index in range(count):
         number, robot = divmod(index, len(bodies.ROBOTS))
         for objective in OBJECTIVES:
@@ -88,7 +88,7 @@ def geometry_attempts(count: int, settings: PlannerSettings) -> Iterator[Geometr
 def geometry_attempt(
     robot: str, number: int, objective: str, geometry: Geometry, settings: PlannerSettings
 ) -> GeometryAttempt:
-    """Plan one problem."""
+    """Plan one problem with one geometry, and look for contacts of bodies along the plan."""
     whole = replace(bodies.problem(robot, number).problem, objective=OBJECTIVES[objective])
     asked = replace(whole, robot=bench_robot(robot, geometry))
     made, outcome = timed_plan(PlanningTask(asked, settings))
@@ -126,7 +126,7 @@ def geometry_rows(tried: Sequence[GeometryAttempt]) -> Iterator[tuple[str, ...]]
 
 
 def crowd_measurement(settings: PlannerSettings, *, quick: bool) -> Measurement:
-    """Compare times of lines and shapes among few and many spheres."""
+    """Compare planning times with lines and with shapes, among few and many spheres."""
     runs, sizes = (1, (3, 30)) if quick else (5, (3, 200))
     found = list(crowds(crowded_problems(), settings, sizes, runs))
     rows = [
@@ -158,12 +158,14 @@ def crowds(
     sizes: Sequence[int],
     runs: int,
 ) -> Iterator[Crowd]:
-    """Yield the times with lines and with shapes among more and more spheres.
+    """Yield planning times with lines and with shapes among increasing numbers of spheres.
+
+    Added spheres stay clear of the plan among the problem's own.
 
     Args:
-        problems: By name, of robots with shapes. The spheres that are added leave their plans as
-            they are.
-        runs: Of which the median counts, after one that does not.
+        problems: Problems of robots with shapes, by name.
+        sizes: Numbers of spheres.
+        runs: Number of timed runs, after one to warm up; the median counts.
     """
     for name, problem in problems.items():
         q, _ = from_trajectory(problem.robot, perform(PlanningTask(problem, settings)).trajectory)
@@ -181,7 +183,7 @@ def _with_lines(problem: PlanningProblem) -> Robot:
 
 
 def _more_spheres(problem: PlanningProblem, way: Swept, count: int) -> tuple[Sphere, ...]:
-    """Return a problem's spheres and others around the robot, away from its bodies on their way."""
+    """Return a problem's spheres and others around the robot, clear of its bodies on the way."""
     rng = np.random.default_rng(0)
     spheres = list(problem.spheres)
     middle, reach = way.centers.mean(axis=(0, 1)), np.ptp(way.centers, axis=(0, 1)).max()

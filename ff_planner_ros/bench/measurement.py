@@ -1,4 +1,4 @@
-"""One experiment of the benchmark: its results, and how the planner's time is taken."""
+"""An experiment of the benchmark: its results, and the measurement of the planner's time."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ OBJECTIVES = {
 
 @dataclass(frozen=True)
 class Measurement:
-    """What an experiment found."""
+    """The results of an experiment."""
 
     results: Sequence[Any]  # dataclasses
-    tables: Sequence[Table]  # which sum the results up
-    remarks: Sequence[str] = ()  # a line each, such as a miss and its cause
+    tables: Sequence[Table]  # summaries of the results
+    remarks: Sequence[str] = ()  # lines of text, such as a miss and its cause
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """How the planner did on one problem."""
+    """The planner's result on one problem."""
 
     status: Status
     message: str  # cause of a miss; empty if solved
@@ -61,9 +61,9 @@ def misses(attempts: Iterable[Attempt], name: str) -> list[str]:
 
 @dataclass
 class Stopwatch:
-    """The planner as a method of `perform`, with the time that it takes."""
+    """The planner as a method of `perform`, with a measurement of its time."""
 
-    # Processor time of the last plan; what `perform` does before and after does not count
+    # Processor time of the last plan, without what `perform` does before and after
     seconds: float = 0.0
 
     def __call__(
@@ -96,14 +96,18 @@ def timed_plan(task: PlanningTask) -> tuple[Plan | None, dict[str, Any]]:
 def timed_plans(
     problems: Iterable[PlanningProblem], settings: PlannerSettings, warm_up: int = 0
 ) -> tuple[list[Plan], float]:
-    """Return plans of all problems that are solved, and their median time [s] after the warm-up."""
+    """Return the plans of all problems that are solved, and their median processor time [s].
+
+    Args:
+        warm_up: Number of first plans that do not count in the median.
+    """
     timed = [timed_plan(PlanningTask(problem, settings)) for problem in problems]
     solved = [(made, outcome["seconds"]) for made, outcome in timed if made]
     return [made for made, _ in solved], statistics.median(s for _, s in solved[warm_up:])
 
 
 def solved_and_times(attempts: Sequence[Attempt]) -> tuple[str, ...]:
-    """Return cells of a table: problems, part that is solved, median and 95 % of the times [s]."""
+    """Return cells of a table: problems, rate solved, median and 95 % quantile of the times [s]."""
     seconds = [each.seconds for each in attempts]
     return (
         f"{len(attempts)}",

@@ -36,21 +36,21 @@ _ACTIVE = 3e-3
 
 @dataclass(frozen=True)
 class Result:
-    """How a method did on one objective."""
+    """The result of a method for one objective."""
 
     objective: str  # key of `OBJECTIVES`
     method: str
     seconds: float  # median over the runs
     rollouts: int  # motions integrated, with or without derivatives
     # The next three are None where the method ended at a path that meets a singularity
-    value: float | None  # of the objective, whatever the method minimised [rad]
-    optimality: float | None  # largest entry of the Lagrangian's gradient, the best multipliers
+    value: float | None  # of the objective, computed the same way for every method [rad]
+    optimality: float | None  # largest entry of the Lagrangian's gradient, with best multipliers
     clearance: float | None  # certified between the points too [m]
     message: str  # why it stopped
 
 
 def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: bool) -> Measurement:
-    """Compare the methods on a problem, and stop the others early if quick."""
+    """Compare the methods on a problem; if quick, stop the others early."""
     runs, iterations = (1, 2) if quick else (7, 200)
     results = list(method_results(problem, settings, runs, iterations))
     ours = {each.objective: each.seconds for each in results if each.method == OURS}
@@ -83,8 +83,9 @@ def method_results(
     """Yield the results of every method for every objective, ours first.
 
     Args:
-        problem: Its own objective does not matter.
-        runs: Of our own planner, after one to warm up; the others, far slower, run once.
+        problem: Its own objective is replaced.
+        runs: Number of our planner's runs, after one to warm up; the others, far slower, run once.
+        max_iterations: Of the other methods.
     """
     for name, objective in OBJECTIVES.items():
         asked = replace(problem, objective=objective)
@@ -142,7 +143,7 @@ def _ours(name: str, problem: PlanningProblem, settings: PlannerSettings, runs: 
 
 
 def _optimality(program: PathProgram, x: Array) -> float:
-    """Return what is left of the Lagrangian's gradient with the multipliers that fit best."""
+    """Return the largest entry of the Lagrangian's gradient, with least-squares multipliers."""
     here = program.linearise(x)
     active = here.constraints < min(0.0, here.constraints.min(initial=0.0)) + _ACTIVE
     columns, wanted = -here.constraints_jacobian[active].T, -here.gradient

@@ -1,4 +1,4 @@
-"""Replanning in motion: plans that take over from one that runs, beside those made from nothing."""
+"""Replanning in motion: plans that take over from a running one, beside plans from scratch."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ _HEADER = (
 # parts of its duration.
 _AHEAD = 0.2  # [s]
 _MOMENTS = (0.1, 0.3, 0.5, 0.7, 0.9)
-# By how much the chaser turns otherwise than the running plan says, about each axis [rad/s].
+# Error of the chaser's angular velocity against the running plan, about each axis [rad/s].
 _TURN_ERROR = np.deg2rad(0.01)
-# The best of so many, so that what else the machine does counts less.
+# Runs of which the fastest counts, as other processes disturb the others.
 _REPEATED = 3
 
 
 @dataclass(frozen=True)
 class Replanned:
-    """What became of one plan that took over from another."""
+    """The result of replanning once while a plan runs."""
 
     kind: str
     robot: str
     number: int  # of the scenario
     since: float  # from the running plan's first point to the measurement [s]
     status: Status
-    starts: int  # first guesses; one is what remains of the running plan
+    starts: int  # initial guesses; 1: the running plan's remainder sufficed
     iterations: int
-    seconds: float  # processor time, of the whole task
-    seconds_from_nothing: float  # of the same task without the running plan's remainder
+    seconds: float  # processor time of the whole task
+    seconds_from_nothing: float  # of the same task, planned from scratch
 
 
 def measurement(problem: PlanningProblem, count: int, settings: PlannerSettings) -> Measurement:
-    """Compare the times with those of the same tasks planned from nothing."""
+    """Compare replanning times with those of the same tasks planned from scratch."""
     results = list(replanned(problem, count, settings))
     return Measurement(results, [Table("Replanning in motion", _HEADER, [*_rows(results)])])
 
@@ -63,11 +63,11 @@ def measurement(problem: PlanningProblem, count: int, settings: PlannerSettings)
 def replanned(
     problem: PlanningProblem, count: int, settings: PlannerSettings
 ) -> Iterator[Replanned]:
-    """Plan again while a plan runs, from several moments of it on.
+    """Replan while a plan runs, at several moments of each plan.
 
     Args:
-        problem: Of the first row; the second are ordinary scenarios of all robots.
-        count: Of these scenarios.
+        problem: Replanned for three objectives and parameterisations.
+        count: Number of ordinary scenarios that are replanned, too, the robots in turn.
     """
     shortest = replace(problem, objective=OBJECTIVES["min(L)"])
     cases = {
@@ -125,7 +125,7 @@ def _of_plan(
 
 
 def _continuing(task: PlanningTask, motion: JointMotion, since: float) -> PlanningTask:
-    """Return the task that takes over from a plan of this task, the chaser being a little off."""
+    """Return the task of taking over from a plan, with a small error of the chaser's motion."""
     problem = task.problem
     state = carried_forward(problem.robot, problem.start, since, motion)
     wrong = state.angular_velocity_chaser_in_inertial + _TURN_ERROR
@@ -144,7 +144,7 @@ def _continuing(task: PlanningTask, motion: JointMotion, since: float) -> Planni
 
 
 def _timed(task: PlanningTask, times: int) -> tuple[Status, tuple[int, int], float]:
-    """Return status, first guesses and iterations, and the least processor time of some [s]."""
+    """Return status, (initial guesses, iterations), and the least processor time of runs [s]."""
     status, effort, seconds = Status.SOLVED, (0, 0), np.inf
     for _ in range(times):
         begun = time.process_time()

@@ -1,7 +1,7 @@
 """The benchmark: every measurement, printed as tables and written to a file.
 
-One process makes them all, on one core, and warms up before it takes times. It is a process of its
-own, because numerical libraries read the number of threads from the environment when they load.
+All measurements run in one process on one core. It is a process of its own, because numerical
+libraries read the number of threads from the environment when they load.
 """
 
 from __future__ import annotations
@@ -56,12 +56,13 @@ _EXECUTED = 40
 
 
 def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None, commit: str) -> int:
-    """Print the tables from a process of their own, and return its exit code.
+    """Run the benchmark in a process of its own, and return its exit code.
 
     Args:
         quick: Whether to use smaller sizes and to stop the other methods early.
-        scenarios: Of each class; None: 200, or 4 if quick.
-        commit: Of the sources; empty: it is not known.
+        scenarios: Number of scenarios of each class; None: 200, or 4 if quick.
+        json_file: File for all figures; None: they are only printed.
+        commit: Commit of the sources; empty: it is not known.
     """
     count = str(scenarios or (4 if quick else 200))
     arguments = [str(int(quick)), count, str(json_file or ""), commit]
@@ -70,7 +71,10 @@ def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None, 
 
 
 def main(quick: bool, scenarios: int, json_file: str, commit: str) -> None:
-    """Print the tables, and write all figures to a JSON file if its name is not empty."""
+    """Print the tables, and write all figures to a JSON file if its name is not empty.
+
+    Pins the process to one core. See `run_on_one_core` for the arguments.
+    """
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     made = {"date": time.strftime("%Y-%m-%d"), "commit": commit or "unknown"}
     figures: dict[str, Any] = {"machine": machine() | made, "tables": []}
@@ -90,10 +94,7 @@ def main(quick: bool, scenarios: int, json_file: str, commit: str) -> None:
 def _measurements(
     quick: bool, scenarios: int, settings: PlannerSettings
 ) -> Iterator[tuple[str, Measurement]]:
-    """Yield the measurements, each when it is made, with the name of its figures.
-
-    If quick, one problem is planned of every class that takes seconds.
-    """
+    """Yield name and result of each measurement; if quick, most classes have one problem."""
 
     def some(most: int) -> int:
         return 1 if quick else min(scenarios, most)
@@ -122,7 +123,7 @@ def _measurements(
 
 
 def machine() -> dict[str, str]:
-    """Return what the figures depend on."""
+    """Return the machine, thread settings and versions that the figures depend on."""
     cpu = platform.processor() or platform.machine()
     for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
         if line.startswith("model name"):

@@ -1,4 +1,4 @@
-"""How the planner's time grows with spheres, points and joints, and what shapes cost."""
+"""Growth of planning time with spheres, points and joints, and its ratio of shapes to spheres."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ _PRICE_HEADER = (
 
 @dataclass(frozen=True)
 class Growth:
-    """Time at one size."""
+    """Planning time at one problem size."""
 
-    of: str  # what grows: spheres, points or joints
+    of: str  # quantity that grows: spheres, points or joints
     size: int
     seconds: float  # median time of a plan
     rollouts: float  # median
@@ -60,19 +60,19 @@ class Growth:
 
 @dataclass(frozen=True)
 class Price:
-    """Time among some bodies beside that among others."""
+    """Planning time among one kind of obstacles, beside that among another kind."""
 
-    capture: str
-    of: str
-    beside: str
-    seconds: float  # median
-    seconds_beside: float  # likewise
-    rollouts: int  # that the search needed
-    rollouts_beside: int  # likewise: the task is another one
+    capture: str  # name of the problem
+    of: str  # kind of obstacles
+    beside: str  # kind of obstacles to compare with
+    seconds: float  # median processor time
+    seconds_beside: float  # median processor time among the other kind
+    rollouts: int  # of the search
+    rollouts_beside: int  # of the search among the other kind, which is another task
 
 
 def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: bool) -> Measurement:
-    """Measure the times of a problem and of arms; if quick, without the large sizes."""
+    """Measure planning times over numbers of spheres, points and joints; if quick, small ones."""
     runs, count = (1, 1) if quick else (5, 20)
     spheres, points = ((3, 30), (50, 100)) if quick else ((3, 30, 100, 1000), (50, 100, 200, 500))
     joints = (7, 6) if quick else (7, 6, 9)
@@ -105,7 +105,7 @@ def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: b
 
 
 def price_measurement(settings: PlannerSettings, *, quick: bool) -> Measurement:
-    """Measure what shapes cost beside spheres, and hulls beside boxes."""
+    """Measure planning times among boxes beside spheres, and among hulls beside boxes."""
     runs, sizes, count = (1, (3, 30), 1) if quick else (5, (3, 300), 20)
     found = [*prices(settings, runs, sizes), *prices_of_many(settings, count)]
     rows = [
@@ -122,11 +122,11 @@ def price_measurement(settings: PlannerSettings, *, quick: bool) -> Measurement:
 def prices(
     settings: PlannerSettings, runs: int, sizes: tuple[int, int] = (3, 300)
 ) -> Iterator[Price]:
-    """Yield what shapes cost, with the arm's lines and with the whole robot.
+    """Yield ratios of planning times among shapes, with the arm's lines and with the whole robot.
 
     Args:
-        runs: Of which the median counts, after one that does not.
-        sizes: Few bodies and many.
+        runs: Number of timed runs, after one to warm up; the median counts.
+        sizes: Numbers of boxes, few and many.
     """
     scenarios = share_directory() / "config" / "scenarios"
 
@@ -155,10 +155,10 @@ def prices(
 
 
 def prices_of_many(settings: PlannerSettings, count: int) -> Iterator[Price]:
-    """Yield what boxes cost in place of spheres, in the median of so many problems of each arm.
+    """Yield ratios of planning times among boxes and spheres, over `count` problems of each arm.
 
-    What one problem costs is luck: another path is another search. The boxes are in the spheres, so
-    that each problem has a plan.
+    A single problem's ratio is chance: another path is another search. The boxes are inside the
+    spheres, so that each problem has a plan.
     """
     for geometry in Geometry:
         spheres = [
@@ -178,7 +178,7 @@ def prices_of_many(settings: PlannerSettings, count: int) -> Iterator[Price]:
 
 
 def _box_inside(sphere: Sphere) -> ObstacleBody:
-    """Return the cube whose corners are on a sphere, turned anyhow, in its place."""
+    """Return the cube inscribed in a sphere, with an orientation seeded by the sphere's id."""
     turn = pin.Quaternion(random_turn(np.random.default_rng([*sphere.id.encode()]))).coeffs()
     solid = Solid("box", np.full(3, 2.0 * sphere.radius / np.sqrt(3.0)))
     return ObstacleBody(sphere.id, solid, sphere.center, turn, sphere.velocity)
@@ -191,7 +191,7 @@ def _box(sphere: Sphere) -> ObstacleBody:
 
 
 def _hull(box: ObstacleBody) -> ObstacleBody:
-    """Return nearly the same with 200 corners: its faces are curved a little."""
+    """Return a convex hull of 200 corners that nearly is a box: its faces are slightly curved."""
     ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))
     ways /= (np.abs(ways) ** _NEARLY_A_BOX).sum(axis=1, keepdims=True) ** (1 / _NEARLY_A_BOX)
     return replace(box, shape=hull_of_vertices("mesh", ways * box.solid.sizes / 2))
@@ -200,7 +200,7 @@ def _hull(box: ObstacleBody) -> ObstacleBody:
 def _scattered(
     problem: PlanningProblem, settings: PlannerSettings, count: int
 ) -> tuple[ObstacleBody, ...]:
-    """Return a problem's bodies, and boxes anywhere that leave its plan as it is."""
+    """Return a problem's obstacle bodies, and random boxes clear of its plan, `count` in all."""
     plan = perform(PlanningTask(problem, settings))
     q, _ = from_trajectory(problem.robot, plan.trajectory)
     way, rng = Swept(with_bodies(problem.robot), q), np.random.default_rng(0)
@@ -218,7 +218,7 @@ def _scattered(
 def _targets(
     problem: PlanningProblem, settings: PlannerSettings
 ) -> tuple[PlanningProblem, PlanningProblem]:
-    """Return a capture whose target is made of 20 spheres, and one of 20 boxes in their place."""
+    """Return a capture of a target of 20 spheres, and one with boxes of equal volume instead."""
     body, rng = problem.target_body, np.random.default_rng(0)
     if body is None:
         raise ValueError("there is no target body")
@@ -244,7 +244,7 @@ def _targets(
 def with_spheres(
     problem: PlanningProblem, settings: PlannerSettings, sizes: Sequence[int], runs: int
 ) -> Iterator[Growth]:
-    """Yield the times with more and more spheres than the problem has; the plan stays."""
+    """Yield planning times as spheres clear of the plan are added, up to each size."""
     shortest = perform(PlanningTask(problem, settings))
     q, _ = from_trajectory(problem.robot, shortest.trajectory)
     positions = arm_points(problem.robot, q)
@@ -265,14 +265,14 @@ def with_spheres(
 def with_points(
     problem: PlanningProblem, settings: PlannerSettings, sizes: Sequence[int], runs: int
 ) -> Iterator[Growth]:
-    """Yield the times with more and more points."""
+    """Yield planning times for numbers of trajectory points."""
     for size in sizes:
         finer = replace(problem, points=size)
         yield _growth("points", size, [finer] * (1 + runs), settings, warm_up=1)
 
 
 def with_joints(settings: PlannerSettings, sizes: Sequence[int], count: int) -> Iterator[Growth]:
-    """Yield the times of arms with more and more joints, each on some ordinary scenarios."""
+    """Yield planning times for numbers of joints, each on `count` ordinary scenarios."""
     for size in sizes:
         drawn = [scenario("ordinary", f"arm{size}", n, turned=False) for n in range(count)]
         yield _growth("joints", size, [each.problem for each in drawn], settings)

@@ -33,18 +33,18 @@ _HEADER = ("start", "tried", "solved", "largest jump [rad/s]", "[rad/s2]")
 
 @dataclass(frozen=True)
 class StartAttempt(Attempt):
-    """What became of one start."""
+    """The planner's result from one start in motion."""
 
-    kind: str  # what the start is
+    kind: str  # kind of start, in words
     robot: str
     number: int  # of the ordinary scenario
-    # Largest difference between the plan's first joint motion and the start's; None for a miss
+    # Largest jump of a joint's motion from the start to the plan's first point; None for a miss
     rate_jump: float | None = None  # [rad/s]
-    acceleration_jump: float | None = None  # [rad/s2]; None, too, if the start's are not known
+    acceleration_jump: float | None = None  # [rad/s2]; None, too, if the start's is not known
 
 
 def measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many starts of each kind."""
+    """Plan from `count` starts of each kind, and tabulate the results."""
     tried = [*joins(count, settings), *null_space_starts(count, settings)]
     rows = []
     for kind in dict.fromkeys(each.kind for each in tried):
@@ -61,7 +61,7 @@ def _largest(jumps: Iterable[float | None]) -> str:
 
 
 def joins(count: int, settings: PlannerSettings) -> Iterator[StartAttempt]:
-    """Plan to the same goal again while a plan runs, from a random time of it on."""
+    """Replan to the same goal from a random time of a running plan, of `count` scenarios."""
     for index in range(count):
         number, arm = divmod(index, len(ROBOTS))
         robot = ROBOTS[arm]
@@ -78,7 +78,7 @@ def joins(count: int, settings: PlannerSettings) -> Iterator[StartAttempt]:
 
 
 def null_space_starts(count: int, settings: PlannerSettings) -> Iterator[StartAttempt]:
-    """Plan the same scenarios without obstacles from starts with null-space motion."""
+    """Plan `count` scenarios without obstacles from starts with null-space motion, at each rate."""
     for largest in NULL_SPACE_RATES:
         for index in range(count):
             number, arm = divmod(index, len(_REDUNDANT))

@@ -1,4 +1,4 @@
-"""How often, and how fast, the planner finds a plan where there is one."""
+"""Success rate and time of the planner on problems that are known to have a plan."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ _SHAPES_HEADER = ("which", "problems", *_HEADER[3:])
 
 @dataclass(frozen=True)
 class ScenarioAttempt(Attempt):
-    """What became of one scenario; solved only if its plan passes the check once more."""
+    """The planner's result on one scenario; solved only if its plan passes the check once more."""
 
     kind: str  # key of `KINDS`
     robot: str
     number: int
     turned: bool  # whether its inertial frame is turned
-    starts: int  # first guesses tried; 0 for a miss
+    starts: int  # initial guesses tried; 0 for a miss
 
 
 def measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many scenarios of each class."""
+    """Plan `count` scenarios of each class, and tabulate the results."""
     tried = [attempt for kind in KINDS for attempt in attempts(kind, count, settings)]
     groups: list[tuple[str, Callable[[ScenarioAttempt], bool]]] = [("all", lambda _: True)]
     groups += [(robot, lambda a, robot=robot: a.robot == robot) for robot in ROBOTS]  # type: ignore[misc]
@@ -56,7 +56,7 @@ def measurement(count: int, settings: PlannerSettings) -> Measurement:
 
 
 def attempts(kind: str, count: int, settings: PlannerSettings) -> Iterator[ScenarioAttempt]:
-    """Plan scenarios of a class: the robots in turn, each one as drawn and turned."""
+    """Plan `count` scenarios of a class: the robots in turn, each as drawn and turned."""
     for index in range(count):
         pair, turned = divmod(index, 2)
         number, robot = divmod(pair, len(ROBOTS))
@@ -75,17 +75,17 @@ def attempt(
 
 @dataclass(frozen=True)
 class ShapesAttempt(Attempt):
-    """What became of one problem among bodies of any shape."""
+    """The planner's result on one problem among convex obstacles."""
 
     situation: str  # of `shapes.SITUATIONS`
     robot: str  # of `shapes.ROBOTS`
     lines: bool  # whether the robot has lines instead of shapes
     number: int
-    starts: int  # first guesses tried; 0 for a miss
+    starts: int  # initial guesses tried; 0 for a miss
 
 
 def shapes_measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many problems among bodies of any shape."""
+    """Plan `count` problems among convex obstacles, and tabulate the results."""
     tried = list(shapes_attempts(count, settings))
     groups: list[tuple[str, Callable[[ShapesAttempt], bool]]] = [("all", lambda _: True)]
     groups += [(name, lambda a, name=name: a.situation == name) for name in shapes.SITUATIONS]  # type: ignore[misc]
@@ -101,7 +101,7 @@ def shapes_measurement(count: int, settings: PlannerSettings) -> Measurement:
 
 
 def shapes_attempts(count: int, settings: PlannerSettings) -> Iterator[ShapesAttempt]:
-    """Plan so many problems."""
+    """Plan `count` problems among convex obstacles."""
     for number, drawn in enumerate(shapes.problems(count)):
         made, outcome = timed_plan(PlanningTask(drawn.problem, settings))
         starts = made.solver.starts if made else 0
@@ -111,20 +111,20 @@ def shapes_attempts(count: int, settings: PlannerSettings) -> Iterator[ShapesAtt
 
 @dataclass(frozen=True)
 class JointGoalAttempt(Attempt):
-    """What became of one problem of a held chaser, or of a goal of the joints."""
+    """The planner's result on one problem of `joint_goals`."""
 
     kind: str  # of `joint_goals.KINDS`
-    robot: str  # of `joint_goals.ROBOTS`
+    robot: str  # as `joint_goals.JointGoal.robot`
     number: int
-    starts: int  # first guesses tried; 0 for a miss
+    starts: int  # initial guesses tried; 0 for a miss
     iterations: int  # quadratic programs solved; 0 for a miss
-    # Of the end effector at the goal: position [m] and turn [rad], the larger number; None: no plan
+    # Larger of the end effector's errors at the goal, position [m] and angle [rad]; None: no plan
     error: float | None
     longer: float | None  # duration over the witness's; None: it is given, or there is no plan
 
 
 def joint_goals_measurement(count: int, settings: PlannerSettings) -> Measurement:
-    """Plan so many problems of each kind."""
+    """Plan `count` problems of each kind of `joint_goals`, and tabulate the results."""
     tried = list(joint_goals_attempts(count, settings))
     rows = []
     for kind in joint_goals.KINDS:
@@ -143,7 +143,7 @@ def joint_goals_measurement(count: int, settings: PlannerSettings) -> Measuremen
 
 
 def joint_goals_attempts(count: int, settings: PlannerSettings) -> Iterator[JointGoalAttempt]:
-    """Plan so many problems of each kind."""
+    """Plan `count` problems of each kind of `joint_goals`."""
     for kind in joint_goals.KINDS:
         for number, drawn in enumerate(joint_goals.problems(kind, count)):
             made, outcome = timed_plan(PlanningTask(drawn.problem, settings))

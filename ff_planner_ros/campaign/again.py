@@ -30,10 +30,10 @@ from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
 
 def changes_of(row: Mapping[str, Any], column: str) -> dict[str, Any]:
-    """Return what a row says of changed values, by key.
+    """Return the changed values in a column of a row, by key of the scenario.
 
     Raises:
-        InvalidInput: It is no such text, or a key is none of a scenario.
+        InvalidInput: The column is no JSON object, or a key is none of a scenario.
     """
     told = json_document(row[column], column, quoted(row[column]))
     if not isinstance(told, dict):
@@ -45,7 +45,7 @@ def changes_of(row: Mapping[str, Any], column: str) -> dict[str, Any]:
 
 
 def case_directory(row: Mapping[str, Any], directory: Path) -> Path:
-    """Return where a campaign keeps what is written of a case.
+    """Return the directory of a case's scenario and page.
 
     Raises:
         InvalidInput: It would not be below the campaign's directory.
@@ -57,8 +57,8 @@ def scenario_again(row: Mapping[str, Any], directory: Path) -> Path:
     """Write the scenario of a row into its campaign's directory, and return its path.
 
     Raises:
-        InvalidInput: What the campaign kept of its scenarios is not there any more, or leads out
-            of its directory.
+        InvalidInput: The campaign's copy of its scenario is missing or malformed, or a path leads
+            out of the campaign's directory.
         OSError: The file cannot be written.
     """
     try:
@@ -77,7 +77,7 @@ def command_again(row: Mapping[str, Any], directory: Path, scenario: Path) -> st
     """Return the command that plans the scenario of a row again.
 
     Raises:
-        InvalidInput: A link is in the way.
+        InvalidInput: The path of the campaign's parameters is a link.
     """
     path, method = str(scenario), row["planned_by"]
     if method in (FIXED_BASE, ZERO_MOMENTUM):
@@ -91,10 +91,10 @@ def command_again(row: Mapping[str, Any], directory: Path, scenario: Path) -> st
 
 
 def defaults_of(directory: Path) -> Defaults:
-    """Return what counts where a campaign's scenarios do not say.
+    """Return the defaults of what a campaign's scenarios leave out.
 
     Raises:
-        InvalidInput: The parameters that it kept are damaged, or a link.
+        InvalidInput: The campaign's parameters are malformed, or their path is a link.
     """
     parameters = below(directory, PARAMETERS)
     if parameters.is_file():
@@ -103,7 +103,7 @@ def defaults_of(directory: Path) -> Defaults:
 
 
 def _scenario(row: Mapping[str, Any], directory: Path) -> tuple[dict[str, Any], str]:
-    """Return scenario and URDF of a row, with what it changed of them."""
+    """Return scenario and URDF of a row, with its changes applied."""
     defaults = defaults_of(directory)
     kept = scenario_directory(directory, row["source"])
     scenario, robot = (below(kept, name) for name in (SCENARIO, URDF))

@@ -16,7 +16,7 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _DIGITS = 16  # of an id
-# Of so many draws one can be planned, or the study is refused: the mistake is hardly chance.
+# If none of so many draws can be read, the study is refused: that is hardly chance.
 _DRAWS_TRIED = 10
 
 
@@ -29,7 +29,7 @@ class Case:
     defaults: Defaults
     changes: tuple[Change, ...]
     method: MethodOfStudy
-    trajectory: bool  # whether it is kept
+    trajectory: bool  # whether the plan's trajectory is kept
 
     @property
     def id(self) -> str:
@@ -46,7 +46,7 @@ class Case:
 
     @property
     def is_drawn(self) -> bool:
-        """Whether chance has a part in it: a rate of such cases has a confidence interval."""
+        """Whether the case is random: a success rate of such cases has a confidence interval."""
         drawn = any(isinstance(change.value, Draw) for change in self.changes)
         return drawn or isinstance(self.source, Generated)
 
@@ -54,7 +54,7 @@ class Case:
         """Return scenario and URDF of the case, and the values that it varies, by key.
 
         Raises:
-            InvalidInput: It changes something that is not there.
+            InvalidInput: A change does not fit the scenario or the URDF; see `changed`.
         """
         document, urdf = content(self.source, self.defaults)
         document, urdf, values = changed(document, urdf, self.changes)
@@ -79,12 +79,12 @@ def cases(study: Study) -> Iterator[Case]:
 
 
 def require_sound(study: Study) -> None:
-    """Refuse a study whose first cases name what does not exist, or cannot be read.
+    """Refuse a study if the first cases of a source and method cannot be read.
 
-    A value that is refused later is a row of the table, as every refusal is.
+    Later cases that cannot be read are rows of the table, as every refusal is.
 
     Raises:
-        InvalidInput: It does.
+        InvalidInput: They cannot; the error names the source.
     """
     # Problems that are drawn all have the same keys: one of a kind and robot is enough.
     first = {
@@ -123,7 +123,7 @@ def _require_task(case: Case) -> None:
 
 
 def kinds_of_values(study: Study) -> dict[str, str]:
-    """Return what the values of each varied key are: `number`, `numbers` or `text`."""
+    """Return the type of each varied key's values: `number`, `numbers` or `text`."""
     explicit: dict[str, set[str]] = {}
     for axis in study.grid:
         explicit[axis[0].key] = {kind_of(c.value) for c in axis if c.how == "set"}
@@ -140,7 +140,7 @@ def kinds_of_values(study: Study) -> dict[str, str]:
 
 
 def kind_of(value: Any) -> str:
-    """Return what one value is: `number`, `numbers` or `text`."""
+    """Return the type of a value: `number`, `numbers` or `text`."""
     if isinstance(value, bool):
         return "text"
     if isinstance(value, int | float):

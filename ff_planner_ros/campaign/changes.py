@@ -1,4 +1,4 @@
-"""What a case changes: a value of a scenario, a frame that is turned, a mass of its URDF."""
+"""Changes of a case: values of a scenario, rotations of frames, masses and inertias of its URDF."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SET, TIMES, PLUS = "set", "times", "plus"
 UNIFORM, NORMAL, CHOICE = "uniform", "normal", "choice"
 
 _IN_URDF = re.compile(r"urdf\.(?P<link>.+)\.(?P<part>mass|inertia(\.i(xx|xy|xz|yy|yz|zz))?)")
-# Of a block with an attitude, by how much it is turned about an axis of its own [deg].
+# Rotation of a block's attitude about an axis of its own [deg].
 _TURN = re.compile(r"turn\.(?P<block>.+)\.(?P<axis>[xyz])")
 _QUATERNION, _EULER = "quaternion_xyzw", "euler_xyz_deg"
 # What a scenario reads from files: workers have none.
@@ -32,7 +32,7 @@ _PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[\d+\])*")
 
 @dataclass(frozen=True)
 class Draw:
-    """A value that is drawn at random, always the same."""
+    """A random value, determined by key, seed and number."""
 
     distribution: str  # `uniform`, `normal` or `choice`
     # Lower and upper bound, mean and standard deviation, or what to choose from
@@ -44,8 +44,8 @@ class Draw:
         """Return the value: the same for a key, whatever else is varied.
 
         Args:
-            key: Of what is varied.
-            size: Entries of a vector, each drawn by itself; None: one number.
+            key: Key that is varied.
+            size: Number of entries of a vector, which are independent; None: one number.
         """
         rng = np.random.default_rng([*key.encode(), self.seed, self.number])
         if self.distribution == CHOICE:
@@ -61,23 +61,24 @@ class Change:
     # `target.position[0]`, `obstacles.c1.radius`, `planner.starts`, `urdf.LINK.mass`,
     # `turn.target_body.grasp.y`
     key: str
-    how: str  # `set`; or the value that is there `times` another, or `plus` another
+    how: str  # `set` replaces the value that is there, `times` multiplies it, `plus` adds to it
     value: Any  # as in YAML, or a `Draw`
 
     def described(self) -> dict[str, Any]:
-        """Return what tells it from every other change."""
+        """Return the change as a dictionary; changes are equal if these are."""
         return asdict(self)
 
 
 def changed(
     document: dict[str, Any], urdf: str, changes: Sequence[Change]
 ) -> tuple[dict[str, Any], str, dict[str, Any]]:
-    """Return a scenario and its URDF with changes, and the values that came of these, by key.
+    """Return a scenario and its URDF with changes applied, and the new values by key.
 
-    Frames are turned last, in the order of their keys: turns do not commute.
+    Frames are rotated last, in the order of their keys, as rotations do not commute. The value of
+    such a key is the angle [deg], that of a whole inertia the factor.
 
     Raises:
-        InvalidInput: A change of something that is not there.
+        InvalidInput: A key does not exist, or a value does not fit it.
     """
     document, values = deepcopy(document), {}
     for change in sorted(changes, key=lambda one: one.key if _TURN.fullmatch(one.key) else ""):
@@ -91,10 +92,10 @@ def changed(
 
 
 def require_key(field: str, key: object) -> str:
-    """Return a key if it may be one of a scenario or of a URDF.
+    """Return a key if it has the form of one of a scenario or a URDF.
 
     Raises:
-        InvalidInput: It may not.
+        InvalidInput: It has not, or names a file of the robot.
     """
     if isinstance(key, str):
         if key.startswith(_FILES):
@@ -113,13 +114,13 @@ def require_key(field: str, key: object) -> str:
 
 
 def is_inertia(key: str) -> bool:
-    """Tell whether a key means the whole inertia of a link, which factors alone change."""
+    """Tell whether a key means the whole inertia of a link, which can only be multiplied."""
     found = _IN_URDF.fullmatch(key)
     return found is not None and found["part"] == "inertia"
 
 
 def _turn(document: dict[str, Any], turn: re.Match[str], change: Change) -> float:
-    """Turn the frame of a block about one of its own axes, and return the angle [deg]."""
+    """Rotate the frame of a block about one of its own axes, and return the angle [deg]."""
     block: Any = document
     for step in _steps(turn["block"]):
         block = _below(block, step, change)
@@ -216,7 +217,7 @@ def _is_numeric(value: Any) -> bool:
 
 
 def _changed_urdf(urdf: str, place: re.Match[str], change: Change) -> tuple[str, Any]:
-    """Change a mass or an inertia, and return the text and what the value is now."""
+    """Change a mass or an inertia, and return the URDF and the new value."""
     tree = ElementTree.fromstring(urdf)
     links = {link.get("name"): link.find("inertial") for link in tree.iter("link")}
     inertial = links.get(place["link"])

@@ -1,4 +1,4 @@
-"""Cases on the workers of a Dask cluster: a few at a time for each, and again where one died."""
+"""Planning of cases on a Dask cluster, in packets; packets of workers that died are sent again."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ _LOST = (OSError, TimeoutError, RuntimeError, CancelledError, asyncio.CancelledE
 
 @contextmanager
 def local_cluster(workers: int | None, dashboard: bool) -> Iterator[str]:
-    """Yield the address of a scheduler with a process a core, or as many as asked for.
+    """Yield the address of a scheduler on this machine with `workers` processes (None: one a core).
 
-    Whoever reaches a port of Dask's may run code as its user, so they take nobody without the keys.
-    These are made here, kept in memory, and in Dask's configuration for as long as the cluster is.
+    Whoever reaches a port of Dask's may run code as its user, so connections need TLS keys. These
+    are made here and kept in memory, in Dask's configuration while the cluster runs.
 
     Raises:
-        FfPlannerError: Its processes do not start.
+        FfPlannerError: The processes do not start.
     """
     keys = distributed.Security.temporary()
     told = {"distributed.scheduler.allowed-failures": _DEATHS} | _as_configured(keys)
@@ -63,7 +63,7 @@ def local_cluster(workers: int | None, dashboard: bool) -> Iterator[str]:
 
 @contextmanager
 def _kept_complete(cluster: distributed.LocalCluster, workers: int) -> Iterator[None]:
-    """Start workers anew that died while they started: Dask itself gives these up."""
+    """Restart workers that died while they started: Dask itself gives these up."""
     ended = threading.Event()
 
     def keep() -> None:
@@ -80,7 +80,7 @@ def _kept_complete(cluster: distributed.LocalCluster, workers: int) -> Iterator[
 
 
 def _as_configured(keys: distributed.Security) -> dict[str, Any]:
-    """Return keys as Dask finds them where nobody hands them on, as clients here."""
+    """Return keys as entries of Dask's configuration, where clients here find them."""
     tls = "distributed.comm.tls"
     found: dict[str, Any] = {f"{tls}.ca-file": getattr(keys, _AUTHORITY)}
     for role in ("client", "scheduler", "worker"):
@@ -91,7 +91,7 @@ def _as_configured(keys: distributed.Security) -> dict[str, Any]:
 def _started(
     workers: int | None, dashboard: bool, keys: distributed.Security
 ) -> distributed.LocalCluster:
-    """Return a cluster whose workers run: where one dies on the way, it is tried again."""
+    """Return a cluster whose workers run; if one dies at the start, try again."""
     quiet: dict[str, Any] = {"silence_logs": logging.CRITICAL}
     for _ in range(_DEATHS):
         try:
@@ -112,16 +112,17 @@ def _started(
 def outcomes(
     address: str, jobs: Iterator[Case], total: int, workers: int = 1
 ) -> Iterator[list[Outcome] | Case]:
-    """Yield what becomes of cases as it comes; a case itself where every worker died on it.
+    """Yield outcomes of cases as they arrive; the case itself if several workers died on it.
 
     Args:
-        address: Of the scheduler. One that goes away is waited for.
-        jobs: Taken one by one, as workers become free.
-        total: How many they are.
-        workers: That must be there before the first case is sent.
+        address: Address of the scheduler; if the scheduler goes away, it is waited for.
+        jobs: Cases, taken as workers become free.
+        total: Number of `jobs`.
+        workers: Number of workers to wait for before the first case is sent.
 
     Raises:
         InvalidInput: No scheduler answers, or a worker has other software.
+        FfPlannerError: A worker fails on a packet, other than by dying.
     """
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told below
     again: deque[list[Case]] = deque()
@@ -242,7 +243,7 @@ def _sent(
 def _result(
     future: distributed.Future[Any], packet: list[Case], again: deque[list[Case]]
 ) -> list[Outcome] | Case | None:
-    """Return what became of a packet; None: it is to be planned again, as a whole or in parts."""
+    """Return the result of a packet; None: it is queued again, as a whole or case by case."""
     if future.status == "finished":
         try:
             worker, result = future.result(timeout=_FETCH)
@@ -265,7 +266,7 @@ def _result(
 
 
 def _cores(client: distributed.Client) -> int:
-    """Return how many threads the workers have; one where nobody tells."""
+    """Return the number of the workers' threads; one if the scheduler does not answer."""
     threads = 0
     with suppress(*_LOST):
         threads = sum(client.nthreads().values())
@@ -273,5 +274,5 @@ def _cores(client: distributed.Client) -> int:
 
 
 def _on_worker(packet: list[Case], expected: dict[str, str]) -> tuple[str, list[Outcome] | str]:
-    """Run on a worker: return its address, and what it did or why it must not."""
+    """Run on a worker: return its address, and its outcomes or how its software differs."""
     return distributed.get_worker().address, run_cases(packet, expected)

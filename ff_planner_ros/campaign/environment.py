@@ -1,4 +1,4 @@
-"""What the bits of a plan depend on beside its task: this package and the libraries below it."""
+"""Versions that the bits of a plan depend on beside its task: package, libraries and machine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _DIGITS = 8  # of the sources' hash
 
 @cache
 def environment() -> dict[str, str]:
-    """Return the versions; that of this package with a hash of its sources and parameters."""
+    """Return versions by name; that of this package with a hash of its sources and parameters."""
     return {
         PACKAGE: f"{_version(PACKAGE)} (sources {_sources()})",
         "python": ".".join(platform.python_version_tuple()[:2]),
@@ -25,7 +25,7 @@ def environment() -> dict[str, str]:
 
 
 def difference(expected: dict[str, str]) -> str:
-    """Return what is other here than expected, in words; empty: nothing is."""
+    """Return how the versions here differ from expected ones, in words; empty: they do not."""
     here = environment()
     return ", ".join(
         f"{name} is {here.get(name, 'missing')}, not {version}"

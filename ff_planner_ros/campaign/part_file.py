@@ -1,4 +1,4 @@
-"""A file of the table of plans, read from whoever wrote it: bounded, and whole or refused."""
+"""Reading a file of the table of plans from untrusted sources: bounded, and whole or refused."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _LIMITS = {"thrift_string_size_limit": 1_000_000, "thrift_container_size_limit":
 
 
 def metric_columns() -> dict[str, pyarrow.DataType]:
-    """Return the columns of what a plan is worth."""
+    """Return the columns of the metrics, with their types."""
     metrics = {}
     for item in fields(Metrics):
         metrics[item.name] = NUMBER
@@ -71,19 +71,19 @@ def metric_columns() -> dict[str, pyarrow.DataType]:
 
 
 def part_schema(path: Path) -> pyarrow.Schema:
-    """Return the columns of a file.
+    """Return the columns of a file of the table.
 
     Raises:
-        InvalidInput: It is damaged, or no file of a campaign.
+        InvalidInput: It is damaged, too large, or no file of a campaign.
     """
     return _opened(path, _content(path)).schema_arrow
 
 
 def read_part(path: Path, columns: Sequence[str] | None = None) -> pyarrow.Table:
-    """Return a file, or some of its columns.
+    """Return the rows of a file of the table, or some of its columns.
 
     Raises:
-        InvalidInput: It is damaged, or no file of a campaign.
+        InvalidInput: It is damaged, too large, or no file of a campaign.
     """
     data = _content(path)
     schema = _opened(path, data).schema_arrow
@@ -111,7 +111,7 @@ def _content(path: Path) -> bytes:
 
 
 def _opened(path: Path, data: bytes) -> pyarrow.parquet.ParquetFile:
-    """Return a file whose columns are those of a campaign, and none of which is too large."""
+    """Return an open file, which has the columns of a campaign and is not too large."""
     try:
         file = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(data), **_LIMITS)
         _require_moderate(file.metadata)
@@ -122,7 +122,7 @@ def _opened(path: Path, data: bytes) -> pyarrow.parquet.ParquetFile:
 
 
 def _require_moderate(told: pyarrow.parquet.FileMetaData) -> None:
-    """Refuse a file that would become far larger than it is."""
+    """Refuse a file that would become too large in memory."""
     if told.num_rows > _MOST_ROWS or told.num_columns > _MOST_COLUMNS:
         raise ValueError(f"it has {told.num_rows} rows and {told.num_columns} columns")
     chunks = [
@@ -137,7 +137,7 @@ def _require_moderate(told: pyarrow.parquet.FileMetaData) -> None:
 
 
 def _require_columns(schema: pyarrow.Schema) -> None:
-    """Refuse a table without our columns, or with columns that hold something else."""
+    """Refuse a table without our columns, or with columns of other types."""
     if len(set(schema.names)) < len(schema.names):
         raise ValueError("two of its columns have one name")
     known = {**BEFORE_METRICS, **metric_columns(), "changes": TEXT}
@@ -153,7 +153,7 @@ def _require_columns(schema: pyarrow.Schema) -> None:
 
 
 def _without_dictionaries(table: pyarrow.Table) -> pyarrow.Table:
-    """Return a table whose texts stand in each row, if they have room there."""
+    """Return a table with its texts in plain columns; refuse if they are too large."""
     size = 0
     for column in filter(_is_dictionary, table.columns):
         for chunk in column.chunks:
@@ -172,7 +172,7 @@ def _is_dictionary(column: pyarrow.ChunkedArray) -> bool:
 
 
 def _require_values(table: pyarrow.Table) -> None:
-    """Refuse rows that lack what each has, or numbers that no plan has."""
+    """Refuse rows with gaps in required columns, or with values that no plan has."""
     for name, column in zip(table.column_names, table.columns, strict=True):
         if name in _ALWAYS_THERE and column.null_count:
             raise ValueError(f"its column {name} has gaps")

@@ -1,4 +1,4 @@
-"""How far a campaign is, how fast it goes and how long it will take."""
+"""The progress of a campaign on stderr: plans, rate and time left."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PERIOD, _LINES = 0.5, 60.0
 
 @contextmanager
 def progress(total: int) -> Iterator[Callable[[int], None]]:
-    """Yield a function to call with every number of plans that is there."""
+    """Yield a function to call with the number of new plans; it prints the progress."""
     on_terminal = sys.stderr.isatty()
     period = _PERIOD if on_terminal else _LINES
     begun = time.monotonic()
@@ -43,7 +43,7 @@ def progress(total: int) -> Iterator[Callable[[int], None]]:
 
 
 def told(done: int, total: int, seconds: float) -> str:
-    """Return how far it is, the rate and the time left, in words."""
+    """Return the number of plans, the rate and the time left, in words."""
     words = f"{done} of {total} plans"
     if not done or seconds <= 0.0:
         return words

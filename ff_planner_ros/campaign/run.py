@@ -1,4 +1,4 @@
-"""A campaign from its study to its tables: what is there stays, what is missing is planned."""
+"""Running a campaign, from its study to its tables: rows are kept, missing cases are planned."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _MOST_ROWS, _LONGEST = 1000, 20.0
 
 @dataclass(frozen=True)
 class Done:
-    """What a campaign came to."""
+    """The result of running a campaign."""
 
-    cases: int  # of the study
-    rows: int  # of them that are in the table
-    other_rows: int  # in the table that the study does not ask for
-    given_up: tuple[str, ...]  # ids of cases on which one worker after the other died
-    stopped: bool  # by the user
+    cases: int  # number in the study
+    rows: int  # of these cases in the table
+    other_rows: int  # in the table that are none of the study's cases
+    given_up: tuple[str, ...]  # ids of cases on which several workers died
+    stopped: bool  # whether the user stopped it
 
 
 def run_campaign(
@@ -59,14 +59,15 @@ def run_campaign(
 
     Args:
         study: See `load_study`.
-        directory: New, empty, or of the same study, which is then gone on with.
-        scheduler: Address of one that runs; None: a cluster of this machine alone.
-        workers: Of this cluster; with a scheduler, those that must be there to begin.
-        dashboard: Whether Dask's is offered, of a cluster of this machine.
+        directory: New, empty, or of a campaign of the same software versions, which is continued.
+        scheduler: Address of a running scheduler; None: a cluster on this machine.
+        workers: Number of this cluster's workers; with a scheduler, number to wait for.
+        dashboard: Whether the cluster on this machine offers Dask's dashboard.
 
     Raises:
-        InvalidInput: The study names what does not exist; the directory is of something else; no
-            scheduler answers; a worker has other software.
+        InvalidInput: The study's first cases cannot be read; the directory is of something else;
+            no scheduler answers; a worker has other software.
+        FfPlannerError: The cluster does not start, or a worker fails.
         OSError: A table cannot be written; what was written before is kept.
     """
     require_unique(source.name for source in study.sources)
@@ -93,7 +94,7 @@ def run_campaign(
 
 
 def _keep_sources(study: Study, directory: Path) -> None:
-    """Keep all that is needed to plan a case again, apart from what is drawn from seeds."""
+    """Write all that is needed to plan a case again; generated problems need nothing."""
     for source in study.sources:
         if isinstance(source, Written):
             place = scenario_directory(directory, source.name)
@@ -106,7 +107,7 @@ def _keep_sources(study: Study, directory: Path) -> None:
 
 
 def scenario_directory(directory: Path, source: str) -> Path:
-    """Return where a campaign keeps a scenario, by the name of its source.
+    """Return the directory of a scenario in a campaign, by the name of its source.
 
     Raises:
         InvalidInput: It would not be below the campaign's directory.
@@ -135,7 +136,7 @@ def _write_down(results: Iterator[list[Outcome] | Case], writer: Writer, missing
 
 @contextmanager
 def _stop_as_asked() -> Iterator[None]:
-    """Let a request to end the process do what Ctrl-C does: stop, and keep what is there."""
+    """Let SIGTERM do what Ctrl-C does: stop, and keep the rows that are there."""
 
     def stop(*_: Any) -> None:
         raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""What a study varies: scenario files, those in a bag, and problems that are drawn from seeds."""
+"""Sources of a study's cases: scenario files, requests in a bag, problems drawn from seeds."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SCENARIO, URDF = "scenario.yaml", "scenario.urdf"
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """A scenario file with all that it names: nothing of it is read from a disk any more."""
+    """A scenario file and all files that it names, read into memory."""
 
     name: str
     document: dict[str, Any]  # its robot's URDF is `URDF`
@@ -46,7 +46,7 @@ class Written:
 
     @property
     def key(self) -> str:
-        """What tells its cases from those of every other source."""
+        """The source's part of a case's id."""
         return f"{self.name} {self.digest}"
 
 
@@ -57,7 +57,7 @@ class Generated:
     kind: str  # of `KINDS`
     robot: str  # as `bench_robot` knows it
     number: int  # its seed
-    turned: bool  # whether its inertial frame is; see `bench.scenarios`
+    turned: bool  # whether it is the twin in a rotated inertial frame; see `problems.scenarios`
 
     @property
     def name(self) -> str:
@@ -66,7 +66,7 @@ class Generated:
 
     @property
     def key(self) -> str:
-        """What tells its cases from those of every other source."""
+        """The source's part of a case's id."""
         return self.name
 
 
@@ -74,10 +74,10 @@ Source: TypeAlias = Written | Generated
 
 
 def generated_by_name(name: str) -> Generated:
-    """Return the drawn problem of a name.
+    """Return the generated problem of a name.
 
     Raises:
-        InvalidInput: It is none's name.
+        InvalidInput: No generated problem has this name.
     """
     kind, robot, number, turned = (*name.split("/"), "", "", "", "")[:4]
     if kind not in KINDS or not number.isdecimal() or turned not in ("", "turned"):
@@ -90,7 +90,7 @@ def content(source: Source, defaults: Defaults) -> tuple[dict[str, Any], str]:
     """Return the scenario of a source, as in YAML, and its URDF.
 
     Raises:
-        InvalidInput: The generator does not know the robot.
+        InvalidInput: No problem that was drawn for the robot has a plan.
     """
     if isinstance(source, Written):
         return source.document, source.urdf
@@ -101,7 +101,7 @@ def written(path: Path, name: str, defaults: Defaults) -> Written:
     """Return a scenario file as a source.
 
     Raises:
-        InvalidInput: It cannot be planned, or not without the files that it names.
+        InvalidInput: The scenario is refused, or its robot needs more than its URDF.
     """
     try:
         task = load_task(path, defaults)
@@ -141,10 +141,10 @@ def _names_files(value: Any) -> bool:
 
 
 def scenario_paths(field: str, names: Sequence[str], directory: Path) -> list[Path]:
-    """Return the scenario files that names stand for, before any is read.
+    """Return the scenario files that names or patterns stand for; no file is read.
 
     Raises:
-        InvalidInput: One stands for none, or for more than a study may have; two are called alike.
+        InvalidInput: A name stands for no file, or for too many; two files have one stem.
     """
     found = [
         path
@@ -179,7 +179,7 @@ def _paths(field: str, named: str, directory: Path) -> list[Path]:
 
 
 def require_unique(names: Iterable[str]) -> None:
-    """Refuse sources of one name, whose rows nobody could tell apart.
+    """Refuse sources of equal names, whose rows could not be told apart.
 
     Raises:
         InvalidInput: Two have the same name.
@@ -194,7 +194,7 @@ def task_of(document: dict[str, Any], urdf: str, defaults: Defaults) -> Planning
     """Return the task of a scenario, read from a file as every command reads it.
 
     Raises:
-        InvalidInput: It is refused.
+        InvalidInput: The scenario is refused.
     """
     with TemporaryDirectory(prefix="ff_planner_") as directory:
         return load_task(write(document, urdf, Path(directory)), defaults)
@@ -233,10 +233,10 @@ def _scenarios(directory: Path) -> Iterator[Path]:
 
 
 def require_robot(field: str, name: str) -> None:
-    """Refuse a robot that the generator does not know.
+    """Refuse a robot for which no problems are generated.
 
     Raises:
-        InvalidInput: It does not.
+        InvalidInput: The name is of no such robot.
     """
     if not _ROBOT.fullmatch(name):
         allowed = "it must be lemur, canadarm2, off7, or an arm by its joints: arm6 to arm30"

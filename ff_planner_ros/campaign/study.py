@@ -54,10 +54,10 @@ def _robot(field: str, value: object) -> str:
 
 @dataclass(frozen=True)
 class GeneratedSources:
-    """Problems that are generated.
+    """Problems that are generated, by kind, robot and seed.
 
     Raises:
-        InvalidInput: A value that is none, or a turned frame of a kind that has none.
+        InvalidInput: The kind has no turned frames, or a robot has no bodies.
     """
 
     SINCE: ClassVar[str] = "0.3"
@@ -71,7 +71,7 @@ class GeneratedSources:
     turned: bool = declare(TRUTH, "whether the inertial frame is turned", default=False)
 
     def __post_init__(self) -> None:
-        """Refuse what no generator makes."""
+        """Refuse combinations that no generator makes."""
         if self.turned and self.kind not in _KINDS_TURNED:
             allowed = f"there are no turned frames of kind {self.kind}"
             raise InvalidInput(Status.UNSUPPORTED, "generated.turned", self.turned, allowed)
@@ -80,7 +80,7 @@ class GeneratedSources:
             raise InvalidInput(Status.UNSUPPORTED, "generated.robots", _WITHOUT_BODIES, allowed)
 
     def sources(self) -> Iterator[Source]:
-        """Yield one for each seed and robot."""
+        """Yield a source for each seed and robot."""
         for seed in range(self.first, self.first + self.count):
             for robot in self.robots:
                 yield Generated(self.kind, robot, seed, self.turned)
@@ -105,7 +105,7 @@ class MethodOfStudy:
 
 @dataclass(frozen=True, eq=False)
 class Randomly:
-    """What is drawn at random: each draw changes all of these values."""
+    """Random variations: each draw changes all of these values."""
 
     SINCE: ClassVar[str] = "0.3"
 
@@ -119,7 +119,7 @@ class Randomly:
 
 @dataclass(frozen=True, eq=False)
 class StudyFile:
-    """A study as its file says it."""
+    """The fields of a study file."""
 
     SINCE: ClassVar[str] = "0.3"
 
@@ -159,16 +159,16 @@ class StudyFile:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What is planned for a study."""
+    """A study with its sources read."""
 
     sources: tuple[Source, ...]
     defaults: Defaults  # of what scenarios leave out
     grid: tuple[tuple[Change, ...], ...]  # for each key one change a value
     random: Randomly
     methods: tuple[MethodOfStudy, ...]
-    trajectories: bool  # whether they are kept
-    parameters: Path | None  # where the defaults are from; None: the parameters that come along
-    notes: tuple[str, ...]  # on what is left out
+    trajectories: bool  # whether trajectories are kept
+    parameters: Path | None  # file of the defaults; None: the package's
+    notes: tuple[str, ...]  # on requests of the bag that are left out
 
 
 def study_schema() -> Schema:
@@ -181,19 +181,19 @@ def load_study(path: Path) -> Study:
     """Read a study file; the files that it names are relative to it.
 
     Raises:
-        InvalidInput: It cannot be read, names what does not exist, or a value is unknown, missing
-            or of the wrong type; its `faults` are all that is wrong.
-        BagError: Its bag cannot be read.
+        InvalidInput: The file cannot be read, names what does not exist, or a value is unknown,
+            missing or of the wrong type; its `faults` are all that is wrong.
+        BagError: The bag cannot be read.
     """
     return study_of(read_yaml(path), path.parent)
 
 
 def study_of(document: dict[str, Any], directory: Path) -> Study:
-    """Return what a study file says; the files that it names are relative to a directory.
+    """Return the study in a document; the files that it names are relative to a directory.
 
     Raises:
-        InvalidInput: As of `load_study`.
-        BagError: Its bag cannot be read.
+        InvalidInput: As for `load_study`.
+        BagError: The bag cannot be read.
     """
     told: StudyFile = part(StudyFile).read("", document)
     if not any(name in document for name in _SOURCES):
@@ -224,7 +224,7 @@ def study_of(document: dict[str, Any], directory: Path) -> Study:
 
 
 def _require_few(told: StudyFile, sources: int) -> None:
-    """Refuse a study of too many cases; nothing is made of it before."""
+    """Refuse a study of too many cases, before they take memory."""
     count = sources * math.prod(map(len, told.grid)) * told.random.count * len(told.methods)
     if count > MOST_CASES:
         allowed = f"a campaign has {MOST_CASES} cases at most"
@@ -244,7 +244,7 @@ def _require_one_change_a_key(
 
 
 def random_changes(random: Randomly, draw: int) -> tuple[Change, ...]:
-    """Return what one draw changes: whatever else is varied, it is the same."""
+    """Return the changes of a draw, by its number; they do not depend on other variations."""
     return tuple(
         Change(key, how, Draw(distribution, parameters, random.seed, draw))
         for key, how, distribution, parameters in random.values

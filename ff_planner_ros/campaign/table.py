@@ -1,4 +1,4 @@
-"""The tables of a campaign: Parquet files that are only ever added, each whole or not there."""
+"""The tables of a campaign: Parquet files that are only ever added, each written atomically."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ def trajectory_schema() -> pyarrow.Schema:
 
 
 class Writer:
-    """Adds rows to the tables of a directory; the only one that does at a time."""
+    """Adds rows to the tables of a campaign's directory, which must be `locked`."""
 
     def __init__(self, directory: Path, schema: pyarrow.Schema) -> None:
-        """Read which cases are there, and remove what was not finished.
+        """Read the ids of cases in the table, and remove unfinished files.
 
         Raises:
-            InvalidInput: A file is damaged, or has columns of other kinds.
+            InvalidInput: A file is damaged, or has columns of other types than `schema`.
         """
         self._directory, self._schema = directory, schema
         self._rows: list[dict[str, Any]] = []
@@ -88,7 +88,7 @@ class Writer:
         self._next = 1 + max((int(path.stem.rpartition("-")[2]) for path in parts), default=-1)
 
     def add(self, outcomes: Sequence[Outcome]) -> int:
-        """Keep the rows of cases that are not there yet; return how many were not."""
+        """Queue the rows of cases that are not in the table; return their number."""
         new = 0
         for outcome in outcomes:
             if outcome.row["id"] in self.done:
@@ -101,14 +101,14 @@ class Writer:
 
     @property
     def waiting(self) -> int:
-        """How many rows are not on the disk yet."""
+        """Number of queued rows."""
         return len(self._rows)
 
     def flush(self) -> None:
-        """Write what was added to files of its own.
+        """Write the queued rows to new files.
 
         Raises:
-            OSError: They cannot be written; what was written before is untouched.
+            OSError: They cannot be written; files written before are untouched.
         """
         if not self._rows:
             return
@@ -147,10 +147,10 @@ class Writer:
 
 @contextmanager
 def locked(directory: Path) -> Iterator[None]:
-    """Let no other campaign write to a directory meanwhile.
+    """Hold the lock of a campaign's directory, which is for one writer.
 
     Raises:
-        InvalidInput: One does.
+        InvalidInput: Another campaign holds it, or the lock is no plain file.
     """
     path = directory / _LOCK
     if path.is_symlink() or (path.exists() and not path.is_file()):
@@ -170,10 +170,10 @@ def _no_link(path: str, flags: int) -> int:
 
 
 def below(directory: Path, *names: str) -> Path:
-    """Return a path in a campaign's directory, whoever named it: out of there nothing leads.
+    """Return a path below a campaign's directory; the names may come from untrusted tables.
 
     Raises:
-        InvalidInput: A name does, or there is a link on the way.
+        InvalidInput: The path would lead out of the directory, or a part of it is a link.
     """
     inside = Path(*names)
     steps = [inside, *inside.parents]
@@ -191,7 +191,7 @@ def part_files(directory: Path, table: str = PLANS) -> list[Path]:
     """Return the files of a table, in the order in which they were written.
 
     Raises:
-        InvalidInput: One is a link, or the table is.
+        InvalidInput: A file or the table's directory is a link.
     """
     there = below(directory, table).glob("part-*.parquet")
     names = sorted(path.name for path in there if _PART.fullmatch(path.name))
@@ -199,10 +199,10 @@ def part_files(directory: Path, table: str = PLANS) -> list[Path]:
 
 
 def read_plans(directory: Path) -> pyarrow.Table:
-    """Return the whole table of plans, in the order of their ids.
+    """Return the whole table of plans, in the order of the cases' ids.
 
     Raises:
-        InvalidInput: A file of it is damaged, or there is none.
+        InvalidInput: There is no file of it, one is damaged, or all are too large for memory.
     """
     parts = part_files(directory)
     if not parts:
@@ -223,7 +223,7 @@ def read_plans(directory: Path) -> pyarrow.Table:
 
 
 def digest_of(table: pyarrow.Table) -> str:
-    """Return a hash of all that was planned: the same however many workers planned it."""
+    """Return a hash of a table of plans without its times; it does not depend on the workers."""
     kept = table.drop_columns([name for name in CLOCK_COLUMNS if name in table.column_names])
     found = hashlib.sha256()
     for row in kept.to_pylist():
@@ -246,16 +246,16 @@ def _require_same_kinds(schemas: list[pyarrow.Schema], directory: Path) -> None:
 
 
 def require_campaign(directory: Path, expected: Mapping[str, str], file: str) -> None:
-    """Make a directory a campaign's, or refuse one of another version.
+    """Create the directory of a campaign, or refuse one of another version.
 
     Args:
-        directory: Made if it is not there.
+        directory: Created if it is missing.
         expected: Versions of all that the bits of a plan depend on.
-        file: In the directory, that holds them.
+        file: Name of the file in the directory that holds the versions.
 
     Raises:
-        InvalidInput: It holds something else, or plans of another version.
-        OSError: It cannot be written.
+        InvalidInput: The directory holds something else, or plans of another version.
+        OSError: The file cannot be written.
     """
     path = below(directory, file)
     if path.is_file():
@@ -279,7 +279,7 @@ def require_campaign(directory: Path, expected: Mapping[str, str], file: str) ->
 
 
 def read_versions(path: Path) -> dict[str, str]:
-    """Return of which versions the plans are; nothing where the file does not say it."""
+    """Return the versions in a campaign's file; empty if the file is missing or malformed."""
     try:
         found = read_json(path)
     except InvalidInput:

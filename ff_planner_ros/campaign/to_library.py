@@ -1,4 +1,4 @@
-"""The plans of a campaign as a library of first guesses."""
+"""The plans of a campaign as a warm-start library."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _COLUMNS = ["kind", "place", "coefficients"]
 
 
 def write_library(campaign: Path, directory: Path) -> int:
-    """Write the plans that our method made, in the order of their ids; return how many they are.
+    """Write a campaign's plans of method `optimal` as a library; return their number.
 
     Raises:
         InvalidInput: There is no campaign, or a file of it is damaged.

@@ -1,4 +1,4 @@
-"""What a study varies: values by keys of a scenario, as its file or `--over` of a map says it."""
+"""Variations of a study by keys of a scenario, as in its file or in `--over` of a map."""
 
 from __future__ import annotations
 
@@ -35,10 +35,12 @@ _ANY_LIST: Schema = {"type": "array", "minItems": 1}
 
 
 def by_key(read: Callable[[str, str, object], Any], written: Any, schema: Schema) -> Form:
-    """Return the form of values by keys of a scenario.
+    """Return the form of a mapping from keys of a scenario to variations.
 
     Args:
-        read: Returns what is made of a key's value; given where it is, and the key.
+        read: Returns an entry from its field path, key and value.
+        written: Returns key and value of an entry.
+        schema: JSON Schema of a value.
     """
 
     def entries(field: str, value: object) -> tuple[Any, ...]:
@@ -63,7 +65,7 @@ def by_key(read: Callable[[str, str, object], Any], written: Any, schema: Schema
 
 
 def _changed_by(schema: Schema) -> Schema:
-    """Return the schema of values that replace, multiply or add to what is there."""
+    """Return the schema of values that replace, multiply or add to the present one."""
     return {"anyOf": [schema, *(of_mapping({how: schema}) for how in (TIMES, PLUS))]}
 
 
@@ -75,7 +77,7 @@ def _axis(field: str, key: str, given: object) -> tuple[Change, ...]:
 
 
 def _evenly(field: str, given: object) -> list[float]:
-    """Return so many values from one to another, evenly apart."""
+    """Return evenly spaced values of a range [low, high, count]."""
     numbers = [number(field, one) for one in _list(field, given)]
     low, high, count = numbers if len(numbers) == 3 else (0.0, 0.0, 0.0)
     if not (-1e12 < low < high < 1e12 and count == int(count) and 2 <= count <= _MOST_VALUES):
@@ -106,10 +108,10 @@ DRAWN = by_key(
 
 
 def _how(field: str, given: object, words: tuple[str, ...]) -> tuple[str, Any]:
-    """Return whether values replace, multiply or add to what is there, and the values.
+    """Return whether values replace, multiply or add to the present one, and the values.
 
     Args:
-        words: By which a mapping may say what the values are.
+        words: Other keys that a mapping may have.
     """
     if isinstance(given, dict) and len(given) == 1 and {TIMES, PLUS} & given.keys():
         return next(iter(given.items()))
@@ -149,10 +151,10 @@ def grid_over(over: str, scenario: dict[str, Any]) -> dict[str, Any]:
 
     Args:
         over: Two or three quantities and their ranges, as `--over` of `ff-planner map` takes them.
-        scenario: As in YAML.
+        scenario: The scenario, as in YAML.
 
     Raises:
-        InvalidInput: A quantity is none, has no range, or there are too few or too many.
+        InvalidInput: A quantity has no range, or there are too few, too many or equal ones.
     """
     given = [one.strip() for one in over.split(",")]
     if not _FEWEST <= len(given) <= _MOST:

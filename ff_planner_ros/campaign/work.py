@@ -1,4 +1,4 @@
-"""What a worker does: plan one case after the other. It needs no ROS."""
+"""Planning of cases on a worker, one after the other; it needs no ROS."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one case."""
+    """The result of one case, as rows of the tables."""
 
     row: dict[str, Any]  # of the table of plans
     points: list[dict[str, Any]]  # rows of the table of trajectories; empty: not kept, or no plan
 
 
 def run_cases(jobs: Sequence[Case], expected: dict[str, str]) -> list[Outcome] | str:
-    """Plan cases on a worker whose software is the expected; otherwise return what differs."""
+    """Plan cases and return their outcomes, or how this software differs from the expected."""
     if differs := difference(expected):
         return differs
     with _ONE_AT_A_TIME:
@@ -120,7 +120,7 @@ def _solved(plan: Plan) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """Return nothing for what is infinite: without obstacles, there is no clearance to average."""
+    """Return None for infinity: without obstacles, there is no clearance to average."""
     if isinstance(value, tuple):
         return list(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -46,7 +46,7 @@ def add_replay(add: Add) -> None:
 
 
 def replay_bag(options: Namespace) -> int:
-    """Plan the requests of a bag again, or with changes."""
+    """Plan the requests of a bag again and compare, or plan them with changes."""
     if options.changes:
         from ff_planner_ros.runs.what_if import print_what_if
 
@@ -114,7 +114,7 @@ def report_run(options: Namespace) -> int:
 
 
 def _page(output: Path | None, name: str) -> Path:
-    """Return the file of a report: the one that is named, or one in the directory that is."""
+    """Return the file of a report; `output` names it or its directory."""
     if output is not None and not output.is_dir():
         return output
     return (output or Path()) / f"{name}_report.html"
@@ -188,7 +188,7 @@ def add_info(add: Add) -> None:
 
 
 def show_bag(options: Namespace) -> int:
-    """Show what is in a bag, or come to in a directory of bags, to people or to programs."""
+    """Print the content of a bag, or the evaluation of a directory of bags, as text or JSON."""
     from ff_planner_ros.report.fleet import bags_below, fleet_document, fleet_lines, read_fleet
 
     if bags_below(options.bag):

@@ -29,7 +29,7 @@ def add_bench(add: Add) -> None:
 
 
 class _Moved(Action):
-    """An option that is a command of another program now, and says so for another version."""
+    """A former option, now a command of another program; it says so for one more version."""
 
     def __call__(self, parser: ArgumentParser, *given: Any) -> None:
         where = "ff-planner-benchmark: see docs/how_to/dataset.md"

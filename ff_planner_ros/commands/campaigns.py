@@ -1,4 +1,4 @@
-"""The commands that plan thousands of cases, and tell of them: campaign, map."""
+"""The commands that plan thousands of cases and report on them: campaign, map."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def add_map(add: Add) -> None:
 
 
 def _add_cluster(command: ArgumentParser) -> None:
-    """Add the options of who plans."""
+    """Add the options of the Dask cluster."""
     scheduler_help = "of a Dask cluster, tcp://HOST:8786 (default: a cluster of this machine)"
     command.add_argument("--scheduler", metavar="ADDRESS", help=scheduler_help)
     workers_help = "processes (default: one a core); with --scheduler: begin when so many are there"
@@ -96,7 +96,7 @@ def _add_plans(command: ArgumentParser, default: int = 24) -> None:
 
 
 def run_campaign(options: Namespace) -> int:
-    """Plan the cases of a study, or tell of those that are planned."""
+    """Plan the cases of a study, or write the report of a campaign."""
     _require_cluster(options)
     if options.study == Path(REPORT) and options.directory is not None:
         with _nothing_lost("the report", options.directory):
@@ -114,7 +114,7 @@ def run_campaign(options: Namespace) -> int:
 
 
 def run_map(options: Namespace) -> int:
-    """Plan a scenario over a grid, and tell of it."""
+    """Plan a scenario over a grid, and write the report."""
     _require_cluster(options)
     require_packages("a map")
     from ff_planner_ros.campaign.study import study_of
@@ -132,7 +132,7 @@ def run_map(options: Namespace) -> int:
 
 
 def _require_cluster(options: Namespace) -> None:
-    """Refuse workers and a dashboard that cannot be had."""
+    """Refuse a number of workers out of range, and a dashboard without bokeh."""
     if options.workers is not None and not 1 <= options.workers <= MOST_WORKERS:
         allowed = f"it must be from 1 to {MOST_WORKERS}"
         raise InvalidInput(Status.OUT_OF_RANGE, "--workers", options.workers, allowed)
@@ -143,7 +143,7 @@ def _require_cluster(options: Namespace) -> None:
 
 @contextmanager
 def _nothing_lost(what: str, directory: Path) -> Iterator[None]:
-    """Say what could not be written where the system names no file, as on a full disk."""
+    """Add what could not be written to an error that names no file, as on a full disk."""
     try:
         yield
     except OSError as error:
@@ -161,7 +161,7 @@ def _run(options: Namespace) -> int:
 
 
 def _planned(study: Study, out: Path, options: Namespace, library: Path | None = None) -> int:
-    """Plan the cases that a directory has no row of yet, and say what came of it."""
+    """Plan the cases without a row in a directory, print the result, and return the exit code."""
     from ff_planner_ros.campaign import table
     from ff_planner_ros.campaign.run import run_campaign as run
 
@@ -206,13 +206,13 @@ def is_campaign(directory: Path) -> bool:
 
 
 def require_packages(what: str) -> None:
-    """Refuse where the extra is not installed.
+    """Refuse if the packages of the extra `campaign` are not installed.
 
     Args:
-        what: Needs it.
+        what: Name of what needs them, for the error.
 
     Raises:
-        FfPlannerError: It is not.
+        FfPlannerError: One is missing.
     """
     try:
         import cryptography  # noqa: F401

@@ -73,9 +73,9 @@ def compare(
     """Plan with every method, print the tables, draw, and tell whether any method made a motion.
 
     Args:
-        problem: Its objective does not matter: every method sets its own. Of a range of durations
-            all take the longest.
-        output: Directory for the pictures, made if it is not there.
+        problem: Its objective is replaced by each method's, a range of durations by its longest.
+        field: Parameters of the artificial potential field.
+        output: Directory for the pictures, created if it is missing.
         of_the_paper: Whether the problem is the paper's, whose ratios are then compared.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What a report of a defect should say of a machine, on one screen; `doctor`."""
+"""The command `doctor`: the facts on a machine for a report of a defect, on one screen."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def add_doctor(add: Add) -> None:
 
 
 def examine(options: Namespace) -> int:
-    """Print what is installed and whether it plans, and write it down."""
+    """Print what is installed and whether it plans, and write it as JSON if asked."""
     facts = findings()
     print_table(list(_rows(facts)))
     if options.json is not None:
@@ -71,7 +71,7 @@ def findings() -> dict[str, Any]:
 
 
 def core() -> str:
-    """Return whether the core is built, and of the sources beside it, in words."""
+    """Return in words whether the C++ core is built, and from the sources beside it."""
     import hashlib
 
     try:
@@ -124,7 +124,7 @@ def _extra(extra: str, versions: dict[str, str | None]) -> dict[str, Any]:
 
 
 def _ros() -> dict[str, str]:
-    """Return the middleware and what decides who hears whom; empty where there is no ROS."""
+    """Return the ROS middleware and the settings of discovery; empty without ROS."""
     if find_spec("rclpy") is None:
         return {}
     try:

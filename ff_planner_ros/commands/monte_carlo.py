@@ -24,7 +24,7 @@ _SHOWN = {
     "rad": (float(np.rad2deg(1.0)), "deg"),
     "N m": (1.0, "N m"),
 }
-# Of a distribution, and what a table calls it.
+# Fields of a distribution, and their names in tables.
 _COLUMNS_OF_RUNS = {
     "rms": "rms",
     "std": "deviation",
@@ -38,19 +38,21 @@ _COLUMNS_OF_RUNS = {
 
 @dataclass(frozen=True)
 class Draw:
-    """How often, and by which systems, a plan is executed."""
+    """The options of the runs of a plan."""
 
-    total: int
+    total: int  # number of runs
     seed: int
     execution: str  # of `EXECUTIONS`
     uncertainty: Uncertainty
 
 
 def uncertainty_of(text: str) -> Uncertainty:
-    """Return what a text such as `mass=0.01,angular_velocity=0.0002` says; the rest is zero.
+    """Return the uncertainty in a text such as `mass=0.01,angular_velocity=0.0002`.
+
+    Names that are left out are zero.
 
     Raises:
-        InvalidInput: A name that is not known or told twice, or no number.
+        InvalidInput: A name is unknown or repeated, or a value is not a finite number.
     """
     names = [item.name for item in fields(Uncertainty)]
     told = dict.fromkeys(names, 0.0)
@@ -78,13 +80,13 @@ def print_monte_carlo(
     limits: Limits,
     draw: Draw,
 ) -> dict[str, Any]:
-    """Execute a plan by many systems, print what became of it and return it for JSON.
+    """Execute a plan in many runs, print the statistics and return them for JSON.
 
     Args:
-        scene: None: it is not known.
+        scene: In the plan's inertial frame; None: it is not known.
 
     Raises:
-        InvalidInput: The plan cannot be executed, or the runs are none.
+        InvalidInput: The plan cannot be executed, or the number of runs is out of range.
     """
     seen, asked = scene or Scene(), (draw.uncertainty, draw.total, draw.seed)
     if draw.execution == TORQUES:
@@ -127,7 +129,7 @@ def _scaled(values: Distribution, scale: float) -> list[str]:
 
 
 def _as_dictionary(found: MonteCarlo) -> dict[str, Any]:
-    """Return the runs as JSON has them: SI units, radians; what has no number is null."""
+    """Return the results for JSON, in SI units and radians; infinite statistics are null."""
     told = found.foretold_end_error
     return {
         "execution": found.execution,

@@ -1,4 +1,4 @@
-"""What the options of several commands have in common."""
+"""Helpers to declare commands and options."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Add: TypeAlias = Callable[..., ArgumentParser]
 
 
 def add_renamed(command: ArgumentParser, old: str, new: Action) -> None:
-    """Let an option have its old name for another version; whoever uses it is told the new one."""
+    """Keep an option's old name as a deprecated alias, which prints a note on the new one."""
     allowed: dict[str, Any] = {"nargs": new.nargs, "type": new.type, "choices": new.choices}
 
     class Renamed(Action):

@@ -33,7 +33,7 @@ ADDERS = (
 
 
 def command_parser() -> ArgumentParser:
-    """Return the parser; what it reads holds `verb` and, for `run`, the name of its `function`."""
+    """Return the parser; the options that it reads hold `verb`, and the `function` that runs it."""
     parser = ArgumentParser(
         prog="ff-planner",
         description="Trajectory planning for free-floating space manipulators.",

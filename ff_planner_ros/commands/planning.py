@@ -41,7 +41,7 @@ def add_plan(add: Add) -> None:
 
 
 def plan_scenario(options: Namespace) -> int:
-    """Plan a scenario file, print what came of it, and write it down."""
+    """Plan a scenario file, print the plan, and write the files that are asked for."""
     from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
     from ff_planner_ros.analysis.summary import PHASES, phase_rows, plan_rows
     from ff_planner_ros.commands.tasks import method_named, task_of
@@ -91,7 +91,7 @@ def plan_scenario(options: Namespace) -> int:
 
 
 def _plan_pareto_front(options: Namespace) -> int:
-    """Plan a scenario with one pair of weights after the other, and show what they trade."""
+    """Plan a scenario with several pairs of weights, and show the Pareto front."""
     from ff_planner_ros.analysis import pareto_front
     from ff_planner_ros.analysis.plan_json import refusal_dictionary
     from ff_planner_ros.commands.tasks import task_of
@@ -168,7 +168,7 @@ def add_verify(add: Add) -> None:
 
 
 def verify_plans(options: Namespace) -> int:
-    """Execute plans in an independent physics engine."""
+    """Execute plans in an independent physics engine, and print how far they are reproduced."""
     from ff_planner_ros.commands.verify import print_verdicts
 
     return print_verdicts(options)
@@ -189,7 +189,7 @@ def add_compare(add: Add) -> None:
 
 
 def compare_methods(options: Namespace) -> int:
-    """Let every method plan a scenario, and show the plans side by side."""
+    """Plan a scenario with every method, and show the plans side by side."""
     from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
     from ff_planner_ros.commands.compare import compare
     from ff_planner_ros.common.share import share_directory
@@ -215,7 +215,7 @@ def _scenario() -> ArgumentParser:
 
 
 def _how_to_plan() -> ArgumentParser:
-    """Return the options of all that plans."""
+    """Return the options of commands that plan."""
     options = ArgumentParser(add_help=False)
     options.add_argument(
         "--objective",

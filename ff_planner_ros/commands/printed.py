@@ -1,4 +1,4 @@
-"""What commands print and write: notes beside a result, names and values, JSON."""
+"""Output of commands: notes beside a result, names and values, JSON."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ff_planner_ros.common.shown import in_log, printable
 
 
 def print_notes(notes: Sequence[str]) -> None:
-    """Print what a user should know beside the result."""
+    """Print notes beside a result, on stderr."""
     for note in notes:
         print(f"ff-planner: note: {in_log(note)}", file=sys.stderr)
 
@@ -25,6 +25,6 @@ def print_table(rows: Sequence[tuple[str, str]]) -> None:
 
 
 def write_json(file: Path | None, answer: dict[str, Any]) -> None:
-    """Write an answer for programs, where a file is named."""
+    """Write an answer as JSON, if a file is named."""
     if file is not None:
         file.write_text(json.dumps(answer) + "\n", encoding="utf-8")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.console.serve import Served
     from ff_planner_ros.robot.model import Robot
 
-# Of the distances so many are printed, the least first.
+# Distances that are printed, the smallest first.
 _PRINTED = 10
 _SCENARIOS = (".yaml", ".yml")
 _DAY = 86_400.0
@@ -60,7 +60,7 @@ def add_robot(add: Add) -> None:
 
 
 def show_robot(options: Namespace) -> int:
-    """Show what the planner makes of a URDF."""
+    """Print a robot as the planner reads it from a URDF; draw it and write an SRDF if asked."""
     from ff_planner_ros.analysis.summary import robot_rows
     from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
 
@@ -84,7 +84,7 @@ def show_robot(options: Namespace) -> int:
 
 
 def _write_srdf(file: Path, robot: Robot) -> None:
-    """Write which links may touch, as MoveIt's assistant does."""
+    """Write an SRDF of the links that may touch, as MoveIt's assistant does."""
     from xml.etree import ElementTree
 
     from ff_planner_ros.robot.collision.pairs import moveit_pairs
@@ -195,7 +195,7 @@ def add_console(add: Add) -> None:
 
 
 def open_console(options: Namespace) -> int:
-    """Serve the page until it is interrupted."""
+    """Serve the page of the console until interrupted."""
     if find_spec("viser") is None:
         raise FfPlannerError(
             Status.UNSUPPORTED,
@@ -243,7 +243,7 @@ def _until_interrupted(served: Served) -> None:
 
 
 def _page_on(source: Path) -> Callable[[ViserServer], Page]:
-    """Return what makes the page of a scenario, a bag or a campaign's directory."""
+    """Return a function that makes the page of a scenario, a bag or a campaign's directory."""
     if is_campaign(source):
         require_packages("a map")
         from ff_planner_ros.console.study.open import StudyPage
@@ -256,7 +256,7 @@ def _page_on(source: Path) -> Callable[[ViserServer], Page]:
 
 
 def _entries(source: Path) -> list[Entry]:
-    """Return what the page begins with."""
+    """Return the page's first entries: an unplanned scenario, or the plans of a bag."""
     if source.suffix in _SCENARIOS:
         from ff_planner_ros.console.entries import Entry
         from ff_planner_ros.parameters import load_parameters

@@ -60,7 +60,7 @@ def add_ask(add: Add) -> None:
     ask.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
 
 
-# Of the demonstrations, the one that goes on after the grasp.
+# The demonstration that continues after the grasp.
 _WHOLE = "whole_capture"
 
 
@@ -105,7 +105,7 @@ def ask_node(options: Namespace) -> int:
 
 
 def _request(options: Namespace) -> PlanRequest:
-    """Return what is asked for: the scenario's goal, or nothing yet, with what was set."""
+    """Return the request: of the scenario, or empty, with the changes of `--set`."""
     from ff_planner_ros.common.arrays import finite_number
     from ff_planner_ros.ros.client import change_request, request_of_nothing, request_of_scenario
 
@@ -152,7 +152,7 @@ def add_demo(add: Add) -> None:
 
 
 def show_demo(options: Namespace) -> int:
-    """Plan the paper's capture over ROS."""
+    """Run a demonstration over ROS."""
     import rclpy  # noqa: F401 (the processes of the demo need it: said before they start)
 
     if options.what == _WHOLE:

@@ -1,4 +1,4 @@
-"""The task that options of planning ask for, and the method that plans it."""
+"""The task and the method that the options of planning select."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
 
 
 def task_of(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Watch]:
-    """Return what to plan, and who watches the time."""
+    """Return the task of a scenario with the options of planning, and the watch of its time.
+
+    Raises:
+        InvalidInput: The scenario, an option or a file that one names is refused.
+    """
     parameters = load_parameters(options.parameters)
     defaults, seconds = Defaults(parameters.planner), options.time_budget
     if seconds is not None:
@@ -55,7 +59,7 @@ def task_of(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, 
 
 
 def _with_guess(task: PlanningTask, library: Library) -> PlanningTask:
-    """Return a task with the nearest plan of a library as its first guess, if it has none."""
+    """Return a task with the nearest plan of a library as its initial guess, if it has none."""
     if task.first_guess is not None:
         print_notes(["the scenario has a first guess: the library is not asked for one"])
         return task
@@ -79,7 +83,7 @@ def _weights(text: str) -> Objective:
 
 
 def method_named(name: str) -> Method:
-    """Return the planner, or a baseline."""
+    """Return the planner or a baseline, by its name in `METHODS`."""
     if name == OPTIMAL:
         return plan
     if name == "straight":

@@ -49,7 +49,7 @@ _COLUMNS = ("end effector [mm]", "[deg]", "chaser [mm]", "[deg]")
 
 
 def print_verdicts(options: Namespace) -> int:
-    """Execute plans in an independent physics engine."""
+    """Execute the plans of a source, print and write the verdicts, and return the exit code."""
     total, asked = _runs_asked_for(options)
     verdicts, answers = list[bool](), list[dict[str, Any]]()
     for one in _motions(options.source, options):
@@ -65,7 +65,7 @@ def print_verdicts(options: Namespace) -> int:
 
 
 def _runs_asked_for(options: Namespace) -> tuple[int | None, Uncertainty | None]:
-    """Return how many runs to make, and of what systems; None: none, and of the usual ones."""
+    """Return the number of Monte Carlo runs (None: none) and `--uncertainty` (None: not given)."""
     if options.monte_carlo is None:
         for name, default in (("seed", 0), ("execution", "tracked"), ("uncertainty", None)):
             value = getattr(options, name)
@@ -86,11 +86,11 @@ class _Motion(NamedTuple):
     trajectory: Trajectory
     scene: Scene | None  # None: it is not known
     limits: Limits = Limits()
-    uncertainty: Uncertainty = Uncertainty()  # that it was planned for, or else the usual one
+    uncertainty: Uncertainty = Uncertainty()  # that it was planned for, or else the default
 
 
 def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
-    """Yield each plan that a file or bag holds or asks for."""
+    """Yield each plan of a JSON file or bag, or of a scenario that is planned first."""
     if source.suffix in (".yaml", ".yml"):
         task, watch = task_of(source, options)
         planned = perform(task, watch, method_named(options.method))
@@ -136,10 +136,11 @@ def print_verdict(
     sensitivity: bool,
     scene: Scene | None = None,
 ) -> bool:
-    """Execute a plan open loop, also with a wrong model if asked, and tell whether it passed.
+    """Execute a plan open loop, print the deviations, and tell whether it passed.
 
     Args:
-        scene: None: it is not known.
+        sensitivity: Whether to execute it with model errors, too.
+        scene: In the plan's inertial frame; None: it is not known.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -191,7 +192,7 @@ def _relative(found: Capture) -> list[str]:
 
 
 def _told(found: Corridor) -> str:
-    """Return words for how the end effector came along its corridor, as the true grasp sees it."""
+    """Return the margin of the end effector to its corridor, in words."""
     where = f"{abs(found.margin) * 1e3:.2f} mm {'inside' if found.margin >= 0.0 else 'beside'}"
     return (
         f"in the corridor's reach for good from {found.inside_from:.3f} s on; least margin "

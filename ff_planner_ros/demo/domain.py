@@ -1,16 +1,16 @@
-"""A ROS domain of one's own, apart from every system that runs on this host."""
+"""An unused ROS domain, apart from every system that runs on this host."""
 
 from __future__ import annotations
 
 import os
 import socket
 
-# Of the DDS standard's port numbers; domains up to 101 stay below Linux' ephemeral ports.
+# Port numbers of the DDS standard; domains up to 101 stay below Linux' ephemeral ports.
 _DOMAINS = range(1, 102)
 _FIRST_PORT, _PORTS_PER_DOMAIN, _UNICAST_OFFSET, _PORTS_PER_PARTICIPANT = 7400, 250, 10, 2
 _PARTICIPANTS_PROBED = 10
 
-# What claims a domain of this process: nobody else can bind an address that is bound.
+# Claims of this process on domains: nobody else can bind an address that is bound.
 _claims: dict[int, socket.socket] = {}
 
 
@@ -41,7 +41,7 @@ def _unused_domain() -> int:
 
 
 def _claimed(domain: int) -> bool:
-    """Claim a domain for this process; tell whether it has it, now or since before."""
+    """Claim a domain for this process; tell whether the claim holds."""
     if domain in _claims:
         return True
     claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

@@ -1,4 +1,4 @@
-"""A mission executive reduced to its way with a plan: ask, check, commit, watch."""
+"""A minimal mission executive: it requests a plan, commits it, and compares it with the motion."""
 
 from __future__ import annotations
 
@@ -68,21 +68,21 @@ _ASK_AGAIN = 0.5  # [s] after a refusal: every request is logged and recorded
 
 @dataclass(frozen=True, eq=False)
 class FlownPlan:
-    """A plan beside the motion that was measured."""
+    """A plan's prediction beside the measured motion."""
 
     predicted: FramePose  # end effector at the last measurement before the end of the plan
-    reached: FramePose  # what was measured then
+    reached: FramePose  # measured end effector at that time
     error: TrackingError  # between the two
-    # Largest differences of the chaser from its prediction on the way
+    # Largest differences of the chaser from its prediction along the plan
     worst: TrackingError
-    time: Array  # of the measurements on the way, from the plan's start; shape (states,) [s]
-    from_end: Array  # end effector's distance from `predicted` then; shape (states,) [m]
-    # Of the end effector from the grasp of the body, both as measured; None: nothing was captured
+    time: Array  # of the measurements, from the plan's start; shape (states,) [s]
+    from_end: Array  # distance of the end effector to `predicted`; shape (states,) [m]
+    # Measured errors of the end effector to the grasp of the body; None: nothing was captured
     capture: Capture | None = None
 
 
 class MissionExecutive:
-    """A client of the planner that has its plans executed."""
+    """A client of the planner node that hands plans to the arm's controller."""
 
     def __init__(
         self, check: Callable[[], None], patience: float, ros_arguments: Sequence[str] = ()
@@ -90,9 +90,9 @@ class MissionExecutive:
         """Join ROS.
 
         Args:
-            check: Called again and again while waiting; raises when waiting makes no sense.
-            patience: Longest wait for anything that the planner or the testbed has to do [s].
-            ros_arguments: Of the command line, for instance `--ros-args -r __ns:=/chaser_1`.
+            check: Called repeatedly while waiting; raises to end the wait.
+            patience: Longest wait for a reaction of the planner or the testbed [s].
+            ros_arguments: Arguments of ROS, for instance `--ros-args -r __ns:=/chaser_1`.
         """
         self._check, self._patience = check, patience
         self._states: list[ChaserState] = []
@@ -124,7 +124,10 @@ class MissionExecutive:
         rclpy.shutdown()
 
     def plan(self, request: PlanRequest, report: Callable[[PlanProgress], None]) -> PlanAnswer:
-        """Ask the planner, as soon as it is there and has received a state.
+        """Request a plan, as soon as the planner is there and has received a state.
+
+        Args:
+            report: Called with the progress of the search.
 
         Returns:
             An answer whose status is SOLVED.
@@ -138,10 +141,10 @@ class MissionExecutive:
         return self._once_it_can(lambda: self._answer(request, report, deadline), deadline)
 
     def commit(self, answer: PlanAnswer) -> None:
-        """Have the planner publish a plan, and hand that to the arm's controller.
+        """Have the planner publish a plan, and hand the plan to the arm's controller.
 
         Raises:
-            FfPlannerError: The plan does not fit any more, its start is over for instance, or no
+            FfPlannerError: The planner refuses, for instance as the start has passed, or no
                 controller listens.
         """
         deadline = time.monotonic() + self._patience
@@ -161,10 +164,10 @@ class MissionExecutive:
         self._hand_over(answer.plan_id, deadline)
 
     def replan(self, request: PlanRequest) -> PlanAnswer:
-        """Ask the planner once, and hand a plan that it publishes to the arm's controller.
+        """Request a plan once, and hand a plan that the planner publishes to the controller.
 
         Returns:
-            The answer, whatever its status is.
+            The answer, of any status.
 
         Raises:
             FfPlannerError: No answer in time.
@@ -183,12 +186,13 @@ class MissionExecutive:
         self._controller.publish(self._published[plan_id].joint_trajectory)
 
     def watch(self, answer: PlanAnswer, duration: float, robot: Robot) -> FlownPlan:
-        """Wait until a plan that was committed is over, and compare it with what was measured.
+        """Wait for the end of a phase of a committed plan, and compare it with the measured states.
 
-        `duration` [s] is from its start to the moment that counts, the end of a phase.
+        Args:
+            duration: From the start of the plan to the end of the phase [s].
 
         Raises:
-            FfPlannerError: The states fail to come.
+            FfPlannerError: No states arrive.
             InvalidInput: A state cannot be used.
         """
         planned = answer.plans[0]
@@ -197,7 +201,7 @@ class MissionExecutive:
         now_ns = self._node.get_clock().now().nanoseconds
         deadline = time.monotonic() + (end_ns - now_ns) / NANOSECONDS + self._patience
         while not self._states or nanoseconds(self._states[-1].header.stamp) < end_ns:
-            # States that keep coming must not make it deaf.
+            # Also while states keep arriving.
             self._go_on_until(deadline, "the end of the plan")
             self._new_state.wait(_CHECK_INTERVAL)
             self._new_state.clear()
@@ -253,7 +257,7 @@ class MissionExecutive:
             raise
 
     def _once_it_can(self, ask_once: Callable[[], Any], deadline: float) -> Any:
-        """Return the first answer that is no refusal; ask again after one that passes by itself."""
+        """Return the first answer that is SOLVED; ask again after a transient refusal."""
         while True:
             self._new_state.clear()
             answer = ask_once()
@@ -309,6 +313,6 @@ def _flown_plan(
 
 
 def end_effector(robot: Robot, state: SystemState) -> FramePose:
-    """Return where a measured state has the end effector."""
+    """Return the inertial pose of the end effector in a state."""
     pose, _ = end_effector_motion(robot, state)
     return FramePose(pose.translation, Rotation.from_matrix(pose.rotation))

@@ -1,4 +1,4 @@
-"""The flights of the demonstration: what is flown, and the processes that fly it."""
+"""The flights of the demonstration, and the processes that fly them."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.background import StopRequest
 
-# How long a process of ROS takes to start and a plan to be made is measured, both at once. A plan
-# that is flown begins this many times as long after the start of its processes, so that it is there
-# in time even if less of the machine is free by then. After a plan that was late, twice as many.
+# The time to start a ROS process and to make the plan is measured. A plan that is flown begins this
+# many times as long after the start of its processes, so that it is in time even on a busier
+# machine; after a plan that was late, twice as many.
 _LEAD_PER_MEASURED = 1.5
 _ATTEMPTS = 3
 _TOO_SLOW = (Status.TOO_LATE, Status.START_IN_PAST, Status.TIMED_OUT)
 _GRACE = 60.0  # [s] for a process to end after it was asked to: on a slow machine, too
 _LOOK_INTERVAL = 0.1  # [s] between looks at the processes
-_READY = "]: ready; "  # says the node's log when it answers requests
+_READY = "]: ready; "  # in the node's log once it answers requests
 
 
 class Flight(NamedTuple):
     """A flight by one of the examples."""
 
-    name: str  # of its files
+    name: str  # of its report and logs
     options: tuple[str, ...]  # of the example
-    changes: Mapping[str, Any]  # of the scenario's problem, which the options ask for
-    example: str = "mission_executive"
+    changes: Mapping[str, Any]  # changed fields of the scenario's problem, as by the options
+    example: str = "mission_executive"  # in examples/
 
     def problem(self, scenario: PlanningProblem) -> PlanningProblem:
-        """Return what is planned before the example begins."""
+        """Return the problem that the example plans, to plan it on trial."""
         return replace(scenario, **self.changes)
 
 
@@ -56,7 +56,7 @@ _DURATIONS = DurationRange(8.0, 12.0)  # [s]
 
 
 class Testbed(NamedTuple):
-    """What is demonstrated."""
+    """A demonstration: its scenario, parameters and flights."""
 
     title: str
     scenario: str  # in config/scenarios
@@ -109,20 +109,20 @@ TESTBEDS: Mapping[str, Testbed] = {
 
 
 class Stage(NamedTuple):
-    """Where flights take place."""
+    """A running demonstration."""
 
     shown: Testbed
     scenario: Path
     directory: Path  # of reports and logs
-    node: subprocess.Popen[bytes]
+    node: subprocess.Popen[bytes]  # the planner node
     stop: StopRequest
 
 
 def fly(method: Method, flight: Flight, stage: Stage, seconds: float) -> dict[str, Any]:
-    """Fly a plan that begins when it will be there, and return the report of its flight.
+    """Run a flight whose plan begins once it can be ready, and return its report.
 
     Args:
-        seconds: That the start of a process and the plan were measured to take.
+        seconds: Measured time to start a process and to make the plan [s].
 
     Raises:
         FfPlannerError: The plan is refused, or a process ended.
@@ -141,10 +141,10 @@ def fly(method: Method, flight: Flight, stage: Stage, seconds: float) -> dict[st
 
 
 def plans_on_trial(flights: Mapping[Method, Flight], task: PlanningTask) -> dict[Method, float]:
-    """Make each plan once, and return how long it takes [s].
+    """Make each plan once, and return the wall times [s].
 
     Raises:
-        FfPlannerError: One is refused.
+        FfPlannerError: A plan is refused.
     """
     seconds = {}
     for method, flight in flights.items():
@@ -158,7 +158,7 @@ def wait_for_node(stage: Stage) -> None:
     """Wait until the planner node is ready.
 
     Raises:
-        FfPlannerError: It ended.
+        FfPlannerError: The node ended.
     """
     log = stage.directory / "node.log"
     while _READY not in log.read_text(encoding="utf-8"):
@@ -167,7 +167,7 @@ def wait_for_node(stage: Stage) -> None:
 
 
 def _run_example(name: str, flight: Flight, stage: Stage, lead: int) -> dict[str, Any]:
-    """Run a testbed and an example whose plan begins in so long [s]; return the latter's report.
+    """Run a testbed and an example whose plan begins after `lead` [s]; return its report.
 
     Report and logs have files of their own: none is taken for another run's.
     """
@@ -195,7 +195,7 @@ def _run_example(name: str, flight: Flight, stage: Stage, lead: int) -> dict[str
 
 
 def node_command(directory: Path, parameters: Path, robot: Robot) -> list[str]:
-    """Return the command that starts the planner node, whose bag is in the directory."""
+    """Return the command that starts the planner node, with its bag in a directory."""
     # Quoted: ROS reads the value as YAML.
     bag = f"bag.directory:={json.dumps(str(directory))}"
     node = [sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args"]
@@ -210,7 +210,7 @@ def _example(name: str) -> list[str]:
 
 
 def _check(needed: Mapping[Path, subprocess.Popen[bytes]], stop: StopRequest) -> None:
-    """Raise when there is nothing more to wait for."""
+    """Raise if the user has stopped the demonstration, or a process has ended."""
     if stop.is_set():
         raise KeyboardInterrupt
     for log, process in needed.items():
@@ -222,7 +222,7 @@ def _check(needed: Mapping[Path, subprocess.Popen[bytes]], stop: StopRequest) ->
 
 @contextmanager
 def running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a process and stop it cleanly at the end."""
+    """Run a process with its output in a log, and stop it by SIGINT at the end."""
     with log.open("wb") as output:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT

@@ -1,4 +1,4 @@
-"""What the demonstration of replanning in motion shows beside the tables of every flight."""
+"""Table and figure of the demonstration of replanning in motion."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.model import Robot
 
-# How the testbed differs from its model: so much heavier is the arm, and so wrong is the chaser's
-# angular velocity about each axis as measured [rad/s].
+# Model errors of the testbed: relative excess of the arm's masses and inertias, and bias of the
+# chaser's measured angular velocity about each axis [rad/s].
 ARM_HEAVIER, RATE_BIAS = 0.05, float(np.deg2rad(0.01))
 
 OPEN_LOOP = Method("open loop", "#0072b2", "solid")
@@ -29,9 +29,9 @@ _STEPS = 10  # of the integration, from point to point of the plan
 
 
 def miss_by_torques_alone(robot: Robot, motion: Trajectory) -> float | None:
-    """Return how far the end effector ends from where the plan has it, no joint being tracked [m].
+    """Return the end effector's final position error under the plan's torques alone [m].
 
-    The testbed is that of the demonstration, in MuJoCo; None where that is not installed.
+    The model errors are those of the demonstration's testbed. None: MuJoCo is not installed.
     """
     try:
         from ff_planner_ros.planning.motion.motion import state_at
@@ -54,7 +54,7 @@ def miss_by_torques_alone(robot: Robot, motion: Trajectory) -> float | None:
 def rows(
     flown: Mapping[Method, Mapping[str, Any]], torques_alone: float | None
 ) -> Iterator[tuple[str, ...]]:
-    """Yield a row for the plan by its torques alone, and one for each flight: `HEADER`."""
+    """Yield the cells of `HEADER`: for the plan by its torques alone, and for each flight."""
     if torques_alone is not None:
         yield ("torques alone", *["-"] * 6, f"{torques_alone * 1e3:.1f}")
     for method, report in flown.items():
@@ -76,7 +76,7 @@ def rows(
 
 
 def following_figure(flown: Mapping[Method, Mapping[str, Any]]) -> Figure:
-    """Draw how far the end effector is from where the plan ends, as measured, over time."""
+    """Draw the measured distance of the end effector to the plan's end over time."""
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.add_subplot()
     for method, report in flown.items():

@@ -1,4 +1,4 @@
-"""A mission as a process: its signals, its exit code and what it writes."""
+"""A mission as a process: its signals, exit code and report."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from ff_planner_ros.ros.outputs.prediction import FramePose
 def run_mission(
     name: str, fly: Callable[[Callable[[], None]], Mapping[str, Any]], file: Path | None
 ) -> int:
-    """Run a mission until it is done, and write its report or why there is none.
+    """Run a mission to its end, and write its report or the error.
 
     Args:
-        name: Of the program, before what it says to stderr.
-        fly: Is given the check for `MissionExecutive`; returns the report.
-        file: For the report, JSON; None: it is not written.
+        name: Name of the program in messages.
+        fly: Flies the mission with the `check` of `MissionExecutive`; returns the report.
+        file: JSON file for the report; None: it is not written.
 
     Returns:
         Exit code: 0 done, 2 something could not run, 3 no plan, 130 interrupted.
@@ -55,24 +55,24 @@ def run_mission(
 
 
 def exit_code(error: FfPlannerError) -> int:
-    """Return the exit code of a program that an error ends: 3 no plan, 2 something else."""
+    """Return the exit code for an error: 3 no plan was found, 2 any other error."""
     return 3 if error.status.is_no_plan else 2
 
 
 def _said(error: FfPlannerError) -> str:
-    """Return an error for a reader; what failed by itself was refused by nobody."""
+    """Return an error in words; an internal error is no refusal."""
     if error.status is Status.INTERNAL_ERROR:
         return str(error)
     return f"refused {int(error.status)} {error.status.name}: {error}"
 
 
 def ends_of_phases(answer: PlanAnswer) -> list[float]:
-    """Return when the plan of each phase reaches its goal, from the first point on [s]."""
+    """Return the time at which each phase reaches its goal, from the first phase's start [s]."""
     return [begin_of(answer, phase) + one.duration for phase, one in enumerate(answer.plans)]
 
 
 def phases_said(request: PlanRequest, answer: PlanAnswer) -> list[str]:
-    """Return a line on the plan of each phase; none where there is one phase alone."""
+    """Return a line on the plan of each phase; empty for a single phase."""
     said = list[str]()
     goals = [request.goal, *(one.goal for one in request.then)]
     for goal, one in zip(goals, answer.plans, strict=True):
@@ -88,10 +88,10 @@ def phases_said(request: PlanRequest, answer: PlanAnswer) -> list[str]:
 
 
 def mission_report(answer: PlanAnswer, flown: Sequence[FlownPlan]) -> dict[str, Any]:
-    """Return what became of a plan that was committed, for JSON.
+    """Return the report of a committed plan, for JSON.
 
     Args:
-        flown: At the end of each phase, or at the end alone.
+        flown: Comparison at the end of each phase, or at the end alone.
     """
     return {
         "status": int(answer.status.code),

@@ -1,4 +1,4 @@
-"""The demonstration: the paper's capture, planned and flown by processes that talk over ROS."""
+"""The demonstration: a capture, planned and flown in real time by processes over ROS."""
 
 from __future__ import annotations
 
@@ -50,11 +50,12 @@ from ff_planner_ros.ros.background import StopRequest
 def run_demo(
     output: Path = Path("demo_output"), scenario: Path | None = None, testbed: str = "lemur"
 ) -> int:
-    """Plan and fly a capture twice and show the result; each plan is made on trial first.
+    """Run the two flights of a testbed and show the results; each plan is made on trial first.
 
     Args:
-        scenario: None: that of the testbed.
-        testbed: One of `TESTBEDS`.
+        output: Directory in which a new one is created for the results.
+        scenario: Scenario file; None: that of the testbed.
+        testbed: Key of `TESTBEDS`.
 
     Returns:
         Exit code of `demonstrated`.
@@ -68,7 +69,7 @@ def run_demo(
 
 
 def demonstrated(output: Path, demonstrate: Callable[[Path], None]) -> int:
-    """Run a demonstration in a directory of its own, and say why it ended where it failed.
+    """Run a demonstration in a new directory below `output`, and print the error if it fails.
 
     Returns:
         Exit code: 0 flown, 2 something could not run, 3 a plan was not found, 130 interrupted.

@@ -45,34 +45,32 @@ from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_
 
 # Where an arm's trajectory controller listens.
 CONTROLLER_TOPIC = "arm_controller/joint_trajectory"
-# A camera on the chaser sees the target body so often [Hz].
+# Rate at which the target body is measured [Hz].
 _BODY_RATE = 10.0
-# As far from the grasp as the end effector closes on it [m], [rad].
+# Largest errors to the grasp at which the end effector closes on it [m], [rad].
 REACH = 0.02, float(np.deg2rad(2.0))
 
 
 @dataclass(frozen=True)
 class Imperfections:
-    """How a testbed differs from its model: noise as standard deviations, and delays."""
+    """Deviations of a testbed from its model: noise (standard deviations), delays, errors."""
 
     position_noise: float = 0.0  # of the chaser's position [m]
     angle_noise: float = 0.0  # of the chaser's attitude about each axis, and of each joint [rad]
     velocity_noise: float = 0.0  # of the chaser's velocity [m/s]
-    rate_noise: float = 0.0  # of the chaser's angular velocity and each joint's rate [rad/s]
+    rate_noise: float = 0.0  # of the chaser's angular velocity and each joint's velocity [rad/s]
     state_delay: float = 0.0  # from measuring a state to publishing it [s]
-    command_delay: float = 0.0  # by which the joints are behind a trajectory [s]
+    command_delay: float = 0.0  # of the joints behind a trajectory [s]
     rate_bias: float = 0.0  # of the chaser's measured angular velocity about each axis [rad/s]
-    arm_heavier: float = (
-        0.0  # masses and inertias of the arm beyond the model's, as a part of these
-    )
+    arm_heavier: float = 0.0  # relative excess of the arm's masses and inertias over the model's
     seed: int = 0  # of the noise
 
 
 class SimulatedTestbed:
     """A scenario in real time: obstacles, a chaser that drifts and follows trajectories, a target.
 
-    The target body, if there is one, moves freely until a phase ends that captures it and that
-    another follows. If the end effector is within `REACH` of the grasp then, there is an impact,
+    The target body, if there is one, moves freely until the end of a phase that captures it and
+    has a successor. If the end effector is within `REACH` of the grasp then, there is an impact,
     and the body moves with the end effector from then on.
     """
 
@@ -86,16 +84,16 @@ class SimulatedTestbed:
         imperfections: Imperfections,
         lead: float = 0.0,
     ) -> None:
-        """Publish the obstacles once, the state and the body now and then; hear trajectories.
+        """Create the publishers, timers and subscriptions of the testbed.
 
         Args:
             node: Its clock is the testbed's, simulated time included.
-            body: That some phase captures, as it is at the start state; None: none does.
+            body: Body that a phase captures, in its state at the epoch; None: there is none.
             epoch_ns: When the chaser passes through the start state [ns]. Before and after, until a
-                trajectory begins, it drifts and its joints keep their rates. None: it waits for its
-                first plan, at the state that leads to the start state within `lead`.
-            state_rate: Of the states [Hz].
-            lead: From a request to the start of its plan [s]; does not matter with an epoch.
+                trajectory begins, it drifts and its joints keep their velocities. None: it waits
+                for its first plan, at the state that leads to the start state within `lead`.
+            state_rate: Rate of the published states [Hz].
+            lead: Time from a request to the start of its plan [s]; without effect with an epoch.
         """
         self._scenario, self._imperfections = scenario, imperfections
         self._lead_ns = round(lead * NANOSECONDS)
@@ -112,7 +110,8 @@ class SimulatedTestbed:
         if epoch_ns is not None:
             self._wait.end()
         now_ns = self._clock.now().nanoseconds
-        # While it waits, the body is shown at other moments than the chaser: its epoch is another.
+        # While the testbed waits, body and chaser are published at different times, each with an
+        # epoch of its own.
         self._epoch_ns = self._body_epoch_ns = (
             now_ns + self._lead_ns if epoch_ns is None else epoch_ns
         )
@@ -138,7 +137,7 @@ class SimulatedTestbed:
         node.create_subscription(JointTrajectory, CONTROLLER_TOPIC, self._follow, 10)
 
     def _seconds(self, time_ns: int) -> float:
-        """Return a time on the testbed's clock, which keeps more digits than ROS's in seconds."""
+        """Return the time since the epoch [s]; it keeps more digits than ROS time in seconds."""
         return (time_ns - self._epoch_ns) / NANOSECONDS
 
     def _publish_obstacles(self) -> None:
@@ -156,7 +155,7 @@ class SimulatedTestbed:
 
     def _publish_state(self) -> None:
         now_ns = self._clock.now().nanoseconds
-        # Measured at round times, as by a sensor with its own clock.
+        # At multiples of the period, as by a sensor with its own clock.
         stamp_ns = now_ns - now_ns % self._period_ns
         if stamp_ns > self._last_stamp_ns and self._seconds(stamp_ns) > self._begin:
             self._last_stamp_ns = stamp_ns
@@ -173,13 +172,13 @@ class SimulatedTestbed:
             self._states.publish(self._waiting.popleft())
 
     def _set_back(self, stamp_ns: int) -> None:
-        """Be at the first state at a time, as if it were the first one."""
+        """Move the epoch, so that the system is in its first state at a stamp."""
         self._epoch_ns = stamp_ns + self._lead_ns
         if self._system.time > self._begin:
             self._system = FreeFloatingSystem(self._true, self._first, self._begin)
 
     def _grasp_if_due(self, now_ns: int) -> None:
-        """Make contact where the plan that is followed has come to its grasp."""
+        """Grasp the body if the plan that is followed has reached its grasp."""
         grasp_ns = self._grasps_ns.get(self._plan_ns, now_ns + 1)
         if self._body is None or grasp_ns > now_ns:
             return
@@ -199,7 +198,7 @@ class SimulatedTestbed:
         self._logger.info(f"contact: {where}, impulse {linear:.4g} N s, {angular:.4g} N m s")
 
     def _hear_plan(self, answer: PlanAnswer) -> None:
-        """Note when a plan grasps, and begin from its start if this is the first one."""
+        """Note the time of a plan's grasp; set the epochs if the testbed still waits."""
         starts_ns = [nanoseconds(one.joint_trajectory.header.stamp) for one in answer.plans]
         for plan, (_, next_ns) in zip(answer.plans, pairwise(starts_ns), strict=False):
             if plan.target_path.poses:
@@ -208,7 +207,7 @@ class SimulatedTestbed:
             self._begin_as_planned_from(answer)
 
     def _begin_as_planned_from(self, answer: PlanAnswer) -> None:
-        """Go on from the very state that a plan was made from: many were the first one."""
+        """Set the epochs by the states that a plan was made from, of the many published."""
         inputs = answer.inputs
         if inputs.state_source == CHASER_STATE.name:
             state_stamp_ns = nanoseconds(inputs.state_stamp)
@@ -217,9 +216,9 @@ class SimulatedTestbed:
             self._body_epoch_ns = min(self._body_epoch_ns, body_stamp_ns + self._lead_ns)
 
     def _publish_body(self, body: FreeBody) -> None:
-        """Publish where a body is that nothing acts on until it is held; it is as at the epoch."""
+        """Publish the state of a body, free until it is held; `body` is its state at the epoch."""
         if (held := self._system.body) is not None:
-            # As it was when the state was last measured.
+            # Its state is that of the last measurement.
             self._bodies.publish(target_body_message(held, self._last_stamp_ns, SCENARIO_FRAME))
             return
         now_ns = self._clock.now().nanoseconds
@@ -235,7 +234,7 @@ class SimulatedTestbed:
             self._logger.error(f"trajectory refused: {error}")
             return
         begin_ns = self._plan_ns = nanoseconds(message.header.stamp)
-        if begin_ns and self._wait.stands_still():  # it was asked for elsewhere: its start is known
+        if begin_ns and self._wait.stands_still():  # no request was seen, but its start is known
             self._epoch_ns = min(self._epoch_ns, begin_ns)
         self._wait.end()
         begin = self._seconds(begin_ns)
@@ -254,7 +253,7 @@ class SimulatedTestbed:
 
 
 def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> JointMotion:
-    """Read a joint trajectory, its joints in any order; times are those from its start.
+    """Read a joint trajectory, its joints in any order; times are relative to its start.
 
     Raises:
         InvalidInput: A joint is missing or unknown, or the points cannot be followed.
@@ -279,7 +278,7 @@ def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) ->
 
 
 def with_heavier_arm(robot: Robot, part: float) -> Robot:
-    """Return a robot whose arm is heavier than a model says, by a part of its masses."""
+    """Return a robot with the arm's masses and inertias multiplied by 1 + `part`."""
     if part == 0.0:
         return robot
     model = robot.model.copy()

@@ -22,15 +22,15 @@ from ff_planner_ros.ros.qos import EVENT_QOS
 
 
 class Wait:
-    """Hears what the planner's action and service are asked and answer.
+    """Stops a testbed's time by the requests and answers of the planner's action and service.
 
-    Time goes on while a request is planned: the planner compares its plan with a newer state before
-    it publishes it. Time stands still again after a refusal, and when the start of a plan is over
-    that nobody flies.
+    Time runs while a request is planned: the planner compares the plan with a newer state before it
+    publishes the plan. Time stands still again after a refusal, and after the start of a plan that
+    is not flown.
     """
 
     def __init__(self, node: Node, found: Callable[[PlanAnswer], None]) -> None:
-        """Listen; `found` is called with every plan that is found."""
+        """Subscribe to the planner's events; `found` is called with every answer that is SOLVED."""
         self._clock, self._found = node.get_clock(), found
         self._unanswered = 0  # requests
         self._plan_begins_ns = 0  # the last plan that was found
@@ -41,12 +41,12 @@ class Wait:
         node.create_subscription(PlanTrajectory.Event, served, self._serve, EVENT_QOS)
 
     def stands_still(self) -> bool:
-        """Tell whether nothing moves now."""
+        """Tell whether the testbed's time stands still now."""
         idle = self._unanswered == 0 and self._clock.now().nanoseconds > self._plan_begins_ns
         return idle and not self.is_over
 
     def end(self) -> None:
-        """Let time go on for ever: a plan is flown."""
+        """Let time run from now on, as a plan is flown."""
         self.is_over = True
 
     def _goal(self, _: SEND_GOAL.Event) -> None:
@@ -63,7 +63,7 @@ class Wait:
             self._answered(event.response[0].answer)
 
     def _answered(self, answer: PlanAnswer) -> None:
-        # It may have been asked before this testbed was there.
+        # The request may be older than this testbed.
         self._unanswered = max(self._unanswered - 1, 0)
         if answer.status.code == Status.SOLVED:
             self._plan_begins_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)

@@ -1,6 +1,6 @@
-"""The whole capture: planned by the node in one request, and flown from approach to rest.
+"""The demonstration of a whole capture: planned in one request, flown from approach to rest.
 
-Once in real time over ROS, by executive and simulated testbed, and once in MuJoCo.
+It is flown twice: in real time over ROS, by executive and simulated testbed, and in MuJoCo.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _HEADER = ("phase", "end effector [mm]", "[deg]", "chaser [mm]", "[deg]", "grasp
 
 
 def run_whole_capture(output: Path) -> int:
-    """Plan the whole capture over ROS, fly it, replay it, fly it in MuJoCo; print what is reached.
+    """Plan the whole capture over ROS, fly it, replay it, fly it in MuJoCo; print the errors.
 
     Returns:
         Exit code of `demonstrated`.
@@ -65,7 +65,7 @@ def _demonstrate(directory: Path, stop: StopRequest) -> None:
         planning = time.monotonic() - begun
         wait_for_node(stage)
         starting = time.monotonic() - begun
-        # The phases share the time until the start equally, and the first takes the most of it.
+        # The phases share the time until the start equally, and the first one needs the longest.
         lead = starting + (1 + len(task.then)) * planning
         report = fly_over_ros(PLANNED, Flight("whole", (), {}), stage, lead)
     (bag,) = (metadata.parent for metadata in directory.glob("*/metadata.yaml"))
@@ -87,7 +87,7 @@ def _demonstrate(directory: Path, stop: StopRequest) -> None:
 
 
 def _off(phase: Mapping[str, Any]) -> list[tuple[float, float]]:
-    """Return how far all is off at the end of a phase of a report; the chaser until then."""
+    """Return the errors at the end of a phase of a report; of the chaser, the worst until then."""
     grasp = phase["capture"]
     return [
         *((one["position"], one["angle"]) for one in (phase["error"], phase["worst_chaser_error"])),
@@ -96,7 +96,7 @@ def _off(phase: Mapping[str, Any]) -> list[tuple[float, float]]:
 
 
 def _rows(phases: Iterable[Sequence[tuple[float, float]]]) -> list[tuple[str, ...]]:
-    """Return a row for each phase: distances and angles, of `_HEADER`."""
+    """Return the cells of `_HEADER`, a row for each phase."""
     return [
         (
             str(number),

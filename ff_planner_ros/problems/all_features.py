@@ -1,8 +1,8 @@
-"""Problems that ask for everything at once: a motion was drawn, and everything was laid around it.
+"""Problems that use all features at once, each with a motion that solves it, the witness.
 
-The whole robot captures a body that tumbles, along a corridor, beside spheres that move by
-themselves, within limits of the chaser's attitude, of torques, rates and accelerations, seen from a
-frame that is in orbit; the planner chooses the duration. The motion, the witness, keeps all of it.
+A robot with collision bodies captures a tumbling body, along a corridor and among moving spheres,
+within limits of chaser attitude, torques, velocities and accelerations, in an inertial frame that
+moves at orbital speed; the planner chooses the duration.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ _LEAST_ANGLE, _LEAST_ACCELERATION, _LEAST_TORQUE = 0.02, 0.01, 0.1
 _SHORTEST, _LONGEST = (0.6, 0.9), (1.1, 1.5)
 # Weights of the duration, beside that of the joint path, in turn [rad/s].
 _DURATION_WEIGHTS = (0.0, 0.05)
-# Where the frame of the user sees the system, and how fast at most [m, m/s].
+# Three standard deviations of the system's position [m] and velocity [m/s] in the user's frame.
 _AWAY, _FAST = 7e6, 8e3
 
 
 @dataclass(frozen=True, eq=False)
 class EverythingProblem:
-    """A problem and the motion that solves it, which lasts as long as one of its durations."""
+    """A problem and a motion that solves it, whose duration is in the problem's range."""
 
     problem: PlanningProblem
     duration: float  # of the witness [s]
@@ -54,14 +54,14 @@ class EverythingProblem:
 
 
 def problems(count: int) -> Iterator[EverythingProblem]:
-    """Yield the first problems, always the same, the robots in turn."""
+    """Yield problems 0 to `count` - 1, the robots in turn; see `problem`."""
     for number in range(count):
         yield problem(number)
 
 
 @cache
 def problem(number: int) -> EverythingProblem:
-    """Return one problem, always the same."""
+    """Return a problem by its number, which seeds the draw."""
     robot = bench_robot(ROBOTS[number % len(ROBOTS)], _KIND.geometry)
     rng = np.random.default_rng([*b"all features", number])
     while True:
@@ -74,7 +74,7 @@ def problem(number: int) -> EverythingProblem:
 def _with_everything(
     drawn: Capture, objective: Objective, rng: np.random.Generator
 ) -> EverythingProblem:
-    """Lay limits and durations around a witness, and a frame that moves around all of it."""
+    """Set limits and durations around a witness, and transform the problem to a moving frame."""
     given, witness = drawn
     angle = float(np.abs(chaser_euler(given.robot, witness.way)).max())
     accelerations = _ROOM * _accelerations(witness)
@@ -107,7 +107,7 @@ def _accelerations(witness: Witness) -> Array:
 
 
 def _in_orbit(problem: PlanningProblem, rng: np.random.Generator) -> PlanningProblem:
-    """Return the same physics in a frame that is turned, far away and moves fast."""
+    """Return the same physics in a rotated frame, far away and at orbital speed."""
     axes = rng.normal(size=4)
     turned = pin.Quaternion(axes / np.linalg.norm(axes)).toRotationMatrix()
     there, velocity = rng.normal(size=(2, 3)) * np.array([[_AWAY], [_FAST]]) / 3.0

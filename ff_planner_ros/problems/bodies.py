@@ -1,8 +1,8 @@
-"""Problems of robots with bodies that are known to have a plan: a witness whose bodies stay clear.
+"""Problems of robots with collision bodies among spheres, each with a path that solves it.
 
-The chaser has panels, the links have radii. The witness is drawn as in `scenarios`; its bodies keep
-away from each other and from the spheres, and the straight path (xi = 0) touches something. All
-distances are Coal's; nothing here knows how the planner measures or searches.
+That path, the witness, is drawn as in `scenarios`: the robot's bodies keep away from each other and
+from the spheres, while the straight path (xi = 0) collides. All distances are Coal's; nothing here
+knows how the planner measures or searches.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ class BodiesProblem:
     """A problem and a path that solves it."""
 
     problem: PlanningProblem
-    witness: Array  # coefficients of the path's free terms, shape (6, 3)
+    witness: Array  # coefficients xi of the path's free terms, shape (6, 3)
 
 
 def problems(count: int) -> Iterator[BodiesProblem]:
-    """Yield the first problems, the robots in turn; always the same."""
+    """Yield the first `count` problems, the robots in turn; see `problem`."""
     for number in range(count):
         of_robot, robot = divmod(number, len(ROBOTS))
         yield problem(ROBOTS[robot], of_robot)
@@ -63,12 +63,12 @@ def problems(count: int) -> Iterator[BodiesProblem]:
 
 @cache
 def problem(robot: str, number: int) -> BodiesProblem:
-    """Return one problem, always the same."""
+    """Return a problem of one of `ROBOTS`, by the number that seeds the draw."""
     return drawn_problem(bench_robot(robot, Geometry.SHAPES), f"bodies {robot}", number)
 
 
 def drawn_problem(robot: Robot, name: str, number: int) -> BodiesProblem:
-    """Return one problem of any robot with bodies; the same name and number give the same."""
+    """Return a problem of any robot with bodies; name and number seed the draw."""
     rng = np.random.default_rng([*name.encode(), number])
     while True:
         drawn = _draw(robot, rng)
@@ -105,7 +105,7 @@ def _draw(robot: Robot, rng: np.random.Generator) -> BodiesProblem | None:
 
 
 def _slowed(problem: PlanningProblem) -> PlanningProblem:
-    """Return the same motion for a robot of slow joints: in more time, and all velocities less."""
+    """Return the problem slowed down for slow joints: longer, with smaller initial velocities."""
     times, start = max(1.0, _QUICK / problem.robot.velocity_limits.min()), problem.start
     return replace(
         problem,
@@ -120,10 +120,10 @@ def _slowed(problem: PlanningProblem) -> PlanningProblem:
 
 
 class Swept:
-    """The bodies of a robot in many configurations."""
+    """The poses of a robot's bodies in many configurations."""
 
     def __init__(self, robot: Robot, way: Array) -> None:
-        """Place all bodies.
+        """Compute the poses of all bodies.
 
         Args:
             way: Configurations. Shape (points, 7 + joints).
@@ -142,7 +142,7 @@ class Swept:
 
 
 def own_gap(swept: Swept, below: float) -> float:
-    """Return the least distance of bodies that must not touch, where it is below a bound [m]."""
+    """Return the smallest self distance [m]; exact if it is under `below`, else possibly more."""
     robot, centers = swept.robot, swept.centers
     first, second = np.array(robot.pairs).T
     radii = np.array([body.radius for body in robot.bodies])
@@ -154,10 +154,10 @@ def own_gap(swept: Swept, below: float) -> float:
 
 
 def sphere_gap(swept: Swept, sphere: Sphere, below: float, centers: Array | None = None) -> float:
-    """Return the least distance of bodies from a sphere, where it is below a bound [m].
+    """Return the smallest distance of bodies to a sphere [m]; exact if under `below`.
 
     Args:
-        centers: Where the sphere is in each configuration, shape (points, 3) [m]; None: it rests.
+        centers: The sphere's centre at each configuration, shape (points, 3) [m]; None: it rests.
     """
     radii = np.array([body.radius for body in swept.robot.bodies])
     if centers is None:
@@ -184,7 +184,7 @@ def distance(
     other: coal.CollisionGeometry,
     at_other: coal.Transform3s,
 ) -> float:
-    """Return the distance of two solids, negative where they are in each other [m]."""
+    """Return the distance of two solids, negative where they penetrate [m]."""
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     return float(coal.distance(one, at_one, other, at_other, request, result))
 
@@ -192,7 +192,7 @@ def distance(
 def _draw_spheres(
     reach: float, way: Swept, straight: Swept, rng: np.random.Generator
 ) -> tuple[Sphere, ...] | None:
-    """Draw spheres that one way clears; the other touches the first one, or itself."""
+    """Draw spheres that the witness clears; the straight path hits the first one, or itself."""
     wanted = int(rng.integers(_FEWEST, _MOST, endpoint=True))
     chosen: list[Sphere] = []
     blocked = own_gap(straight, 0.0) < 0.0

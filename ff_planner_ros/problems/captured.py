@@ -1,12 +1,12 @@
-"""Problems of what follows a grasp; each has a plan, its witness.
+"""Problems after a grasp, each with a motion that solves it, the witness.
 
-- "captured stop": chaser, arm and a captured body, of 20 to 800 kg, turn together and the joints
-  move: they shall rest, within accelerations little larger than those of the witness.
-- "payload stow": a posture shall be reached with such a body at the end effector.
-- "whole capture": a body that tumbles is grasped, brought to rest and carried into a posture: a
-  sequence of three phases.
+- "captured stop": chaser, arm and a captured body of 20 to 800 kg rotate, and the joints move; the
+  joints must come to rest, with accelerations limited to little more than the witness's.
+- "payload stow": the joints must reach a posture with such a body at the end effector.
+- "whole capture": a tumbling body is grasped, its motion relative to the chaser stopped, and it is
+  carried to a posture: a sequence of three phases.
 
-The whole robot is kept clear of itself and of the body: the witness is, too.
+Self collisions of the robot and collisions with the held body are checked.
 """
 
 from __future__ import annotations
@@ -68,27 +68,27 @@ _POINTS = 50
 
 @dataclass(frozen=True, eq=False)
 class CapturedBody:
-    """A task, and the motions of the joints that keep what it asks: of phases after a capture."""
+    """A task with a held or captured body, and joint motions that solve it."""
 
     robot: str  # of `ROBOTS`
     problem: PlanningProblem
-    then: tuple[Phase, ...]
-    witness: tuple[JointMotion, ...]
+    then: tuple[Phase, ...]  # phases after the problem; empty: none
+    witness: tuple[JointMotion, ...]  # of each phase; of a whole capture, of those after the first
 
     def task(self, settings: PlannerSettings) -> PlanningTask:
-        """Return the task."""
+        """Return the planning task of all phases."""
         return PlanningTask(self.problem, settings, then=self.then)
 
 
 def problems(kind: str, count: int) -> Iterator[CapturedBody]:
-    """Yield the first problems of a kind, the robots in turn; always the same."""
+    """Yield the first `count` problems of a kind, the robots in turn; see `problem`."""
     for number in range(count):
         yield problem(kind, number)
 
 
 @cache
 def problem(kind: str, number: int) -> CapturedBody:
-    """Return one problem of a kind, always the same."""
+    """Return a problem of one of `KINDS`; kind and number seed the draw."""
     name = ROBOTS[number % len(ROBOTS)]
     robot, rng = bench_robot(name, Geometry.SHAPES), np.random.default_rng([*kind.encode(), number])
     draw = {"captured stop": _stop, "payload stow": _stow, "whole capture": _whole}[kind]
@@ -166,7 +166,7 @@ def _whole(robot: Robot, rng: np.random.Generator) -> Drawn | None:
 
 
 def _box(robot: Robot, rng: np.random.Generator) -> Payload:
-    """Draw a body that is a box, its nearest face before the end effector."""
+    """Draw a box-shaped body in front of the end effector."""
     mass = math.exp(rng.uniform(math.log(_LIGHTEST), math.log(_HEAVIEST)))
     edges = rng.uniform(*_EDGES, 3)
     place = np.array([0.0, 0.0, _BEFORE + edges[2] / 2.0])
@@ -193,7 +193,7 @@ def _turning_together(robot: Robot, rng: np.random.Generator) -> SystemState:
 
 
 def _stopping(robot: Robot, start: SystemState, rng: np.random.Generator) -> JointMotion | None:
-    """Return a motion that brakes all joints evenly; None: none that is slow enough is sound."""
+    """Return a motion that stops all joints, slower until it is sound; None: none is."""
     lasts, rates = float(rng.uniform(*_STOPS_IN)), start.joint_velocities
     for _ in range(_ATTEMPTS):
         end = start.joint_positions + rates * lasts / 2.0
@@ -224,7 +224,7 @@ def _way(robot: Robot, start: SystemState, motion: JointMotion) -> tuple[Array, 
 
 
 def _is_sound(robot: Robot, start: SystemState, motion: JointMotion) -> bool:
-    """Tell whether joints stay within their limits, and bodies apart."""
+    """Tell whether joint positions and torques keep their limits, and bodies stay apart."""
     way, moves, accelerations = _way(robot, start, motion)
     lower, upper = robot.lower_position_limits, robot.upper_position_limits
     if ((way[:, 7:] < lower + APART) | (way[:, 7:] > upper - APART)).any():
@@ -236,7 +236,7 @@ def _is_sound(robot: Robot, start: SystemState, motion: JointMotion) -> bool:
 
 
 def _at_rest(robot: Robot, start: SystemState, witness: JointMotion) -> PlanningProblem:
-    """Return the problem to stop as soon as accelerations little larger than these allow."""
+    """Return the problem to stop as soon as possible, with 5 % more acceleration than a witness."""
     (lowest, highest), _ = witness.extremes(2)
     allowed = _SPARE * np.maximum(-lowest, highest)
     lasts = float(witness.time[-1])

@@ -1,14 +1,15 @@
-"""Problems of held chasers, of rails, and of goals of the joints; most have a plan: its witness.
+"""Problems of attitude-controlled chasers, prismatic joints, and goals in joint space.
 
-- "held": a chaser that wheels hold shall bring its end effector somewhere, among spheres. In every
-  other problem the witness comes within a twentieth of the wheels' limits, else they are far.
-- "rail": an arm that slides along its chaser shall bring its end effector somewhere, among spheres.
-- "stow": a posture shall be reached in a given time, among spheres.
-- "random start": the protocol of Misra and Bai (2017): a chaser that wheels hold, at rest, with an
-  arm of eight joints, brings its end effector from postures drawn at random to one pose among
-  spheres. No plan is known.
-- "stop": the joints shall rest as soon as possible, and their accelerations are limited to little
-  more than those of the witness.
+All but "random start" have a motion that solves them, the witness.
+
+- "held": reaction wheels hold the chaser's attitude while the end effector reaches a pose among
+  spheres. Wheel limits are 1.05 or 3 times the witness's peaks, four problems each in turn.
+- "rail": an arm on a prismatic joint along its chaser reaches a pose among spheres.
+- "stow": the arm reaches a posture in a given time, among spheres.
+- "random start": the protocol of Misra and Bai (2017): a chaser at rest, its attitude held by
+  wheels, with an arm of eight joints, moves from random postures to one pose among spheres.
+- "stop": the joints come to rest as soon as possible, with accelerations limited to little more
+  than the witness's.
 """
 
 from __future__ import annotations
@@ -67,22 +68,22 @@ _REGULAR = 0.08
 
 @dataclass(frozen=True, eq=False)
 class JointGoal:
-    """A problem, and the motion that keeps what it asks."""
+    """A problem, and a joint motion that solves it."""
 
-    robot: str  # of `ROBOTS`, or of `ON_RAILS`
+    robot: str  # name, as `bench_robot` takes it
     problem: PlanningProblem
     witness: JointMotion | None  # None: none is known
 
 
 def problems(kind: str, count: int) -> Iterator[JointGoal]:
-    """Yield the first problems of a kind, always the same."""
+    """Yield the first `count` problems of a kind; see `problem`."""
     for number in range(count):
         yield problem(kind, number)
 
 
 @cache
 def problem(kind: str, number: int) -> JointGoal:
-    """Return one problem of a kind, always the same."""
+    """Return a problem of one of `KINDS`; kind and number seed the draw."""
     rng = np.random.default_rng([*kind.encode(), number])
     if kind == "random start":
         return JointGoal(RANDOM_STARTS, _from_random_start(rng), None)
@@ -112,9 +113,9 @@ def problem(kind: str, number: int) -> JointGoal:
 
 
 def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
-    """Return the scene that is always the same, with a posture drawn at random to begin in.
+    """Return the fixed scene of `_scene` with a random initial posture.
 
-    The centre of mass of chaser and arm rests in the origin.
+    The system's centre of mass is at rest in the origin.
     """
     robot, goal, spheres = _scene()
     while True:
@@ -164,14 +165,17 @@ def _scene() -> tuple[Robot, Array, tuple[Sphere, ...]]:
 
 
 def _at_origin(robot: Robot, posture: Array) -> Array:
-    """Return the configuration whose centre of mass is in the origin, the base not turned."""
+    """Return the configuration with its centre of mass at the origin and the base unrotated."""
     q = np.concatenate([np.zeros(6), [1.0], posture])
     q[:3] = -pin.centerOfMass(robot.model, robot.model.createData(), q)
     return q
 
 
 def way_of(robot: Robot, problem: PlanningProblem, witness: JointMotion) -> tuple[Array, ...]:
-    """Return times of a witness, configurations and tangent velocities then, and accelerations."""
+    """Return times of a witness, and its configurations, tangent velocities and accelerations.
+
+    Shapes (times,) [s], (times, 7 + joints), (times, 6 + joints) and (times, joints) [rad/s2].
+    """
     q, v = configuration(robot, problem.start)
     momentum = total_momentum(robot, robot.model.createData(), q, v)
     times = np.linspace(0.0, witness.time[-1], _STEPS + 1)
@@ -183,7 +187,7 @@ def way_of(robot: Robot, problem: PlanningProblem, witness: JointMotion) -> tupl
 def _with_wheels(
     problem: PlanningProblem, witness: JointMotion, factor: float, rng: np.random.Generator
 ) -> PlanningProblem:
-    """Return a problem with wheels whose limits are so many times what the witness needs."""
+    """Return a problem with wheels whose limits are `factor` times the witness's peaks."""
     robot, wheels = problem.robot, Wheels()
     _, q, v, accelerations = way_of(robot, problem, witness)
     momenta, torques = wheels_along(robot, wheels, np.zeros(3), q, v, accelerations)
@@ -198,7 +202,7 @@ def _with_wheels(
 def _stopping(
     problem: PlanningProblem, rng: np.random.Generator
 ) -> tuple[PlanningProblem, JointMotion] | None:
-    """Return a problem to stop as soon as possible, and a witness; None: it leaves its limits."""
+    """Return a problem to stop as soon as possible and its witness; None: it leaves its limits."""
     robot, joints = problem.robot, problem.robot.joints
     rates, lasts = rng.uniform(-_FAST, _FAST, joints), float(rng.uniform(*_STOPS_IN))
     begin = problem.start.joint_positions

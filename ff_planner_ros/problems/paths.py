@@ -1,4 +1,4 @@
-"""Paths of a problem's family: their motion, and what holds along it."""
+"""Motions of end-effector polynomial paths, and checks along them."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ STRAIGHT = np.zeros((COMPONENTS, FREE_TERMS))
 
 
 def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None = None) -> Motion:
-    """Return the motion of a path with given coefficients, shape (6, 3) or (18,).
+    """Return the motion of the end-effector polynomial path of a problem.
 
     Args:
-        points: On the path; None: as many as the problem asks for.
+        coefficients: xi, shape (6, 3) or (18,).
+        points: Number of points on the path; None: the problem's.
 
     Raises:
         NoPlanFound: The path meets a dynamic singularity.
@@ -37,7 +38,10 @@ def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None =
 
 
 def weighted_objective(problem: PlanningProblem, motion: Motion) -> float:
-    """Return the problem's objective for a regular motion [rad], whatever a method minimised."""
+    """Return the weighted joint path length and attitude of a motion [rad].
+
+    The objective's terms of duration and wheels are left out.
+    """
     step = problem.duration / (problem.points - 1)
     length = joint_path_length(motion.v[:, 6:], step, problem.robot.joint_weights)
     attitude = float(np.abs(chaser_euler(problem.robot, motion.q)).max())
@@ -51,7 +55,13 @@ def within_limits(
     singular_value_bound: float,
     points: int | None = None,
 ) -> bool:
-    """Tell whether a path keeps joint limits and a least singular value of the Jacobian J_D."""
+    """Tell whether a path keeps the limits of joint positions and velocities, and regularity.
+
+    Args:
+        coefficients: xi, shape (6, 3) or (18,).
+        singular_value_bound: Lower bound of the smallest singular value of J_D along the path.
+        points: Number of points on the path; None: the problem's.
+    """
     robot = problem.robot
     try:
         rollout = roll_out(problem, coefficients, points)
@@ -67,14 +77,20 @@ def within_limits(
 
 
 def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
-    """Return a lower bound of a path's clearance, between the points too."""
+    """Return a lower bound of a path's distance to spheres, also between the points [m].
+
+    Raises:
+        NoPlanFound: The path meets a dynamic singularity.
+    """
     rollout = roll_out(problem, coefficients)
     times = np.linspace(0.0, problem.duration, problem.points)
     return certified_clearance(problem.robot, rollout.q, rollout.v, times, problem.spheres)
 
 
 def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
-    """Return the arm at the points of a path and half-way. Shape (times, joints + 1, 3) [m].
+    """Return the arm's joints and end effector at a path's points and half-way between them.
+
+    Inertial positions, shape (times, joints + 1, 3) [m].
 
     Raises:
         NoPlanFound: The path meets a dynamic singularity.
@@ -84,7 +100,7 @@ def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
 
 
 def clearance_of(sweep: Array, spheres: Sequence[Sphere]) -> Array:
-    """Return each resting sphere's clearance from the arm of `sweep_of`. Shape (spheres,) [m]."""
-    times = np.zeros(len(sweep))  # at any time they are where they are
+    """Return each resting sphere's distance to the arm of `sweep_of`. Shape (spheres,) [m]."""
+    times = np.zeros(len(sweep))
     lowest: Array = clearances(sweep, times, segments(sweep), spheres).distance.min(axis=(0, 1))
     return lowest

@@ -1,6 +1,6 @@
-"""Bodies of any convex shape beside a robot's way: they come from outside until they are near it.
+"""Convex obstacles beside a robot's motion: each is pushed from outside until it is near.
 
-All distances are Coal's, at the points of the way; nothing here knows how the planner measures.
+All distances are Coal's, at the motion's points; nothing here knows how the planner measures.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ KINDS = ("box", "cylinder", "plate", "capsule", "cone", "mesh")
 THICKNESS = 0.005  # of plates [m]
 # Half of the edges of what is drawn, in lengths of the stretched arm, and corners of a hull.
 _SMALLEST, _LARGEST, _CORNERS = 0.02, 0.07, 20
-# A body comes to within this of what it keeps [m], in so many steps at most.
+# Tolerance of the distance at which a body stops [m], and largest number of steps.
 _NEAR, _STEPS = 1e-3, 40
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Where a solid is at each time, and which way it is pushed then."""
+    """A solid's poses over time, and the direction in which it is pushed at each time."""
 
     solid: Solid
-    rotations: Array  # of its axes; shape (times, 3, 3)
-    positions: Array  # of its origin; shape (times, 3) [m]
-    ways: Array  # of unit length; shape (times, 3)
+    rotations: Array  # solid to inertial axes; shape (times, 3, 3)
+    positions: Array  # of its origin, inertial; shape (times, 3) [m]
+    ways: Array  # unit vectors of the push, inertial; shape (times, 3)
 
     def gap(self, swept: Swept, come: float = 0.0) -> float:
-        """Return its least distance from the robot's bodies once it has come so far [m]."""
+        """Return the smallest distance to the robot's bodies after a push by `come` [m]."""
         robot, solid = swept.robot, self.solid
         positions = self.positions + come * self.ways
         centers = positions + self.rotations @ solid.center
@@ -53,9 +53,9 @@ class Track:
         return float(least)
 
     def come(self, swept: Swept, clear: float, most: float) -> float | None:
-        """Return how far it comes until it is so near [m], `most` at most; None: it begins nearer.
+        """Return the push up to a distance `clear` [m], at most `most`; None: it starts nearer.
 
-        A distance changes by no more than the way, so nothing is met until then.
+        A distance changes by no more than the push, so nothing is hit on the way.
         """
         way = 0.0
         for step in range(_STEPS):
@@ -69,7 +69,7 @@ class Track:
 
 
 def drawn_solid(kind: str, reach: float, rng: np.random.Generator) -> Solid:
-    """Return a solid of one of `KINDS` for an arm of this length."""
+    """Draw a solid of one of `KINDS`; reach: length of the stretched arm, which scales it [m]."""
     sizes = 2.0 * reach * rng.uniform(_SMALLEST, _LARGEST, 3)
     if kind == "mesh":
         return hull_of_vertices("mesh", rng.normal(size=(_CORNERS, 3)) * sizes / 3.0)
@@ -85,7 +85,12 @@ def free_body(
     twist: Array,
     time: float,
 ) -> ObstacleBody:
-    """Return a body that has a pose at a time [s], and a twist all the while, (6,) [m/s, rad/s]."""
+    """Return a body with a constant twist that has a pose at a time [s].
+
+    Args:
+        pose: In the inertial frame.
+        twist: Linear and angular velocity, inertial. Shape (6,) [m/s, rad/s].
+    """
     rotation = pin.exp3(-time * twist[3:]) @ pose.rotation
     return ObstacleBody(
         name,
@@ -100,7 +105,7 @@ def free_body(
 def beside(
     swept: Swept, times: Array, body: ObstacleBody, way: Array, clear: float, most: float
 ) -> ObstacleBody | None:
-    """Return a body after it came along a way, of unit length, until it is so near; see `come`."""
+    """Return a body pushed along a unit vector `way`; distances are those of `Track.come`."""
     rotations, positions = body.poses(times)
     track = Track(body.solid, rotations, positions, np.tile(way, (len(times), 1)))
     far = track.come(swept, clear, most)
@@ -108,7 +113,7 @@ def beside(
 
 
 def moved(body: ObstacleBody, way: Array) -> ObstacleBody:
-    """Return a body that is fixed to none elsewhere."""
+    """Return a body shifted by `way` (3,) [m], and not attached to a target body."""
     return ObstacleBody(
         body.id,
         body.shape,
@@ -120,7 +125,7 @@ def moved(body: ObstacleBody, way: Array) -> ObstacleBody:
 
 
 def gap_of(swept: Swept, times: Array, body: ObstacleBody) -> float:
-    """Return the least distance of a body from a robot's bodies on their way [m]."""
+    """Return the smallest distance of an obstacle to a robot's bodies over some times [m]."""
     return Track(body.solid, *body.poses(times), np.zeros((len(times), 3))).gap(swept)
 
 

@@ -1,4 +1,4 @@
-"""The robots of the benchmark: the paper's, and arms of any length of chain on a lighter chaser."""
+"""The robots of the benchmark: two from files, and generated arms with any number of joints."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ _OFF_THE_BASE = '<origin xyz="0.3 -0.2 0.25" rpy="0.3 -0.2 0.5"/>'
 def bench_robot(name: str, geometry: Geometry = Geometry.LINES) -> Robot:
     """Return `lemur`, `canadarm2`, or a generated arm by its number of joints: `arm6` has six.
 
-    `rail6` has six joints and slides along its chaser by one more. `planar3` has three joints and
-    its chaser floats on a table. `off7` has seven, and the centre of mass
-    of its chaser is off the base link's frame. These two have no bodies.
+    `rail6` has a prismatic joint along its chaser before six revolute ones. `planar3` has three
+    joints on a planar base. `off7` has seven, and its chaser's centre of mass is off the base
+    link's frame. The last two have no collision bodies.
 
     Raises:
         ValueError: There is no robot of this name.
@@ -66,7 +66,7 @@ def bench_robot(name: str, geometry: Geometry = Geometry.LINES) -> Robot:
 
 
 def planar_urdf(joints: int) -> str:
-    """Write a chaser on a table with an arm whose joints turn about the table's normal."""
+    """Return the URDF of a planar chaser with an arm whose joints rotate about z."""
     parts = [_link("chaser", _TABLE_MASS, (2.0, 2.0, 3.0), 0.0)]
     parent, offset, length = "chaser", "0.25 0.05 0", _TABLE_ARM / joints
     for number in range(1, joints + 1):
@@ -82,10 +82,12 @@ def planar_urdf(joints: int) -> str:
 
 
 def arm_urdf(joints: int, *, with_bodies: bool = False, on_rail: bool = False) -> str:
-    """Write a chaser with an arm whose joints roll and pitch in turn, along z at zero angles.
+    """Return the URDF of a chaser with an arm of roll and pitch joints, along z at zero angles.
 
-    It has six joints or more; without the upper arm's roll if their number is even. A
-    rail along x of the chaser is one more joint.
+    Args:
+        joints: Number of revolute joints, six or more; even: without the upper arm's roll.
+        with_bodies: Whether chaser and links have collision shapes.
+        on_rail: Whether a prismatic joint along x of the chaser comes first.
     """
     axes = ["z", *("yz" * joints)[:joints]]
     if joints % 2 == 0:
@@ -144,12 +146,12 @@ def _joint(name: str, kind: str, parent: str, child: str, offset: str, axis: str
 
 
 def _filled(link: str, solid: str) -> str:
-    """Return a link with what it collides with."""
+    """Return a link with a collision element added."""
     return link.replace("</link>", f"{solid}</link>") if solid else link
 
 
 def _tube(begin: float, length: float) -> str:
-    """Return what a link along z is made of: a tube that ends beside the next joint, or a ball."""
+    """Return the collision element of a link along z: a tube, or a ball if the link is short."""
     end = length - _BESIDE
     if end <= begin:
         return _collision(f'<sphere radius="{_BALL}"/>', 0.0)

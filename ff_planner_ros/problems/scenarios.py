@@ -1,12 +1,12 @@
-"""Planning problems that are known to have a plan, drawn at random, always the same.
+"""Problems among spheres, drawn from seeds, each with a path that solves it.
 
 First a path is drawn, the witness: of the planner's own polynomial family, within the limits of
 joint positions and velocities and away from singularities. Then spheres are drawn that the witness
 clears and the straight path (xi = 0) hits. Nothing here knows how the planner searches.
 
 Every scenario has a twin, the same physics seen from another inertial frame. The paper's Euler
-angles, and with them the straight path's turning, depend on that frame; the spheres are drawn so
-that everything said of a class holds in both.
+angles, and with them the straight path's rotation, depend on that frame; the spheres are drawn so
+that the properties of a class hold in both.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _CANDIDATES = 200
 _SMALLEST_SPHERE, _LARGEST_SPHERE = 0.025, 0.08
 # Certified clearance is lower than sampled clearance by this at most [m], nearly always.
 _CERTIFICATE_ALLOWANCE = 1e-3
-# Of so many draws one is sound, or none ever is: with an arm that has no free path, say.
+# If none of so many draws is sound, none will be: the arm has no free path, say.
 _MOST_DRAWS = 10_000
 
 
@@ -66,9 +66,9 @@ class Kind:
     """A class of scenarios."""
 
     spheres: tuple[int, int]  # fewest and most
-    clearance: float  # that the witness keeps [m]
+    clearance: float  # least distance of the witness to the spheres [m]
     blocking: int  # fewest spheres that the straight path hits
-    depth: float  # by which it is at least inside each of these [m]
+    depth: float  # least penetration of the straight path into these [m]
     winding: float  # spread of the witness's position coefficients, in lengths of the stretched arm
     turning: float  # spread of its angle coefficients [rad]
 
@@ -89,7 +89,14 @@ class Scenario:
 
 
 def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
-    """Return one scenario, always the same, or its twin in a turned and shifted inertial frame."""
+    """Return a scenario of one of `KINDS` for a `bench_robot`; the arguments seed the draw.
+
+    Args:
+        turned: Whether it is the twin in a rotated and shifted inertial frame.
+
+    Raises:
+        InvalidInput: None of the problems drawn for this robot has a plan.
+    """
     return _twins(kind, robot, number)[turned]
 
 
@@ -139,7 +146,11 @@ def _draw(kind: Kind, robot: Robot, rng: np.random.Generator) -> tuple[Scenario,
 
 
 def draw_motion(robot: Robot, reach: float, rng: np.random.Generator) -> PlanningProblem:
-    """Draw start, target and duration; the chaser frame is the inertial frame at the start."""
+    """Draw start, target and duration; the chaser frame is the inertial frame at the start.
+
+    Raises:
+        InvalidInput: The posture that was drawn is singular.
+    """
     start = SystemState(
         position_chaser_in_inertial=np.zeros(3),
         quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
@@ -212,7 +223,7 @@ def _draw_spheres(
 
 
 def draw_near(sweep: Array, reach: float, rng: np.random.Generator) -> list[Sphere]:
-    """Draw spheres around the points of the arm on its way."""
+    """Draw candidate spheres around the arm of `sweep_of`; reach: of the stretched arm [m]."""
     starts = segments(sweep)
     times, links = rng.integers(len(sweep), size=_CANDIDATES), rng.choice(starts, _CANDIDATES)
     along = rng.uniform(size=(_CANDIDATES, 1))

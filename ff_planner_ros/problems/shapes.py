@@ -1,8 +1,9 @@
-"""Problems among bodies of any convex shape: a way was drawn first, then bodies around it.
+"""Problems among convex obstacles: a motion was drawn first, then obstacles around it.
 
-The way, the witness, is a quintic of each joint to where the end effector rests in its goal. Bodies
-come from outside until they are near it; all distances are Coal's. They rest, move, turn, make a
-slot that the forearm passes, sweep through the workspace, or are fixed to a target that tumbles.
+The motion, the witness, is a quintic of each joint to a state in which the end effector rests in
+its goal. Obstacles are pushed from outside until they are near it; all distances are Coal's. They
+rest, move, rotate, form a slot around the forearm, sweep through the workspace, or are fixed to a
+tumbling target.
 """
 
 from __future__ import annotations
@@ -53,13 +54,12 @@ from ff_planner_ros.robot.state import SystemState
 
 ROBOTS = ("lemur", "arm6", "arm7", "canadarm2", "arm10")
 SITUATIONS = ("at rest", "moving", "turning", "slot", "sweeping panel", "capture")
-# Every so many problems the robot has lines instead of shapes.
+# In every seventh problem the robot has centre lines instead of collision bodies.
 LINES_EVERY = 7
 
-# From the witness bodies are so far away [m], a slot's plates on either side.
+# Clearance of bodies from the witness [m], and of a slot's plates on either side.
 CLEAR, SLOT = 0.02, 0.03
-# Bodies come so much less near [m], at the witness's points; between them, on so many times as
-# many, they are looked at once more.
+# Allowance on these at the witness's points [m]; they are checked again at so many times as many.
 _ALLOWANCE, _FINER = 3e-3, 5
 # How far each joint turns at most [rad], and how fast it and the chaser begin [rad/s, m/s, rad/s].
 _TURN, _MOVING, _DRIFT, _SPIN = 0.9, 0.03, 0.01, 0.01
@@ -84,7 +84,7 @@ _COME = 2.0  # its parts come from so far [m]
 
 @dataclass(frozen=True, eq=False)
 class ShapesProblem:
-    """A problem and a way that solves it."""
+    """A problem and a motion that solves it."""
 
     problem: PlanningProblem
     witness: Witness
@@ -93,14 +93,14 @@ class ShapesProblem:
 
 
 def problems(count: int) -> Iterator[ShapesProblem]:
-    """Yield the first problems, robots and situations in turn; always the same."""
+    """Yield the first `count` problems, robots and situations in turn; see `problem`."""
     for number in range(count):
         yield problem(number)
 
 
 @cache
 def problem(number: int) -> ShapesProblem:
-    """Return one problem, always the same."""
+    """Return a problem by its number, which seeds the draw."""
     name, situation = ROBOTS[number % len(ROBOTS)], SITUATIONS[number % len(SITUATIONS)]
     lines = number % LINES_EVERY == LINES_EVERY - 1
     robot = bench_robot(name, Geometry.LINES if lines else Geometry.SHAPES)
@@ -153,7 +153,7 @@ class _Draw:
         return replace(asked, obstacles=tuple(self.bodies)), witness
 
     def _look_closer(self, start: SystemState, witness: Witness) -> None:
-        """Follow the robot's bodies along the witness between its points, too."""
+        """Compute the poses of the robot's bodies along the witness at finer times."""
         robot, times = self.robot, witness.times
         joints = cast(JointMotion, witness.joints)  # of `witness_to_grip`, which always says it
         q, v = configuration(robot, start)
@@ -176,7 +176,7 @@ class _Draw:
         )
 
     def _grip(self) -> Grip:
-        """Draw a body that tumbles; where it is no target, one that rests."""
+        """Draw a tumbling target body; in other situations than a capture, a body at rest."""
         rng = self.rng
         out, turn = rng.normal(size=3), rng.normal(size=3)
         a, b, c = rng.uniform(0.2, 1.2, 3)
@@ -191,9 +191,9 @@ class _Draw:
         )
 
     def _lay(self, asked: PlanningProblem, witness: Witness, swept: Swept) -> bool:
-        """Lay bodies around the witness; tell whether there is what the situation promises.
+        """Place obstacles around the witness; tell whether the situation's are among them.
 
-        The straight path hits the first of them, a slot's plates aside.
+        The straight path hits the first one, except in the situation "slot".
         """
         situation, times = self.situation, witness.times
         if situation == "slot":
@@ -253,7 +253,7 @@ class _Draw:
         swept: Swept,
         times: Array,
     ) -> ObstacleBody | None:
-        """Let a body come to a point of the arm on `around` until it is near the witness."""
+        """Push a body towards a point of the arm along `around` until it is near the witness."""
         rng, (solid, twist) = self.rng, drawn
         points = arm_points(self.robot, around.way)
         time, link = int(rng.integers(len(times))), int(rng.choice(segments(points)))
@@ -268,7 +268,7 @@ class _Draw:
         return laid if laid and gap_of(self.closely, self.times, laid) > CLEAR else None
 
     def _slot(self, witness: Witness, swept: Swept) -> bool:
-        """Lay two plates on either side of the forearm's way; tell whether it is a slot."""
+        """Place two plates on either side of the forearm's path; tell whether they form a slot."""
         points = arm_points(self.robot, witness.way)
         long = [
             link
@@ -301,7 +301,7 @@ class _Draw:
         return True
 
     def _parts(self, witness: Witness, swept: Swept) -> tuple[AttachedBody, ...]:
-        """Draw what a target is made of: it comes to places in the body from outside."""
+        """Draw the parts of a target body: each is pushed into the body from outside."""
         rng, (_, times, body, *_) = self.rng, witness
         points = arm_points(self.robot, witness.way)
         motion = body.motion(np.zeros(3), times)
@@ -334,6 +334,6 @@ class _Draw:
 def _track(
     body: TargetBody, solid: Solid, turn: Array, place: Array, way: Array, times: Array
 ) -> Track:
-    """Return where a solid is that is fixed to a body, and a way of the body's."""
+    """Return the poses of a solid that is fixed to a body, and a direction in body axes."""
     motion = body.motion(place, times)
     return Track(solid, motion.rotations @ turn, motion.positions, motion.rotations @ way)

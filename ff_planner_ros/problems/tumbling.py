@@ -1,7 +1,7 @@
-"""Problems whose target is a body that tumbles: a motion was drawn that ends at rest in its grasp.
+"""Problems whose target is a tumbling body, each with a motion that solves it, the witness.
 
-The body is carried back from there to the start; the attached spheres, and others that move by
-themselves, stay away from that motion, the witness, all the while.
+The witness ends with the end effector at rest in the grasp; from there the body's motion is
+integrated back to the start. Spheres on the body, and others that move freely, stay clear of it.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ from ff_planner_ros.robot.state import SystemState
 class Kind:
     """A class of problems."""
 
-    rates: tuple[float, float]  # how fast the bodies turn at capture, at least and most [deg/s]
+    rates: tuple[float, float]  # least and largest angular rate of bodies at capture [deg/s]
     robots: tuple[str, ...] = ROBOTS  # in turn
     geometry: Geometry = Geometry.LINES
-    # The grasp is so far from the body's centre of mass, at least and at most [m]
+    # Least and largest distance of the grasp from the body's centre of mass [m]
     lever: tuple[float, float] = (0.3, 0.8)
-    intermediate: bool = False  # whether it turns about nearly its intermediate axis
-    approach: bool = False  # whether the witness comes along a corridor that is asked for
-    passing: int = 0  # spheres at most that move by themselves
+    intermediate: bool = False  # whether bodies rotate nearly about their intermediate axis
+    approach: bool = False  # whether the problem has an approach corridor
+    passing: int = 0  # largest number of freely moving spheres
 
 
 KINDS = {
@@ -71,7 +71,7 @@ KINDS = {
 _TURN, _MOVING, _DRIFT, _SPIN = 0.9, 0.03, 0.01, 0.01
 # The body's centre of mass drifts so fast [m/s].
 _BODY_DRIFT = 0.01
-# Its mass is spread so far along its main axes: each moment is the sum of two.
+# Second moments of its mass along the principal axes [kg m2]: a moment of inertia sums two of them.
 _LOWEST_SPREAD, _HIGHEST_SPREAD = (0.2, 0.5, 0.8), (0.4, 0.8, 1.2)
 _ASIDE = 0.4  # so far is the direction there from that of the arm's end, as a tangent
 _NEARLY = 0.01  # so far is its turn from the intermediate axis, as a tangent
@@ -90,14 +90,14 @@ _POINTS = 50
 
 
 def problems(kind: str, count: int) -> Iterator[PlanningProblem]:
-    """Yield the first problems of a class, always the same, the robots in turn."""
+    """Yield the first `count` problems of a class, the robots in turn; see `problem`."""
     for number in range(count):
         yield problem(kind, number)
 
 
 @cache
 def problem(kind: str, number: int) -> PlanningProblem:
-    """Return one problem of a class, always the same."""
+    """Return a problem of one of `KINDS`; kind and number seed the draw."""
     asked = KINDS[kind]
     robot = bench_robot(asked.robots[number % len(asked.robots)], asked.geometry)
     rng = np.random.default_rng([*kind.encode(), number])
@@ -108,14 +108,14 @@ def problem(kind: str, number: int) -> PlanningProblem:
 
 
 class Capture(NamedTuple):
-    """A problem and what solves it."""
+    """A problem and a motion that solves it."""
 
     problem: PlanningProblem
     witness: Witness
 
 
 def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Capture | None:
-    """Draw a system, a body and a motion; None: the motion violates what a plan must keep."""
+    """Draw a system, a body and a motion; None: the motion violates a constraint."""
     start = _start(robot, rng)
     duration = float(rng.uniform(8.0, 15.0))
     end = start.joint_positions + rng.uniform(-_TURN, _TURN, robot.joints)
@@ -156,10 +156,7 @@ def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Capture
 
 
 def _beside_bodies(swept: Swept, passing: Sphere, times: Array) -> Sphere | None:
-    """Return a sphere that moves by itself, as large as the bodies on their way leave room for.
-
-    None: they leave too little.
-    """
+    """Return a moving sphere, shrunk to stay clear of the robot's bodies; None: too small."""
     centers = passing.center + times[:, None] * passing.velocity
     room = sphere_gap(swept, passing, _CLEAR, centers) - _CLEAR
     radius = passing.radius + min(room, 0.0)
@@ -183,12 +180,12 @@ def _start(robot: Robot, rng: np.random.Generator) -> SystemState:
 
 
 def _grip(robot: Robot, kind: Kind, ahead: Array, rng: np.random.Generator) -> Grip:
-    """Draw a body that turns about no main axis of its inertia, or nearly about the second.
+    """Draw a body that rotates about no principal axis, or nearly about the intermediate one.
 
-    On a table it turns about the table's normal, which is a main axis.
+    On a planar base it rotates about the table's normal, a principal axis.
 
     Args:
-        ahead: Of the end effector, in its axes, unit length. Shape (3,).
+        ahead: Direction in which the arm ends, a unit vector in end-effector axes. Shape (3,).
     """
     rate = np.deg2rad(rng.uniform(*kind.rates))
     a, b, c = rng.uniform(_LOWEST_SPREAD, _HIGHEST_SPREAD)
@@ -223,7 +220,7 @@ def _ahead(robot: Robot, joints: Array) -> Array:
 
 
 def _approach(robot: Robot, ahead: Array, rng: np.random.Generator) -> Approach:
-    """Draw a corridor roughly along the arm's end, of the cone that is usual."""
+    """Draw a corridor roughly along the last link, with the default cone angle."""
     direction = ahead + _OFF * rng.normal(size=3)
     if robot.base is Base.PLANAR:
         direction[2] = 0.0
@@ -231,7 +228,7 @@ def _approach(robot: Robot, ahead: Array, rng: np.random.Generator) -> Approach:
 
 
 def _keeps(robot: Robot, approach: Approach, witness: Witness) -> bool:
-    """Tell whether the end effector is in the corridor, or away from the grasp, all the while."""
+    """Tell whether the witness keeps the approach corridor."""
     grasp = witness.body.grasp(witness.times)
     tips = np.array([tip(robot, q).translation for q in witness.way])
     seen = ((tips - grasp.positions)[:, None] @ grasp.rotations)[:, 0]
@@ -247,11 +244,12 @@ def _attached(
 ) -> tuple[AttachedSphere, ...]:
     """Draw spheres of a body that stay away from the arm and the chaser.
 
-    Half of them are beside the arm's way as the body sees it, the others anywhere in the body.
+    Half of them are beside the arm's path in the body's frame, the others anywhere in the body.
 
     Args:
         swept: The robot's bodies along the witness; None: it has none.
-        lever: Of the grasp at most [m]: beyond that the arm's way is beside the body.
+        lever: Largest distance of the grasp from the centre of mass [m]; limits where the path
+            counts.
     """
     way, times, body = witness.way, witness.times, witness.body
     points = arm_points(robot, way)

@@ -1,7 +1,7 @@
-"""A motion of the arm that ends at rest in the grasp of a body that tumbles: the witness.
+"""Witnesses: motions that end with the end effector at rest in the grasp frame of a tumbling body.
 
-It is a quintic of each joint to where the end effector rests in the body. Where there is a corridor
-that is before its open end; from there the end effector comes straight in, as the body sees it.
+Each joint follows a quintic. With a corridor the quintics end at rest relative to the body, before
+the corridor's mouth; from there the end effector moves straight in, in the body's frame.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ from ff_planner_ros.robot.state import SystemState
 FROM_LIMITS, _OF_LIMITS = 0.1, 0.7
 # Its smallest singular value is more, at its ends; the planner's threshold is 0.02.
 _REGULAR = 0.08
-# Its end settles on so many steps of Runge-Kutta, and once more on so many times as many: then it
+# Runge-Kutta steps on which its end is solved for, and the factor of a second, finer solution: this
 # is exact to 1e-11 m, so that any sound integrator leads to the same scenario in six decimals.
 _STEPS, _FINER = 100, 16
-# Of the way along the corridor: from so many times its length on, in this part of the duration.
+# Of the straight part: its length over the corridor's, its part of the duration, and its steps.
 _BEFORE, _LAST_PART, _LAST_STEPS = 1.2, 0.35, 40
-# Of the quintics' end: so often it is improved, until nothing changes any more [rad/s, rad/s2].
+# Of the quintics' end: largest number of iterations, and tolerance [rad/s, rad/s2].
 _ROUNDS, _SETTLED = 30, 1e-11
 
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """A body in axes of the end effector that holds it."""
+    """A target body at capture, relative to the end effector that holds it."""
 
-    to_ee: Array  # body axes to the end effector's; shape (3, 3)
-    center: Array  # its centre of mass; shape (3,) [m]
-    inertia: Array  # body axes; shape (3, 3)
-    rate: Array  # body axes; shape (3,) [rad/s]
-    drift: Array  # of its centre of mass, in axes of the end effector; shape (3,) [m/s]
+    to_ee: Array  # rotation from body to end-effector axes; shape (3, 3)
+    center: Array  # its centre of mass in end-effector axes; shape (3,) [m]
+    inertia: Array  # in body axes; shape (3, 3)
+    rate: Array  # angular velocity in body axes; shape (3,) [rad/s]
+    drift: Array  # velocity of its centre of mass in end-effector axes; shape (3,) [m/s]
 
     def body(self, tip: pin.SE3) -> TargetBody:
-        """Return the body where the end effector is."""
+        """Return the body held by an end effector of inertial pose `tip`."""
         to_inertial = tip.rotation @ self.to_ee
         return TargetBody(
             position=tip.translation + tip.rotation @ self.center,
@@ -66,21 +66,25 @@ class Grip:
 
 
 class Witness(NamedTuple):
-    """What solves a problem."""
+    """A motion that solves a problem, with the target body that it captures."""
 
     way: Array  # configurations; shape (times, 7 + joints)
     times: Array  # shape (times,) [s]
-    body: TargetBody  # at the first time
-    torques: Array  # the largest of each joint; shape (joints,) [N m]
-    joints: JointMotion | None = None  # that makes the way; None: more than one motion does
+    body: TargetBody  # in its state at the first time
+    torques: Array  # largest magnitude for each joint; shape (joints,) [N m]
+    joints: JointMotion | None = None  # the joints' motion; None: it is not one quintic a joint
 
 
 def witness_to_grip(
     robot: Robot, start: SystemState, end: Array, grip: Grip, duration: float
 ) -> Witness | None:
-    """Return a motion that ends at rest in the grip.
+    """Return a motion of quintics that ends at rest relative to the gripped body.
 
-    None: there is none to that posture, or it violates what a plan must keep.
+    None: there is none to that posture, or it violates limits of joints, torques or regularity.
+
+    Args:
+        end: Joint positions at the end. Shape (joints,) [rad].
+        duration: Of the motion [s].
     """
     q, v = configuration(robot, start)
     momentum = total_momentum(robot, robot.model.createData(), q, v)
@@ -125,13 +129,14 @@ def witness_along_corridor(
     duration: float,
     corridor: Array,
 ) -> Witness | None:
-    """Return a motion that comes straight into the grip, from rest in the body before a corridor.
+    """Return a motion of quintics to the mouth of a corridor, and straight in from there.
 
-    None: there is none from that posture, or it violates what a plan must keep.
+    None: there is none from that posture, or it violates limits of joints, torques or regularity.
 
     Args:
-        end: Posture from which it comes straight in. Shape (joints,) [rad].
-        corridor: In axes of the end effector, in which it comes, as long as the corridor. (3,) [m].
+        end: Joint positions where the straight part begins. Shape (joints,) [rad].
+        duration: Of both parts together [s].
+        corridor: Direction of motion times length of the corridor, in end-effector axes. (3,) [m].
     """
     way_in, last = _BEFORE * corridor, _LAST_PART * duration
     before = replace(grip, center=grip.center + way_in)
@@ -145,7 +150,7 @@ def witness_along_corridor(
     aside = grip.to_ee.T @ way_in
 
     def velocity(half_step: int, q: Array) -> Array:
-        """Return what takes the end effector along the corridor: the fifth order from rest."""
+        """Return the tangent velocity along the corridor; its arc length is a quintic from rest."""
         s = half_step / (2 * _LAST_STEPS)
         to_come = 1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         speed = 30.0 * s**2 * (1.0 - s) ** 2 / last
@@ -179,7 +184,7 @@ def witness_along_corridor(
 
 
 def tip(robot: Robot, q: Array) -> pin.SE3:
-    """Return where the end effector is in a configuration."""
+    """Return the inertial pose of the end effector in a configuration."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     return pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).copy()
@@ -194,7 +199,7 @@ def _within_limits(robot: Robot, angles: Array, rates: Array) -> bool:
 
 
 def _following(robot: Robot, q: Array, momentum: Array, twist: Array) -> Array:
-    """Return the tangent velocity of least joint rates at which the end effector has a twist."""
+    """Return the tangent velocity with an end-effector twist and minimal joint velocities."""
     model, data, frame = robot.model, robot.model.createData(), robot.tip_frame_id
     jacobian, still = generalised_jacobian(robot, data, q), np.zeros(robot.joints)
     drifting = np.concatenate([base_twist(robot, data, q, momentum, still), still])
@@ -205,7 +210,7 @@ def _following(robot: Robot, q: Array, momentum: Array, twist: Array) -> Array:
 
 
 def _rates_in_grip(robot: Robot, q: Array, momentum: Array, grip: Grip) -> tuple[Array, Array]:
-    """Return the least rates and accelerations at which the end effector rests in the body."""
+    """Return the smallest joint velocities and accelerations that keep the grip on the body."""
     model, data, frame = robot.model, robot.model.createData(), robot.tip_frame_id
     jacobian, rows = generalised_jacobian(robot, data, q), robot.base.rows
     wanted = grip.body(tip(robot, q)).grasp(np.zeros(1))

@@ -1,4 +1,4 @@
-"""The same physics in another inertial frame: what was at x is at `frame.act(x)`."""
+"""Problems transformed to another inertial frame: a point x becomes `frame.act(x)`."""
 
 from __future__ import annotations
 
@@ -22,11 +22,13 @@ _UNITS = [np.tile(row, (COMPONENTS, 1)) for row in np.eye(FREE_TERMS)]
 def seen_from(
     problem: PlanningProblem, frame: pin.SE3, velocity: Array | None = None
 ) -> PlanningProblem:
-    """Return the same physics in another inertial frame, in which the first one is `frame`.
+    """Return a problem of the same physics in another inertial frame.
+
+    Obstacles must be spheres; others are dropped.
 
     Args:
-        velocity: Of the first frame in the other; `frame` is where it is at the first point of
-            the plan. Shape (3,) [m/s]. None: it rests.
+        frame: Pose of the problem's frame in the other one, at the plan's first point.
+        velocity: Of the problem's frame in the other one. Shape (3,) [m/s]. None: it rests.
     """
     start, target, rotation = problem.start, problem.target, frame.rotation
     drift = np.zeros(3) if velocity is None else velocity
@@ -80,14 +82,15 @@ def seen_from(
 def same_path(
     problem: PlanningProblem, coefficients: Array, twin: PlanningProblem, frame: pin.SE3
 ) -> Array:
-    """Return the coefficients with which the twin's end effector takes the same path.
+    """Return the coefficients with which the twin's end effector follows the same path.
 
-    Its positions are the same. In the twin's reading its orientation is no polynomial, and the
-    nearest polynomial is taken.
+    Its positions are the same. In the twin's frame the Euler angles are not polynomials; they are
+    fitted by least squares.
 
     Args:
-        coefficients: Of the problem's path. Shape (6, 3).
-        frame: The first frame in the other.
+        coefficients: xi of the problem's path. Shape (6, 3).
+        twin: The problem seen from the other frame; see `seen_from`.
+        frame: Pose of the problem's frame in the twin's.
     """
     _, rotations = end_effector_paths(problem).polynomial.pose(coefficients, _SAMPLES)
     there = end_effector_paths(twin).polynomial
@@ -103,6 +106,6 @@ def same_path(
 
 
 def seen_back(points: Array, frame: pin.SE3) -> Array:
-    """Return points of the other frame, shape (..., 3), in the first frame."""
+    """Return points of the twin's frame, shape (..., 3) [m], in the problem's frame."""
     seen: Array = (points - frame.translation) @ frame.rotation
     return seen

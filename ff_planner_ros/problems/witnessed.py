@@ -1,6 +1,7 @@
-"""Problems of every arm and goal that joint splines are for: a motion was drawn, its end is asked.
+"""Problems for joint splines: singular starts, partial goals, many joints, planar bases.
 
-That motion, the witness, is a quintic of each joint; the obstacles stay away from it.
+A motion was drawn, the witness, with a quintic for each joint; its end is the goal, and the
+obstacles stay clear of it.
 """
 
 from __future__ import annotations
@@ -55,8 +56,8 @@ class Kind:
 
     robots: tuple[str, ...]  # in turn
     orientations: tuple[Orientation, ...]  # in turn
-    spheres: int = 0  # at most
-    singular: bool = False  # whether they begin in a singular posture
+    spheres: int = 0  # largest number
+    singular: bool = False  # whether the initial posture is singular
 
 
 KINDS = {
@@ -74,14 +75,14 @@ KINDS = {
 
 
 def problems(kind: str, count: int) -> Iterator[PlanningProblem]:
-    """Yield the first problems of a class, always the same."""
+    """Yield the first `count` problems of a class; see `problem`."""
     for number in range(count):
         yield problem(kind, number)
 
 
 @cache
 def problem(kind: str, number: int) -> PlanningProblem:
-    """Return one problem of a class, always the same."""
+    """Return a problem of one of `KINDS`; kind and number seed the draw."""
     asked = KINDS[kind]
     robot = bench_robot(asked.robots[number % len(asked.robots)])
     orientation = asked.orientations[number % len(asked.orientations)]
@@ -101,9 +102,13 @@ def drawn_problem(
     spheres: int,
     rng: np.random.Generator,
 ) -> PlanningProblem | None:
-    """Draw a moving system and a motion of its arm from a posture; at the goal it shall rest.
+    """Draw a problem that starts in a posture, with a goal that a drawn motion reaches.
 
-    None: the motion leaves a joint's limits, or the end effector could not rest at its end.
+    None: the motion violates joint limits, or its end is singular.
+
+    Args:
+        posture: Joint positions at the start. Shape (joints,) [rad].
+        spheres: Largest number of spheres.
     """
     drawn = drawn_with_witness(robot, posture, orientation, spheres, rng)
     return None if drawn is None else drawn[0]
@@ -116,7 +121,7 @@ def drawn_with_witness(
     spheres: int,
     rng: np.random.Generator,
 ) -> tuple[PlanningProblem, JointMotion] | None:
-    """Draw what `drawn_problem` does, and return the motion, too: it keeps what is asked."""
+    """Draw a problem as `drawn_problem`, and return it with the motion that solves it."""
     planar, joints = robot.base is Base.PLANAR, robot.joints
     drift, spin = _DRIFT * rng.normal(size=3), _SPIN * rng.normal(size=3)
     if planar:
@@ -170,9 +175,12 @@ def drawn_with_witness(
 
 
 def random_posture(robot: Robot, singular: bool, rng: np.random.Generator) -> Array | None:
-    """Return a posture well within the limits; None: no singular one was found near what is drawn.
+    """Draw joint positions inside the limits; None: no singular ones were found near the draw.
 
-    A joint without limits is drawn from one turn.
+    A joint without limits is drawn from -pi to pi.
+
+    Args:
+        singular: Whether the generalised Jacobian must be singular there.
     """
     lowest = np.maximum(robot.lower_position_limits, -np.pi) + _FROM_LIMITS
     highest = np.minimum(robot.upper_position_limits, np.pi) - _FROM_LIMITS
@@ -190,7 +198,7 @@ def random_posture(robot: Robot, singular: bool, rng: np.random.Generator) -> Ar
 
 
 def _least_at_goal(robot: Robot, q: Array, orientation: Orientation) -> float:
-    """Return the smallest singular value of the conditions on the end effector's twist."""
+    """Return the smallest singular value of the generalised Jacobian's rows that the goal fixes."""
     jacobian = generalised_jacobian(robot, robot.model.createData(), q)
     if orientation is not Orientation.FIXED:
         jacobian = jacobian[: 2 if robot.base is Base.PLANAR else 3]
@@ -200,11 +208,12 @@ def _least_at_goal(robot: Robot, q: Array, orientation: Orientation) -> float:
 def spheres_beside(
     robot: Robot, way: Array, times: Array, most: int, speed: float, rng: np.random.Generator
 ) -> tuple[Sphere, ...]:
-    """Draw spheres near the arm's way that move uniformly and stay away from it.
+    """Draw spheres of constant velocity near a motion of the arm that stay clear of it.
 
     Args:
         way: Configurations at the times. Shape (times, 7 + joints).
-        speed: In each direction, about [m/s].
+        most: Largest number of spheres.
+        speed: Standard deviation of each component of their velocities [m/s].
     """
     points = arm_points(robot, way)
     starts = segments(points)

@@ -1,4 +1,4 @@
-"""The bags of a campaign at once: a row for each answer in them, and what is wrong with which."""
+"""Evaluation of all bags in a directory: a row per answer, success rate, percentiles."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from ff_planner_ros.report.statistics import Group, Rate, Row, grouped
 
 T = TypeVar("T")
 
-# What tells that a directory is, or was to be, a bag.
+# Endings of files that make their directory a bag, even if it is damaged.
 _OF_BAGS = (".mcap", ".db3", ".zstd", ".bag")
 _METADATA = "metadata.yaml"
 NO_ANSWER = "no answer"
 _ALL = 10**9  # plans of a bag
-# Bags from which on a process a core reads them: to start one takes as long as to read a few.
+# So many bags or more are read by one process a core: to start one takes as long as to read a few.
 _FOR_PROCESSES = 24
 # Columns beside those of the table of answers: the largest difference between measured and planned
 # while the plan ran; none where nothing was measured.
 MEASURED = ("measured_joint_off_rad", "measured_chaser_off_m", "measured_ee_off_m")
-# Figures whose percentiles are told: words, column, factor to the unit in the words.
+# Quantities whose percentiles are shown: label, column, factor to the label's unit.
 FIGURES = (
     ("solve time [s]", "solve_time_s", 1.0),
     ("clearance [mm]", "min_clearance_m", 1e3),
@@ -52,33 +52,33 @@ PERCENTILES = (0, 5, 50, 95, 100)
 
 @dataclass(frozen=True)
 class Fleet:
-    """What the bags in a directory hold."""
+    """The answers in all bags of a directory."""
 
     directory: Path
-    read: tuple[str, ...]  # bags, by their path below the directory
-    rows: tuple[Row, ...]  # an answer each, or a request without one
-    skipped: tuple[tuple[str, str], ...]  # bags of which nothing can be read, and why
-    copies: tuple[tuple[str, str], ...]  # bags that count once, and of which they are copies
-    notes: tuple[str, ...]  # what is wrong with those that were read
-    publications: tuple[Row, ...]  # the requests to publish a plan that waits
+    read: tuple[str, ...]  # paths of bags below the directory
+    rows: tuple[Row, ...]  # one for each answer, or request without one
+    skipped: tuple[tuple[str, str], ...]  # bags that cannot be read, and why
+    copies: tuple[tuple[str, str], ...]  # bags that are copies, and of which bag
+    notes: tuple[str, ...]  # problems of the bags that were read
+    publications: tuple[Row, ...]  # one for each call of `~/publish_plan`
 
     @property
     def answers(self) -> Group:
-        """All answers."""
+        """All rows as one group."""
         return Group("all", self.rows)
 
     @property
     def solved(self) -> Rate | None:
-        """How many of the requests have a plan; None: there is no request."""
+        """Rate of requests with a plan; None: there is no request."""
         return self.answers.solved if self.rows else None
 
     @property
     def causes(self) -> Counter[str]:
-        """How often each status refused."""
+        """Number of refusals by status."""
         return self.answers.causes
 
     def percentiles(self, column: str) -> list[float] | None:
-        """Return the percentiles of a column over plans; None: it is not known of any."""
+        """Return `PERCENTILES` of a column over plans (solve times: all answers), if known."""
         values = self.answers.values(column, solved_only=column != "solve_time_s")
         values = values[np.isfinite(values)]
         return np.percentile(values, PERCENTILES).tolist() if len(values) else None
@@ -87,8 +87,8 @@ class Fleet:
     def runs(self) -> list[Group]:
         """The answers by bag, the worst first.
 
-        Those with refusals come first, by their share; then those that were furthest off their
-        plan; then those that came nearest to something.
+        Order: lowest rate of solved requests, then largest measured deviation of the end effector,
+        then smallest clearance.
         """
         return sorted(grouped(self.rows, "bag"), key=_badness)
 
@@ -119,12 +119,12 @@ def _is_bag(directory: Path) -> bool:
 
 
 def read_fleet(directory: Path) -> Fleet:
-    """Read every bag in a directory; a bag that cannot be read costs no other.
+    """Read every bag in a directory and below it; bags that cannot be read are skipped.
 
-    Copies of one recording, which have the same answers to the last bit of their times, count once.
+    Copies of one recording, whose answers are equal to the last bit, count once.
 
     Raises:
-        BagError: Not one of them can be read.
+        BagError: None of the bags can be read.
     """
     paths = bags_below(directory) or [directory]
     read, rows, skipped, notes = list[str](), list[Row](), list[tuple[str, str]](), list[str]()
@@ -165,7 +165,7 @@ class _Bag:
 
     @property
     def told(self) -> str:
-        """All that its rows tell, but for the bag's name."""
+        """The text of all rows without the bag's name, equal for copies."""
         return repr([{**row, "bag": ""} for row in self.rows])
 
 
@@ -178,7 +178,7 @@ def _each(directory: Path, paths: Sequence[Path]) -> Iterator[tuple[str, _Bag | 
 
 
 def on_all_cores(work: Callable[..., T], pays: bool, *of_each: Iterable[Any]) -> Iterator[T]:
-    """Yield what `map` does; where it pays to start them, a process a core works on it."""
+    """Yield the results of `map(work, *of_each)`; if it `pays`, by one process a core."""
     cores = len(os.sched_getaffinity(0))
     if not pays or cores == 1:
         yield from map(work, *of_each)
@@ -221,7 +221,7 @@ def _rows(
 
 
 def _measured(path: Path, name: str, notes: list[str]) -> dict[str, tuple[float, ...]]:
-    """Return by plan how far joints, chaser and end effector were off it at most."""
+    """Return the values of `MEASURED` by plan id."""
     if find_spec("ff_planner_msgs") is None:
         note = "without ROS nothing measured is compared with the plans"
         if note not in notes:
@@ -247,7 +247,7 @@ def _measured(path: Path, name: str, notes: list[str]) -> dict[str, tuple[float,
 
 
 def fleet_document(fleet: Fleet) -> dict[str, Any]:
-    """Return what the bags come to, for JSON."""
+    """Return the evaluation of the bags for JSON."""
     solved = fleet.solved
     return {
         "directory": str(fleet.directory),
@@ -270,7 +270,7 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
 
 
 def fleet_lines(fleet: Fleet) -> Iterator[str]:
-    """Yield what the bags come to, line by line, and at the end what is wrong with which."""
+    """Yield the evaluation of the bags line by line, problems of single bags last."""
     total = len(fleet.read) + len(fleet.skipped) + len(fleet.copies)
     words = f"{len(fleet.skipped)} skipped, {len(fleet.copies)} copies"
     yield f"bags      {total} in {printable(str(fleet.directory))}, {words}"
@@ -297,12 +297,12 @@ def fleet_lines(fleet: Fleet) -> Iterator[str]:
 
 
 def publication_counts(fleet: Fleet) -> list[tuple[str, int]]:
-    """Return how many requests to publish a plan had which status, the most frequent first."""
+    """Return status and number of the calls of `~/publish_plan`, the most frequent first."""
     return Counter(str(row["status"]) for row in fleet.publications).most_common()
 
 
 def success_words(fleet: Fleet) -> str:
-    """Return how many are solved, in words behind the number of requests."""
+    """Return the number and rate of solved requests as text; empty without requests."""
     if fleet.solved is None:
         return ""
     low, high = fleet.solved.interval

@@ -25,7 +25,7 @@ from ff_planner_ros.report.statistics_plots import time_plot
 
 # Runs that get a page of their own: each is some megabytes.
 PAGES = 10
-# Pages from which on a process a core draws them: it takes as long to start as a page to draw.
+# So many pages or more are drawn by one process a core: to start one takes as long as a page.
 _FOR_PROCESSES = 4
 _COLUMNS = (
     *("run", "requests", "solved", "causes", "slowest [s]", "least clearance [mm]"),
@@ -41,10 +41,10 @@ _OF_RUNS = (
 
 
 def save_fleet_page(fleet: Fleet, file: Path, most_plans: int) -> list[str]:
-    """Write the page, and beside it those of the worst runs; return notes on what has none.
+    """Write the page of many bags, and pages of the worst runs; return notes on missing pages.
 
     Args:
-        most_plans: That are drawn of each run.
+        most_plans: Largest number of plans drawn of a run, its last ones.
 
     Raises:
         OSError: A page cannot be written.
@@ -74,7 +74,7 @@ def save_fleet_page(fleet: Fleet, file: Path, most_plans: int) -> list[str]:
 
 
 def _save_page_of(bag: Path, page: Path, most_plans: int) -> str:
-    """Write the page of a bag; return why there is none."""
+    """Write the page of a bag; return an error message, or nothing."""
     from ff_planner_ros.report.from_bag import report_of_bag
     from ff_planner_ros.report.run_page import save_page
 

@@ -14,10 +14,9 @@ from ff_planner_ros.report.statistics import Row
 
 
 def save_fleet_table(fleet: Fleet, file: Path) -> None:
-    """Write a row for each answer into a new file.
+    """Write a row for each answer into a new Parquet file.
 
-    Where plans waited to be published, a row for each request for that into one beside it,
-    `NAME_publications.parquet`.
+    Calls of `~/publish_plan`, if there are any, go into `NAME_publications.parquet` beside it.
 
     Raises:
         BagError: A file exists already, there is no answer, or one cannot be written.
@@ -30,7 +29,7 @@ def save_fleet_table(fleet: Fleet, file: Path) -> None:
 
 
 def publications_beside(file: Path) -> Path:
-    """Return the file of the requests to publish a plan, beside that of the answers."""
+    """Return the file of the calls of `~/publish_plan`, beside that of the answers."""
     return file.with_name(f"{file.stem}_publications{file.suffix}")
 
 
@@ -48,7 +47,7 @@ def _save(rows: Sequence[Row], file: Path) -> None:
 
 
 def _column(values: list[object]) -> pyarrow.Array:
-    """Return a column of numbers, of texts where one is a text."""
+    """Return a column of the narrowest type of all its values: bool, int, float or text."""
     known = [one for one in values if one is not None]
     if all(isinstance(one, bool) for one in known) and known:
         return pyarrow.array(values, pyarrow.bool_())

@@ -175,7 +175,11 @@ def _request(exchange: PlanExchange) -> ReportedRequest:
 def reported_request(
     door: str, request: PlanRequest | None, answer: PlanAnswer | None
 ) -> ReportedRequest:
-    """Return what a request and its answer tell, without what is drawn of it."""
+    """Return the row of a request and its answer, without the plans to draw.
+
+    Args:
+        door: Interface that the request came in by.
+    """
     found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
         names = [item.name for item in fields(Objective)]
@@ -215,7 +219,7 @@ def reported_request(
 def _phases(
     exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]
 ) -> list[ReportedPlan]:
-    """Return the plan of each phase with its scene; received: messages of topics by their names."""
+    """Return the plan of each phase with its scene; `received` has messages by topic name."""
     answer = exchange.response
     if answer is None or not answer.plans:
         raise BagError("the bag holds no plan of it")
@@ -253,7 +257,7 @@ def _phases(
 
 
 def _windows(found: Sequence[PlanExchange], k: int) -> list[Window]:
-    """Return the time of each phase of a plan, until the next plan takes the arm over."""
+    """Return the time window of each phase of a plan, cut where the next plan starts."""
     namespace = found[k].namespace
     mine, *later = (
         [_span(plan) for plan in exchange.response.plans]

@@ -1,4 +1,4 @@
-"""The report of a what if: the plans of changed requests laid over the recorded ones."""
+"""The report of a what-if: the plans of changed requests laid over the recorded ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOST_PLANS = 20
 
 
 def report_of_changes(found: WhatIf) -> Report:
-    """Return the report, the last plans drawn."""
+    """Return the report of a what-if, with the plans of its last requests drawn."""
     requests, notes, robot = [], list(found.notes), found.robot
     for number, one in enumerate(found.answers):
         name, door = one.recorded.name, one.recorded.door
@@ -46,7 +46,7 @@ def report_of_changes(found: WhatIf) -> Report:
 
 
 def _plan(robot: Robot, one: ChangedAnswer) -> ReportedPlan | None:
-    """Return what is drawn of a request, as recorded, as changed or both; None: no plan is."""
+    """Return the plan to draw, as recorded, as changed or both; None: both were refused."""
     answers = {RECORDED: one.recorded.response, CHANGED: one.answer}
     solved = {
         method: answer
@@ -67,7 +67,7 @@ def _motion(robot: Robot, answer: PlanAnswer) -> Trajectory:
 
 
 def _problems(one: ChangedAnswer) -> Iterator[PlanningProblem]:
-    """Yield what was planned, of the requests that can be read; both have one goal and scene."""
+    """Yield the problems of the requests that can be read; both have one goal and scene."""
     refused: FfPlannerError | None = None
     for request, answer in ((one.changed, one.answer), (one.recorded, one.recorded.response)):
         try:

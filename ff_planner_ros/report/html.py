@@ -1,7 +1,7 @@
-"""Elements of a page, and the file that holds the page: it needs neither server nor network.
+"""Elements of an HTML page, and the file that holds it: it needs neither server nor network.
 
 The standard library's element tree escapes every text: what comes from a bag is never a tag. The
-page forbids itself to load anything and to run any script but its own two.
+page's Content-Security-Policy allows no script but its own two, and to load nothing else.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SCRIPTS = ("plots.js", "clock.js", "explorer.js")
 
 
 def element(tag: str, *content: Element | str | dict[str, str], **attributes: str) -> Element:
-    """Return an element of children, texts and, where Python has no name for one, attributes."""
+    """Return an element of children and texts, in order; dictionaries add attributes."""
     made, last = Element(tag, attributes), None
     for item in content:
         if isinstance(item, dict):
@@ -39,7 +39,7 @@ def element(tag: str, *content: Element | str | dict[str, str], **attributes: st
 
 
 def table(columns: Iterable[str], rows: Sequence[Element]) -> Element:
-    """Return a table; on a narrow screen each cell says by itself what column it is of."""
+    """Return a table; each cell carries its column's name, which narrow screens show."""
     columns = list(columns)
     for made in rows:
         for column, cell in zip(columns, made.iter("td"), strict=False):
@@ -55,24 +55,24 @@ def row(cells: Iterable[Element | str]) -> Element:
 
 
 def pairs(found: Iterable[tuple[str, Element | str]]) -> Element:
-    """Return a table of names and what they are."""
+    """Return a table of names and values."""
     rows = (element("tr", element("th", name), element("td", value)) for name, value in found)
     return element("table", element("tbody", *rows), {"class": "facts"})
 
 
 def bullets(entries: Iterable[str], kind: str) -> Element:
-    """Return a list of a kind that the style knows."""
+    """Return a bullet list; kind: its class in `report.css`."""
     return element("ul", *(element("li", entry) for entry in entries), {"class": kind})
 
 
 def when(time: float) -> Element:
-    """Return a time [s] of a plan; a click on it moves the plan's plots there."""
+    """Return a button of a time [s]; a click on it moves the plan's plots there."""
     words = {"type": "button", "class": "when", "data-time": repr(float(time))}
     return element("button", f"{time:.2f} s", words)
 
 
 def plot(name: str, figure: go.Figure, caption: str) -> Element:
-    """Return the place of a plot, with its data."""
+    """Return the element of a plot with its data and caption; name: its id on the page."""
     # Plotly writes "<" as an escape of JSON's: no name in it can end the script.
     text = figure.to_json()
     data = element("script", text, {"type": "application/json", "id": f"data-{name}"})
@@ -81,7 +81,7 @@ def plot(name: str, figure: go.Figure, caption: str) -> Element:
 
 
 def save_library(file: Path) -> None:
-    """Write plotly into a file, for pages that take it from there.
+    """Write plotly.js into a file, for pages that load it from there.
 
     Raises:
         OSError: The file cannot be written.
@@ -90,17 +90,17 @@ def save_library(file: Path) -> None:
 
 
 def save_html(title: str, sections: Iterable[Element], file: Path, library: str = "") -> None:
-    """Write a page of sections, from top to bottom; a file that is there is replaced.
+    """Write a page of sections, from top to bottom; an existing file is replaced.
 
     Args:
-        library: Where it takes plotly from, relative to the file; empty: it holds plotly itself.
+        library: Path of plotly.js relative to the file; empty: the page contains it.
 
     Raises:
         OSError: The file cannot be written.
     """
     page = _page(title, sections, library)
     text = "<!doctype html>\n" + tostring(page, encoding="unicode", method="html") + "\n"
-    # Half a surrogate, which JSON can bring in, is nothing that a file can hold.
+    # An unpaired surrogate, which JSON can bring in, cannot be encoded.
     file.write_bytes(text.encode("utf-8", errors="replace"))
 
 

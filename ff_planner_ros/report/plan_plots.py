@@ -31,7 +31,7 @@ from ff_planner_ros.report.statistics_plots import evenly_spaced
 
 
 def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
-    """Yield name, caption and plot of all that is drawn of a plan."""
+    """Yield name, caption and figure of each plot of a plan."""
     robot, obstacles = plan.robot, plan.obstacles or ()
     motions = dict(plan.motions)
     if plan.measured is not None and plan.deviations is not None:
@@ -72,7 +72,7 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
 
 
 def shown_rows(found: Deviations) -> np.ndarray:
-    """Return which states are drawn: evenly many of them, and the worst of each kind."""
+    """Return indices of the states to draw: evenly spaced, and the worst of each deviation."""
     worst = [int(values.argmax()) for _, values in in_shown_units(found)]
     return np.unique([*evenly_spaced(len(found.time)), *worst])
 

@@ -15,11 +15,11 @@ from ff_planner_ros.report.run_report import ReportedPlan, ReportedRequest, cloc
 
 
 def plan_part(name: str, request: ReportedRequest, plan: ReportedPlan, opened: bool) -> Element:
-    """Return a plan's part.
+    """Return the part of a page that shows one plan.
 
     Args:
-        name: Of the plan on this page; the links to this part name it.
-        opened: Whether it is open from the start.
+        name: Identifies the plan on the page: links to this part go to `#plan-NAME`.
+        opened: Whether the part is expanded at first.
     """
     attributes = {"id": f"plan-{name}"} | ({"open": "open"} if opened else {})
     answers = _answers(request, plan)

@@ -35,7 +35,7 @@ _JOINT_COLUMNS = ("joint", "start", "end", "margin to limits", "largest rate", "
 
 
 def task_words(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
-    """Yield start, target and obstacles."""
+    """Yield name and value of what was asked: start, target, constraints and obstacles."""
     motion, goal = plan.motion, plan.goal
     yield "start, chaser", _pose(motion.chaser_positions[0], motion.chaser_quaternions_xyzw[0])
     velocity, turning = motion.chaser_linear_velocities[0], motion.chaser_angular_velocities[0]
@@ -60,10 +60,10 @@ def task_words(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
 def worst(
     plan: ReportedPlan, motion: Trajectory, metrics: Metrics | None
 ) -> Iterator[tuple[str, Element]]:
-    """Yield where a motion is nearest to an obstacle and to the limits of its joints.
+    """Yield name and value of a motion's extremes: clearances, and joints nearest their limits.
 
     Args:
-        metrics: Of the motion, if it is a plan that was checked.
+        metrics: Metrics of the motion; None: it is no checked plan.
     """
     robot, obstacles = plan.robot, plan.obstacles
     found = _joints_at_worst(robot, motion, metrics)
@@ -93,7 +93,7 @@ def worst(
 
 
 def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> Element:
-    """Return a table of what each joint does."""
+    """Return a table of each joint's start, end and extremes."""
     rows = []
     for joint in _joints_at_worst(robot, motion, metrics):
         margin, known = f"{_place(joint, joint.margin)}, at ", np.isfinite(joint.torque)
@@ -132,7 +132,7 @@ def obstacle_table(
 def _joints_at_worst(
     robot: Robot, motion: Trajectory, metrics: Metrics | None
 ) -> list[JointExtremes]:
-    """Return what each joint does at its worst; torques as the check found them, if it did."""
+    """Return the extremes of each joint; of torques with the peaks of the check, if known."""
     peaks = metrics.peak_joint_torques if metrics is not None else ()
     return joint_extremes(robot, motion, peaks if len(peaks) == robot.joints else ())
 
@@ -172,7 +172,7 @@ def _with_time(words: str, time: float, after: str = "") -> Element:
 
 
 def _place(joint: JointExtremes, value: float, decimals: int = 2) -> str:
-    """Return a position of a joint, or a distance on its way."""
+    """Return a position of a joint, or a difference of positions, as text."""
     return f"{1e3 * value:.1f} mm" if joint.slides else f"{np.rad2deg(value):.{decimals}f} deg"
 
 

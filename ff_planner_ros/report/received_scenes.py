@@ -1,4 +1,4 @@
-"""What the plans of a bag were made among, for their report: of their requests, or as received."""
+"""Scenes of a bag's plans for their report: from the requests, or from topics as received."""
 
 from __future__ import annotations
 
@@ -29,7 +29,14 @@ SCENE_TOPICS = OBSTACLES, OBSTACLE_BODIES, TARGET_BODY
 def heard_on(
     bag: Bag, found: Sequence[PlanExchange], drawn: Sequence[int], topic: InputTopic
 ) -> dict[int, Message]:
-    """Return what was received on a topic, for the plans whose requests do not bring it."""
+    """Return the messages that plans took from a topic, for want of that input in the request.
+
+    Args:
+        drawn: Indices in `found` of the exchanges to look at.
+
+    Returns:
+        By index in `found`; exchanges for which the bag has no message are missing.
+    """
     scenes: dict[int, Message] = {}
     asked = {
         k: found[k]
@@ -61,7 +68,7 @@ def _moment(exchange: PlanExchange, topic: InputTopic) -> Moment:
 def obstacles_at_start(
     request: PlanRequest | None, answer: PlanAnswer, received: Mapping[str, Any]
 ) -> tuple[Obstacle, ...] | None:
-    """Return the obstacles at a plan's start, but for those fixed to a body; None: not known."""
+    """Return the obstacles at a plan's start, without those of a target body; None: not known."""
     seen = since_stamp(answer.inputs.obstacles_stamp, answer)
     if request is not None and request.scene:
         return carried(scene_obstacles_of(request.scene[0], "scene"), seen)

@@ -43,10 +43,10 @@ _TIMING_COLUMNS = (
 
 
 def save_page(report: Report, file: Path, library: str = "") -> None:
-    """Write a report; library: see `save_html`.
+    """Write the page of a report; library: see `save_html`.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The file cannot be written.
     """
     save_html(report.title, _sections(report), file, library)
 
@@ -77,7 +77,7 @@ def _sections(report: Report) -> Iterator[Element]:
 
 
 def _verdicts(report: Report) -> Iterator[tuple[str, str]]:
-    """Yield what happened: a kind that the style knows, and a sentence."""
+    """Yield the results, each a class in `report.css` and a sentence."""
     requests = report.requests
     if len(requests) != 1:
         yield "", f"{report.counts}."
@@ -99,7 +99,7 @@ def _verdicts(report: Report) -> Iterator[tuple[str, str]]:
 
 
 def _margins(request: ReportedRequest) -> Iterator[str]:
-    """Yield how far a plan moves, and how near it comes to anything."""
+    """Yield a plan's duration and the metrics of `_WORST`, in words."""
     metrics = request.metrics
     if request.duration is not None:
         yield f"It takes {request.duration:.4g} s"
@@ -115,14 +115,14 @@ def _verdict(told: tuple[str, str]) -> Element:
 
 
 def _parts(number: int, request: ReportedRequest) -> Iterator[_Part]:
-    """Yield name, request and plan of all that is drawn of a request: each phase has a part."""
+    """Yield name, request and plan of each phase of a request that is drawn."""
     if request.plan is None:
         return
     if not request.then:
         yield str(number), request, request.plan
         return
     for phase, plan in enumerate((request.plan, *request.then), start=1):
-        # What is measured of a sequence is of the whole.
+        # The metrics of a sequence are of the whole.
         called = f"{request.plan_id}, phase {phase}"
         of_phase = replace(request, plan_id=called, metrics=None, solver=None)
         yield f"{number}" if phase == 1 else f"{number}-{phase}", of_phase, plan
@@ -172,7 +172,7 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
 
 
 def _publications(asked: Sequence[Publication]) -> Iterator[Element]:
-    """Yield the requests to publish a plan that waits."""
+    """Yield heading and table of the calls of `~/publish_plan`."""
     if not asked:
         return
     yield element("h2", "publish_plan")

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ReportedPlan:
-    """A plan with all that is drawn of it."""
+    """A plan with the data of its plots and tables."""
 
     robot: Robot
     motions: Mapping[Method, Trajectory]  # as planned; or as recorded, as changed, or both
@@ -37,8 +37,9 @@ class ReportedPlan:
     scene: Scene  # as far as it is known
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
     deviations: Deviations | None = None  # of the measured motion
-    remarks: tuple[str, ...] = ()  # what a reader must know of all this
-    stored: Array | None = None  # what wheels hold at the start [N m s]; None: there are none
+    remarks: tuple[str, ...] = ()  # sentences above the plots
+    # Wheel momenta at the start, shape (wheels,) [N m s]; None: there are no wheels
+    stored: Array | None = None
 
     @property
     def goal(self) -> Target:
@@ -49,31 +50,31 @@ class ReportedPlan:
 
     @property
     def motion(self) -> Trajectory:
-        """The plan, or what was recorded where there are two."""
+        """The planned motion; of two, the recorded one."""
         return next(iter(self.motions.values()))
 
     @property
     def all_motions(self) -> dict[Method, Trajectory]:
-        """Plans, and what was measured."""
+        """Planned and measured motions."""
         measured = {} if self.measured is None else {MEASURED: self.measured}
         return {**self.motions, **measured}
 
 
 @dataclass(frozen=True, eq=False)
 class ReportedRequest:
-    """A request with its response. What is not known is None."""
+    """A request with its response; None stands for what is not known."""
 
     plan_id: str  # name of the request; empty if it has none
-    door: str  # where it came in
-    asked_ns: int | None = None  # of the request, on the node's clock [ns]
-    received_ns: int | None = None  # when the node read the request
-    answered_ns: int | None = None  # when the response went out
-    start_ns: int | None = None  # time of the plan's first point
+    door: str  # interface that it came in by
+    asked_ns: int | None = None  # time of the request, on the node's clock [ns]
+    received_ns: int | None = None  # when the node read the request [ns]
+    answered_ns: int | None = None  # when the response went out [ns]
+    start_ns: int | None = None  # time of the plan's first point [ns]
     code: int | None = None  # of the status; None: unanswered
     message: str = ""  # of the status
-    weights: tuple[float, ...] | None = None  # as of `Objective`, in its order
+    weights: tuple[float, ...] | None = None  # fields of `Objective`, in their order
     duration: float | None = None  # to the goal, given or chosen [s]
-    # Of which the planner was to choose, the shortest and the longest [s]; None: it is given
+    # Shortest and longest that the planner may choose [s]; None: the duration is given
     durations: tuple[float, float] | None = None
     points: int | None = None  # of the plan
     metrics: Metrics | None = None  # of the plan, or of the best attempt
@@ -81,21 +82,21 @@ class ReportedRequest:
     solve_time: float | None = None  # wall clock of the answer [s]
     guessed: bool = False  # whether a library's plan was tried first
     plan: ReportedPlan | None = None  # None: there is no plan, or it is not drawn
-    # Where it was refused before any motion was looked for: what was asked; None: not drawn
+    # Picture of the scenario, if it was refused before any search; None: not drawn
     asked: go.Figure | None = None
-    # Of a sequence in one answer, whose `plan` is that of the first phase: those of the others
+    # Plans of a sequence's later phases; `plan` is that of the first
     then: tuple[ReportedPlan, ...] = ()
-    # The same request as it was recorded, where this is one with something changed
+    # In a what-if, the request as it was recorded
     before: ReportedRequest | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Everything that the page shows."""
+    """The content of a report's page."""
 
     title: str  # name of the bag or file
     facts: tuple[tuple[str, str], ...]
-    notes: tuple[str, ...]  # what is wrong with the bag, and what is left out
+    notes: tuple[str, ...]  # problems of the bag, and omissions
     requests: tuple[ReportedRequest, ...]  # in order of time
     publications: tuple[Publication, ...] = ()  # in order of time
 
@@ -112,10 +113,10 @@ class Report:
 
 
 def report_of_answer(file: Path) -> Report:
-    """Tell of one plan, or one refusal, in an answer of `ff-planner plan --json`.
+    """Return the report of a plan, or a refusal, in a file of `ff-planner plan --json`.
 
     Raises:
-        InvalidInput: It is no such answer.
+        InvalidInput: The file cannot be read, or is no such answer.
     """
     answer = read_json(file)
     try:
@@ -144,7 +145,11 @@ def report_of_answer(file: Path) -> Report:
 def solved(
     asked: ReportedRequest, plan: Plan, drawn: Sequence[ReportedPlan], message: str
 ) -> ReportedRequest:
-    """Return a request with its plan: of a sequence, as one, with what is drawn of each phase."""
+    """Return a request with its plan; a sequence has the metrics of the whole motion.
+
+    Args:
+        drawn: The plan to draw of each phase, in order.
+    """
     total = whole(plan)
     motion = total.trajectory
     return replace(
@@ -188,7 +193,7 @@ def robot_facts(robot: Robot) -> list[tuple[str, str]]:
 
 
 def clock_time(time_ns: int, with_date: bool = True) -> str:
-    """Return a time since the epoch [ns] for people."""
+    """Return a time since the epoch [ns] as UTC text."""
     try:
         moment = datetime.fromtimestamp(time_ns // NANOSECONDS, UTC)
     except (OverflowError, OSError, ValueError):

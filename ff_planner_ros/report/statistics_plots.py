@@ -21,7 +21,7 @@ _TICKS = 10  # of the axis that counts answers, at whole numbers
 
 
 def time_plot(groups: Sequence[Group]) -> go.Figure:
-    """Draw which share of the cases is answered within a time."""
+    """Draw the share of cases answered within a solve time [s], a curve for each group."""
     figure = go.Figure()
     for place, group in enumerate(groups):
         times = np.sort(group.values("solve_time", solved_only=False))
@@ -39,7 +39,7 @@ def time_plot(groups: Sequence[Group]) -> go.Figure:
 
 
 def solve_time_plot(times: Sequence[float]) -> go.Figure:
-    """Draw how often which solve time [s] was needed."""
+    """Draw a histogram of solve times [s]."""
     figure = go.Figure(go.Histogram(x=np.array(times), marker={"color": PLANNED.colour}))
     ticks = {"dtick": -(-len(times) // _TICKS)}
     made = _laid_out(figure, "solve time [s]", "answers", ticks, height=260)
@@ -47,7 +47,7 @@ def solve_time_plot(times: Sequence[float]) -> go.Figure:
 
 
 def evenly_spaced(count: int, most: int = _MOST_POINTS) -> Indices:
-    """Return which rows of many are drawn, the first and the last among them."""
+    """Return up to `most` evenly spaced indices below `count`, the first and the last included."""
     return np.linspace(0, count - 1, min(count, most)).round().astype(int)
 
 

@@ -1,7 +1,7 @@
-"""The target body in the engine: how the end effector is to its grasp when it captures the body.
+"""Errors of a capture: pose and velocity of the end effector relative to the target's grasp.
 
-The body is a second free body that nothing acts on. Until it is captured it touches nothing, so it
-is moved in a model of its own; the robot's stays as it is. `captured` compares two measurements.
+In MuJoCo the target is a free body without forces. As nothing touches it before the capture, it is
+integrated in a model of its own. `captured` compares two measurements instead.
 """
 
 from __future__ import annotations
@@ -22,35 +22,36 @@ from ff_planner_ros.robot.state import SystemState
 if TYPE_CHECKING:
     from ff_planner_ros.simulation.execution import Execution
 
-# In one step of the engine's RK4 the body turns no further [rad]; it takes so many steps at least.
+# Largest rotation of the body in one step of the engine's RK4 [rad], and fewest steps.
 _STEP_TURN, _LEAST_STEPS = 0.005, 100
 
 
 @dataclass(frozen=True)
 class Capture:
-    """How the end effector is to the grasp, and moves to it, when the plan captures the body."""
+    """Errors of the end effector's pose and velocity relative to the grasp, at the capture."""
 
     position_error: float  # [m]
     orientation_error: float  # [rad]
-    linear_speed: float  # of the end effector as the grasp sees it [m/s]
-    angular_speed: float  # [rad/s]
+    linear_speed: float  # relative to the body's point at the end effector [m/s]
+    angular_speed: float  # relative to the body [rad/s]
 
 
-# As much as the planner's check allows a plan to miss its target, and so much in a second.
+# The errors of pose that the planner's check allows, and as much in a second.
 ALLOWED_AT_CAPTURE = Capture(1e-3, np.deg2rad(0.05), 1e-3, np.deg2rad(0.05))
 
 
 def is_soft(found: Capture) -> bool:
-    """Tell whether a capture is within what is allowed."""
+    """Tell whether all errors of a capture are within `ALLOWED_AT_CAPTURE`."""
     pairs = zip(astuple(found), astuple(ALLOWED_AT_CAPTURE), strict=True)
     return all(value <= allowed for value, allowed in pairs)
 
 
 def capture(body: TargetBody, time: float, execution: Execution) -> Capture:
-    """Return how an execution captures a body, both in one inertial frame.
+    """Return the errors of a capture in an execution; NaN if the execution has diverged.
 
     Args:
-        time: Of the capture, from the plan's first point on; one of the execution's [s].
+        body: In its state at the plan's first point, in the execution's inertial frame.
+        time: Time of the capture, from the plan's first point on; one of the execution's [s].
     """
     at = int(np.abs(execution.time - time).argmin())
     if not np.isfinite(execution.ee_positions[at]).all():
@@ -73,7 +74,7 @@ def capture(body: TargetBody, time: float, execution: Execution) -> Capture:
 
 
 def captured(robot: Robot, state: SystemState, body: TargetBody) -> Capture:
-    """Return how the end effector is to the grasp of a body, and moves to it, at one moment."""
+    """Return the errors of a capture from measured states of robot and body at one time."""
     pose, twist = end_effector_motion(robot, state)
     grasp = body.grasp(np.zeros(1))
     way, seen = pose.translation - grasp.positions[0], grasp.twists[0]
@@ -89,7 +90,7 @@ def captured(robot: Robot, state: SystemState, body: TargetBody) -> Capture:
 
 
 def end_effector_motion(robot: Robot, state: SystemState) -> tuple[pin.SE3, Array]:
-    """Return pose and twist of the end effector in a state, in inertial axes, linear first."""
+    """Return the end effector's inertial pose and twist, linear first, (6,) [m/s, rad/s]."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, *configuration(robot, state))
     pose = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).copy()
@@ -99,10 +100,12 @@ def end_effector_motion(robot: Robot, state: SystemState) -> tuple[pin.SE3, Arra
 
 
 def moved_in_engine(body: TargetBody, times: Array) -> tuple[Array, Rotation, Array]:
-    """Return where the engine moves a body: centre of mass, attitude and twist at each time.
+    """Return a free body's motion in MuJoCo: centre of mass, attitude and twist at each time.
+
+    All are inertial; shapes (times, 3) [m], (times,) rotations and (times, 6) [m/s, rad/s].
 
     Args:
-        times: From where the body is told, ascending. Shape (times,) [s].
+        times: Since the body's state, ascending. Shape (times,) [s].
     """
     # MuJoCo refuses moments that are far from its own units; only their ratios matter.
     moments, axes = np.linalg.eigh(body.inertia / np.trace(body.inertia))
@@ -118,8 +121,8 @@ def moved_in_engine(body: TargetBody, times: Array) -> tuple[Array, Rotation, Ar
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     longest = times[-1] / max(_LEAST_STEPS, np.ceil(body.fastest_turn * times[-1] / _STEP_TURN))
     data = mujoco.MjData(model)
-    # Beside its centre of mass, whose motion is no question: far away digits would be lost. The
-    # axes are the main ones of its inertia.
+    # The centre of mass moves uniformly, so only the attitude is integrated: far away digits would
+    # be lost. To MuJoCo the body's axes are its principal ones.
     main = Rotation.from_quat(body.quaternion_xyzw.copy()) * to_body
     data.qpos[3:] = np.roll(main.as_quat(), 1)
     data.qvel[3:] = main.as_matrix().T @ body.angular_velocity

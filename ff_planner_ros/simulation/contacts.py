@@ -1,8 +1,7 @@
-"""Which bodies touch along a motion: MuJoCo's collision detection, on MuJoCo's own links.
+"""Contacts along a motion, by MuJoCo's collision detection on MuJoCo's own links.
 
-Of a robot of lines it is the arm's centre lines that must not touch an obstacle.
-Contacts are seen and do not push: the first one fails the plan, and a motion after a push would say
-nothing about it.
+For a robot with geometry `lines`, the arm's centre lines are checked against obstacles. Contacts
+exert no force: the first one fails the plan, and a motion after a push would say nothing about it.
 """
 
 from __future__ import annotations
@@ -27,9 +26,8 @@ from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
-# So often it is looked between two states of an execution, and a thousand times a second, at the
-# least. From one state to the next nothing turns by more than 0.01 rad: from look to look a corner
-# 3 m away moves 1.5 mm.
+# Checks between two states of an execution, and in a second, at least. From one state to the next
+# nothing turns by more than 0.01 rad: from check to check a corner 3 m away moves 1.5 mm.
 LOOKS, _LOOKS_A_SECOND = 20, 1000.0
 
 # What a geom must not bring along: mass, and contacts beside those that are asked for.
@@ -38,12 +36,12 @@ _BARE: dict[str, Any] = {"mass": 0.0, "contype": 0, "conaffinity": 0}
 
 @dataclass(frozen=True)
 class Contact:
-    """Two things that must not touch, and do."""
+    """A contact of a pair that must not touch."""
 
     pair: str  # "body/body" or "body/obstacle", by their names
-    first_time: float  # when they begin to, from the start of the plan [s]
-    time: float  # when they are deepest in each other [s]
-    depth: float  # then [m]
+    first_time: float  # first time of contact, from the start of the plan [s]
+    time: float  # time of the deepest penetration, from the start of the plan [s]
+    depth: float  # deepest penetration [m]
 
 
 # What is nearer than this touches [m].
@@ -55,10 +53,13 @@ _THINNER, _FEWEST_SIDES, _MOST_SIDES = 5e-5, 128, 2048
 
 
 class Touch:
-    """A robot's bodies, or lines, in a scene, in MuJoCo."""
+    """MuJoCo's contact checks of a robot's bodies, or centre lines, in a scene."""
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
-        """Give each link the geoms of its bodies.
+        """Build a model with the geoms of all bodies and obstacles.
+
+        Args:
+            scene: In the inertial frame of the states to check.
 
         Raises:
             InvalidInput: MuJoCo refuses a shape.
@@ -99,10 +100,10 @@ class Touch:
         ]
 
     def depths(self, q: Array, time: float) -> dict[str, float]:
-        """Return how deep the bodies of each pair are in each other [m], of all that touch.
+        """Return the penetration depth of every pair that touches [m], allowed or not.
 
         Args:
-            q: MuJoCo's configuration.
+            q: MuJoCo's configuration of the robot.
             time: From the start of the plan [s].
         """
         positions, turns = self._places(np.array([time]))
@@ -110,7 +111,7 @@ class Touch:
         return {pair: max(depths) for pair, depths in seen.items()}
 
     def _places(self, times: Array) -> tuple[Array, Array]:
-        """Return where obstacles are, (times, obstacles, 3), and how turned, (..., 4), w first."""
+        """Return obstacle positions, (times, obstacles, 3), and quaternions, (..., 4), w first."""
         turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(times), len(self._scene.obstacles), 1))
         positions = np.empty((len(times), len(self._scene.obstacles), 3))
         spheres = self._scene.spheres
@@ -123,7 +124,7 @@ class Touch:
     def _seen(
         self, q: Array, positions: Array, turns: Array
     ) -> tuple[dict[str, list[float]], set[str]]:
-        """Return the depths of each pair that touches, and which of these may near the goal."""
+        """Return the depths of each pair that touches, and the allowed collisions among them."""
         data = self._data
         data.qpos[:] = q
         data.mocap_pos[:], data.mocap_quat[:] = positions, turns
@@ -146,7 +147,7 @@ class Touch:
         return bool(names & set(self._scene.allowed_collisions))
 
     def _touching(self) -> dict[str, int]:
-        """Return allowed pairs that touch as all is now, each with its obstacle; -1: a link."""
+        """Return the allowed pairs that touch now, each with its obstacle's number; -1: a link."""
         return {
             f"{self._names[first]}/{self._names[second]}": self._mocaps.get(self._names[second], -1)
             for first, second in self._allowed
@@ -155,7 +156,7 @@ class Touch:
         }
 
     def _tip_seen(self, obstacle: int) -> Array:
-        """Return where the end effector is, seen from an obstacle, or from the base with -1."""
+        """Return the end effector's position in the frame of an obstacle; -1: of the base."""
         data, place, turn = self._data, self._base.xpos, self._base.xquat
         if obstacle >= 0:
             place, turn = data.mocap_pos[obstacle], data.mocap_quat[obstacle]
@@ -167,9 +168,12 @@ class Touch:
     def along(self, states: Sequence[Array], times: Array) -> tuple[Contact, ...]:
         """Return all contacts along a motion, the earliest first.
 
+        Allowed collisions are ignored near the goal, and where they exist at the start, until the
+        end effector has moved `contact_distance` from there relative to the obstacle.
+
         Args:
-            states: Of the engine: MuJoCo's configuration comes first in them.
-            times: Of the states, from the start of the plan. Shape (states,) [s].
+            states: States of `Engine`, which begin with MuJoCo's configuration.
+            times: From the start of the plan, at least as many as states. Shape (times,) [s].
         """
         found: list[tuple[float, str, float, bool]] = []
         outside = -np.inf  # when the end effector was last away from the goal
@@ -208,9 +212,9 @@ class Touch:
 
 
 def _carrier(robot: Robot, body: Body) -> pin.Frame:
-    """Return the frame of the link that a body is fixed to; of a line, of one that its joint moves.
+    """Return the frame of the link that a body is fixed to.
 
-    The first one is the link right below the joint.
+    For a centre line, it is that of the first link that its joint moves.
     """
     if robot.model.existFrame(body.link, pin.FrameType.BODY):
         return robot.model.frames[robot.model.getFrameId(body.link, pin.FrameType.BODY)]
@@ -222,9 +226,9 @@ def _carrier(robot: Robot, body: Body) -> pin.Frame:
 
 
 def _looks(states: Sequence[Array], times: Array, size: int) -> Iterator[tuple[Array, Array]]:
-    """Yield configurations and their times: on each chord between states, and the last state.
+    """Yield configurations and times to check: on each chord between states, and the last state.
 
-    They are off the arc by a few micrometres.
+    Chords are off the motion by a few micrometres.
     """
     for (first, second), (begin, end) in zip(
         pairwise(states), pairwise(times.tolist()), strict=False

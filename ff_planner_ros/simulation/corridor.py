@@ -1,4 +1,4 @@
-"""Does the end effector come along its corridor, as executed? Seen from the true target."""
+"""Margin of an execution to the approach corridor, relative to the target's motion in MuJoCo."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ff_planner_ros.simulation.engine import Engine
 
 @dataclass(frozen=True)
 class Corridor:
-    """How an execution keeps to the corridor of the approach."""
+    """How far an execution stays inside the approach corridor."""
 
-    margin: float  # the least, to the corridor's side; negative: beside it [m]
-    time: float  # of that, from the start of the plan [s]
-    inside_from: float  # when the end effector is within the distance of the approach for good [s]
+    margin: float  # smallest distance to the corridor's side; negative: outside [m]
+    time: float  # of this margin, from the start of the plan [s]
+    inside_from: float  # from then on the end effector stays within the approach's distance [s]
 
 
 def corridor(
     scene: Scene, base: Base, engine: Engine, states: Sequence[Array], times: Array
 ) -> Corridor | None:
-    """Return how a motion keeps to the corridor until the capture; None: there is none.
+    """Return how far a motion stays inside the corridor until the capture; None: there is none.
 
     Args:
-        states: Of the engine, as many as there are, and of the same frame as the scene.
-        times: Of the states, from the start of the plan. Shape (at least states,) [s].
+        states: States of the engine, in the scene's inertial frame.
+        times: From the start of the plan, at least as many as states. Shape (times,) [s].
     """
     captured, approach = scene.capture_time, scene.approach
     if approach is None or captured is None:
@@ -43,7 +43,7 @@ def corridor(
         return None
     positions, turns = grasps
     points = np.array([engine.observe(state).ee_position for state in states[:count]])
-    # On a table the height does not count.
+    # With a planar base the height does not count.
     way = np.isin(range(3), base.rows) * (points - positions)
     places = turns.inv().apply(way)
     margins, away = approach.margins(places).values, np.linalg.norm(places, axis=1)
@@ -53,9 +53,9 @@ def corridor(
 
 
 def _grasps(scene: Scene, times: Array, captured: float) -> tuple[Array, Rotation] | None:
-    """Return where the grasp is at times, and how it is turned; of a body, by the engine.
+    """Return positions and orientations of the grasp at times; of a body, by the engine.
 
-    None: it is not known.
+    None: the goal is not known.
     """
     body, target = scene.target_body, scene.target
     if body is not None:

@@ -41,7 +41,7 @@ mujoco.set_mju_user_warning(lambda _: None)
 
 
 class Observation(NamedTuple):
-    """What is seen of the system in one state, in the inertial frame."""
+    """Poses, momentum and twist of the system in one state, in the inertial frame."""
 
     chaser_position: Array  # of the chaser's centre of mass; shape (3,) [m]
     chaser_quaternion_xyzw: Array  # of the base link's axes; shape (4,)
@@ -52,16 +52,16 @@ class Observation(NamedTuple):
 
 
 class Engine:
-    """A robot whose base is free, on a table, or held, and on which its joint torques alone act.
+    """A robot with a free, planar or attitude-held base, on which its joint torques alone act.
 
-    A state is a vector: position of the root link's origin, its quaternion (w first), joint
-    positions; then the origin's velocity in inertial axes, the turn rate in axes of the root link,
-    joint rates. A base whose attitude wheels hold is to MuJoCo one on three slides along the axes
-    of the root link.
+    A state is a vector: inertial position of the root link's origin, its quaternion (w first),
+    joint positions; then the origin's velocity in inertial axes, the angular velocity in axes of
+    the root link, joint velocities. To MuJoCo, a base whose attitude wheels hold is on three
+    prismatic joints along the axes of the root link.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Read a robot's URDF; only this and the names of links and joints are used.
+        """Read a robot's URDF; only this, the kind of base, and names are used.
 
         Raises:
             InvalidInput: MuJoCo refuses the URDF.
@@ -76,7 +76,7 @@ class Engine:
         self._rates = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
         self._root = self._data.body(1).id  # 0 is the universe
         self._size = self.model.nq + (4 if self._is_held else 0)  # of a state's positions
-        # Numbers of the links: 0 is the universe, 1 the root link.
+        # MuJoCo's numbers of links: 0 is the universe, 1 the root link.
         self.chaser_bodies = np.flatnonzero(self.model.body_weldid == 1)
         self.arm_bodies = np.flatnonzero(self.model.body_weldid > 1)
 
@@ -117,7 +117,7 @@ class Engine:
         )
 
     def center_of_mass(self, start: SystemState) -> tuple[Array, Array]:
-        """Return where the whole system's centre of mass is [m], and its velocity [m/s]."""
+        """Return the whole system's centre of mass [m] and its velocity [m/s], both inertial."""
         # Next to the chaser: far away, or where all moves fast, digits would be lost.
         beside = replace(
             start,
@@ -151,9 +151,9 @@ class Engine:
         return rate
 
     def holding_torque(self, state: Array, joint_torques: Array) -> Array:
-        """Return the torque that keeps a held base from turning, axes of the base link [N m].
+        """Return the torque that keeps a held base from rotating, in base link axes, (3,) [N m].
 
-        It is what the slides pass on to the root link. Shape (3,).
+        It is the constraint torque of the prismatic joints on the root link.
         """
         data = self._data
         data.qfrc_applied[self._rates] = joint_torques
@@ -163,7 +163,7 @@ class Engine:
         return torque
 
     def observe(self, state: Array) -> Observation:
-        """Return poses and momentum of a state."""
+        """Return poses, momentum and end-effector twist of a state."""
         data = self._data
         self._forward(state)
         mujoco.mj_subtreeVel(self.model, data)
@@ -182,24 +182,28 @@ class Engine:
         )
 
     def joints(self, state: Array) -> tuple[Array, Array]:
-        """Return joint positions and rates of a state."""
+        """Return joint positions and velocities of a state, in the robot's order of joints."""
         first, second = self._of_base
         rates = state[self._size :]
         return state[self._joints + 7 - first], rates[self._rates + 6 - second]
 
     def links_moved_by(self, joint: str) -> NDArray[np.int64]:
-        """Return the numbers of the link that a joint moves and of those that are fixed to it."""
+        """Return MuJoCo's numbers of the link that a joint moves and of links fixed to that."""
         moved = self.model.joint(joint).bodyid[0]
         return np.flatnonzero(self.model.body_weldid == self.model.body_weldid[moved])
 
     def scale_inertias(self, bodies: NDArray[np.int64], masses: Array, inertias: Array) -> None:
-        """Scale masses, and inertias about the centres of mass, by a factor for each link."""
+        """Scale masses, and inertias about the centres of mass, by a factor for each link.
+
+        Args:
+            bodies: MuJoCo's numbers of the links. Shape (links,), as of the factors.
+        """
         self.model.body_mass[bodies] *= masses
         self.model.body_inertia[bodies] *= inertias[:, None]
         mujoco.mj_setConst(self.model, self._data)
 
     def add_friction(self, viscous: Array, dry: Array) -> None:
-        """Give each joint viscous friction [N m s/rad] and dry friction, at most so large [N m]."""
+        """Set viscous friction [N m s/rad] and the limit of dry friction [N m] of each joint."""
         self.model.dof_damping[self._rates] = viscous
         self.model.dof_frictionloss[self._rates] = dry
         # By default a joint that friction holds would still get a tenth of its acceleration.
@@ -207,7 +211,7 @@ class Engine:
 
     @property
     def _of_base(self) -> tuple[int, int]:
-        """How many positions and velocities are the base's, to MuJoCo."""
+        """Numbers of MuJoCo's positions and velocities that are the base's."""
         return (3, 3) if self._is_held else (7, 6)
 
     def _forward(self, state: Array) -> None:
@@ -227,10 +231,10 @@ class Engine:
 
 
 def specification(urdf: str, slides: bool = False) -> tuple[mujoco.MjSpec, dict[str, str]]:
-    """Return what MuJoCo reads of a URDF, its root link free, and what it calls the links.
+    """Return MuJoCo's specification of a URDF with a free root link, and its names of the links.
 
     Args:
-        slides: The root link is on three slides along its axes instead, and does not turn.
+        slides: Whether the root link is on three prismatic joints along its axes instead.
 
     Raises:
         InvalidInput: MuJoCo refuses the URDF.
@@ -252,10 +256,10 @@ def specification(urdf: str, slides: bool = False) -> tuple[mujoco.MjSpec, dict[
 
 
 def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Return MuJoCo's model.
+    """Return the compiled model of a specification.
 
     Raises:
-        InvalidInput: MuJoCo refuses what was specified.
+        InvalidInput: MuJoCo refuses the specification.
     """
     with warnings.catch_warnings():  # what is nearly singular is seen in the numbers
         warnings.simplefilter("ignore")
@@ -271,7 +275,7 @@ def _refused(error: ValueError) -> InvalidInput:
 
 
 def _names_of_links(urdf: ElementTree.Element) -> dict[str, str]:
-    """Return what links are called in MuJoCo, where `world` is the inertial frame; rename it."""
+    """Return MuJoCo's names of links; rename a link `world`, which is its inertial frame."""
     names = {link.get("name", ""): link.get("name", "") for link in urdf.findall("link")}
     if _INERTIAL_FRAME in names:
         while names[_INERTIAL_FRAME] in (_INERTIAL_FRAME, *names):
@@ -284,9 +288,9 @@ def _names_of_links(urdf: ElementTree.Element) -> dict[str, str]:
 
 
 def _model(spec: mujoco.MjSpec, base: Base) -> mujoco.MjModel:
-    """Return MuJoCo's model of a robot, with nothing that MuJoCo adds.
+    """Return MuJoCo's model of a robot without gravity, damping, friction, contacts and limits.
 
-    On a planar base nothing lifts or tilts the root link off the table.
+    A planar base has so much inertia that nothing lifts or tilts it off the table.
     """
     model = compiled(spec)
     model.opt.gravity = 0.0
@@ -302,5 +306,5 @@ def _model(spec: mujoco.MjSpec, base: Base) -> mujoco.MjModel:
 
 
 def _rotation(body: Any) -> Rotation:
-    """Return a link's axes in the inertial frame."""
+    """Return the rotation from a link's axes to inertial axes."""
     return Rotation.from_quat(np.roll(body.xquat, -1))

@@ -15,9 +15,9 @@ from ff_planner_ros.simulation.feed_forward import FeedForward
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """What the system did, at the times of the plan's points, in the inertial frame.
+    """The executed motion at the times of the plan's points, in the inertial frame.
 
-    Where the motion is beyond all bounds, and from there on, all values are NaN.
+    All values are NaN from where the motion has diverged.
     """
 
     time: Array  # from the start of the plan; shape (points,) [s]
@@ -37,14 +37,14 @@ class Execution:
 
 
 def execute(engine: Engine, start: SystemState, command: FeedForward) -> Execution:
-    """Integrate the engine's forward dynamics under commanded torques: `states_after_steps`."""
+    """Integrate the engine's forward dynamics under commanded torques; see `states_after_steps`."""
     return execution_of(engine, states_after_steps(engine, start, command), command)
 
 
 def states_after_steps(engine: Engine, start: SystemState, command: FeedForward) -> list[Array]:
     """Return the engine's states at the start and after every step of RK4, while they are finite.
 
-    MuJoCo's own steps hold the torques constant and are of second order in the turn of a free body.
+    MuJoCo's own steps hold the torques constant and are of second order in a free body's rotation.
     Here the quaternion is integrated as four numbers, and the method keeps its fourth order.
     """
     state = engine.state(start)
@@ -59,7 +59,7 @@ def states_after_steps(engine: Engine, start: SystemState, command: FeedForward)
 
 
 def execution_of(engine: Engine, states: Sequence[Array], command: FeedForward) -> Execution:
-    """Return what is seen of `states_after_steps` at the points of the plan."""
+    """Return the motion of `states_after_steps` at the points of the plan."""
     seen = [
         (*engine.joints(state), *engine.observe(state))
         for state in states[:: command.steps_per_point]

@@ -1,8 +1,7 @@
 """A free-floating system whose joints move exactly as commanded.
 
-It is the planner's own model of motion, and so no proof of that model. `simulation.execution` runs
-plans in an independent engine. A body that the end effector grasps is a part of the last link from
-then on.
+It uses the planner's own model of motion, and so proves nothing of that model: plans are executed
+in an independent engine by `simulation.execution`. A grasped body becomes part of the last link.
 """
 
 from __future__ import annotations
@@ -26,15 +25,15 @@ from ff_planner_ros.simulation.capture import end_effector_motion
 
 # One step of RK4 at most [s]; within it a chaser turns by a degree or less.
 _LONGEST_STEP = 0.02
-# In this time the joints are back on their motion, whose rates a contact has changed [s].
+# Time in which joints return to their motion after a contact has changed their velocities [s].
 _SETTLING = 0.5
 
 
 class FreeFloatingSystem:
-    """Chaser and arm over time; nothing pushes them."""
+    """Chaser and arm without external forces, integrated over time."""
 
     def __init__(self, robot: Robot, state: SystemState, time: float) -> None:
-        """Start from a state at a time [s]; without a command the joints keep their rates."""
+        """Start from a state at a time [s]; without a command the joints keep their velocities."""
         self._motions = [steady_motion(time, time, state.joint_positions, state.joint_velocities)]
         self._held: tuple[TargetBody, pin.SE3] | None = None  # and its frame in the end effector's
         self._begin_from(robot, state, time)
@@ -49,12 +48,12 @@ class FreeFloatingSystem:
 
     @property
     def time(self) -> float:
-        """The time of its present state [s]."""
+        """Time of the present state [s]."""
         return self._time
 
     @property
     def body(self) -> TargetBody | None:
-        """The body that it holds, as it moves now; None: it holds none."""
+        """The held body in its present state; None: there is none."""
         if self._held is None:
             return None
         body, place = self._held
@@ -70,12 +69,12 @@ class FreeFloatingSystem:
         )
 
     def grasp(self, body: TargetBody) -> Impact:
-        """Make contact with a body as both are now, hold it from now on, and return the impact.
+        """Grasp a body rigidly in the present state, and return the impact.
 
-        The joints, whose rates the impact changes, are back on their motion after half a second.
+        The joints, whose velocities the impact changes, return to their motion in half a second.
 
         Args:
-            body: As it moves now; its mass [kg] and inertia [kg m2] are known.
+            body: In its present state, with known mass [kg] and inertia [kg m2].
         """
         before = self.advance(self._time)
         pose, _ = end_effector_motion(self._robot, before)
@@ -94,14 +93,14 @@ class FreeFloatingSystem:
         return found
 
     def follow(self, motion: JointMotion) -> None:
-        """Command the joints.
+        """Command a motion of the joints.
 
-        They go on as before until the motion begins, and after its end they are held at its last
-        point. If the motion begins elsewhere than the joints are, they jump, and the system's
-        centre of mass stays.
+        They continue as before until the motion begins, and stay at its last point after its end.
+        If the motion begins elsewhere than the joints are, they jump, and the system's centre of
+        mass stays.
 
         Args:
-            motion: Begins now or later, and replaces every motion that begins later than itself.
+            motion: Begins now or later, and replaces motions that do not begin before it.
         """
         begin = motion.time[0]
         kept = [told for told in self._motions if told.time[0] < begin]
@@ -110,8 +109,8 @@ class FreeFloatingSystem:
         self._motions = [*kept, motion, held]
 
     def advance(self, time: float) -> SystemState:
-        """Go on to a time [s], unless it is over, and return the state there."""
-        # No step goes over the begin or the end of a motion.
+        """Integrate to a time [s], unless it has passed, and return the present state."""
+        # No step goes across the begin or the end of a motion.
         edges = sorted({float(edge) for told in self._motions for edge in told.time[[0, -1]]})
         for end in [*(edge for edge in edges if self._time < edge < time), time]:
             if end > self._time:
@@ -121,7 +120,7 @@ class FreeFloatingSystem:
         return with_wheel_momenta(self._robot, self._first, there)
 
     def _integrate(self, end: float) -> None:
-        """Go on to a time before which no motion begins or ends."""
+        """Integrate to a time before which no motion begins or ends."""
         self._forget_former_motions()
         steps = int(np.ceil((end - self._time) / _LONGEST_STEP))
         times = np.linspace(self._time, end, steps + 1)
@@ -135,12 +134,12 @@ class FreeFloatingSystem:
 
 
 def carried_back(robot: Robot, state: SystemState, seconds: float) -> SystemState:
-    """Return where a system was whose joints have kept their rates since.
+    """Return the state `seconds` ago of a system whose joint velocities were constant.
 
     Raises:
         InvalidInput: `seconds` is negative or not finite.
     """
-    # Nothing pushes it and nothing rubs: run backwards it moves as it would forwards.
+    # Without external forces and friction the motion is reversible.
     return _reversed(carried_forward(robot, _reversed(state), seconds, None))
 
 
@@ -153,7 +152,7 @@ def _reversed(state: SystemState) -> SystemState:
 
 
 def _with_held(robot: Robot, inertia: pin.Inertia) -> Robot:
-    """Return a robot whose end effector has a body's inertia, of its frame, beside its own."""
+    """Return a robot with an inertia, given in the end effector's frame, added to the last link."""
     model = robot.model.copy()
     tip = model.frames[robot.tip_frame_id]
     model.appendBodyToJoint(tip.parentJoint, inertia, tip.placement)
@@ -161,12 +160,12 @@ def _with_held(robot: Robot, inertia: pin.Inertia) -> Robot:
 
 
 def _settling(motion: JointMotion, now: float, rates: Array) -> JointMotion:
-    """Return a motion from now on to which a controller brings joints back that move otherwise.
+    """Return a motion with a decaying deviation of the joints, as a controller would settle it.
 
-    With s from 0 now to 1 at the end of the settling, after T: e = T rates s (1 - s)^3.
+    With s from 0 now to 1 at the end of the settling time T: e = T rates s (1 - s)^3.
 
     Args:
-        rates: By which the joints' are off now. Shape (joints,) [rad/s].
+        rates: Deviation of the joint velocities now. Shape (joints,) [rad/s].
     """
     lasts = min(_SETTLING, float(motion.time[-1]) - now)
     if lasts <= 0.0:  # it is over: nothing brings them back, they are at its end at once
@@ -185,7 +184,7 @@ def _settling(motion: JointMotion, now: float, rates: Array) -> JointMotion:
 def _between(motion: JointMotion, begin: float, end: float) -> JointMotion:
     """Return the part of a motion that is needed between two times, to interpolate less.
 
-    Beyond its last point a motion is a steady one: its polynomials would lose digits there.
+    Beyond its last point a motion has constant velocity: its polynomials would lose digits there.
     """
     if begin >= motion.time[-1]:
         rates = motion.velocities[-1]

@@ -1,4 +1,4 @@
-"""How far open loop can be trusted: a plan executed by a system that differs from the model."""
+"""Sensitivity of open-loop execution: a plan executed by systems that differ from the model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ff_planner_ros.simulation.verification import (
 
 SHARES = (0.01, 0.05, 0.10)  # of masses, inertias and friction
 
-# Draws of independent errors of all links; of these the worst is shown.
+# Draws of independent errors of all links, of which the worst is shown; and their seed.
 DRAWS, SEED = 10, 0
 
 # Errors at the start of a good estimate of the chaser's motion, and of good encoders.
@@ -38,20 +38,20 @@ LONGEST_STEP = 0.02  # [s]
 
 @dataclass(frozen=True)
 class ModelError:
-    """One row of the study."""
+    """Deviations of an open-loop execution under one kind of model error."""
 
-    cause: str  # what is not as the model says
+    cause: str  # the model error, in words
     deviation: Deviation  # of the execution from the plan; each number the worst of all variants
 
 
-# A system that is not as the model says, and where it starts.
+# A system that differs from the model, and its initial state.
 _Variant = tuple[Engine, SystemState]
 
 
 def model_errors(robot: Robot, trajectory: Trajectory) -> tuple[ModelError, ...]:
-    """Execute a plan again and again, open loop, each time with something else wrong.
+    """Execute a plan open loop under one kind of model error after the other.
 
-    The first row has nothing wrong.
+    The first result is without error, the second of torques from a cubic spline.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -85,7 +85,7 @@ def _worst(command: FeedForward, variants: Iterable[_Variant], trajectory: Traje
 
 
 def _mass_errors(robot: Robot, start: SystemState) -> Iterator[tuple[str, list[_Variant]]]:
-    """Wrong masses and inertias: of the arm, of the chaser, of each link by its own factors."""
+    """Yield errors of masses and inertias: of the arm, of the chaser, of each link by itself."""
     for part in ("arm", "chaser"):
         for share in SHARES:
             engine = Engine(robot)
@@ -104,7 +104,7 @@ def _mass_errors(robot: Robot, start: SystemState) -> Iterator[tuple[str, list[_
 
 
 def _start_errors(robot: Robot, start: SystemState) -> Iterator[tuple[str, list[_Variant]]]:
-    """Wrong velocities at the start, along the worst of all axes."""
+    """Yield errors of initial velocities, along each axis or joint."""
     for cause, name, error in (
         ("chaser 1 mm/s off at the start", "linear_velocity_chaser_in_inertial", SPEED_ERROR),
         ("chaser 0.01 deg/s off at the start", "angular_velocity_chaser_in_inertial", TURN_ERROR),
@@ -118,7 +118,7 @@ def _start_errors(robot: Robot, start: SystemState) -> Iterator[tuple[str, list[
 def _friction(
     robot: Robot, trajectory: Trajectory, start: SystemState
 ) -> Iterator[tuple[str, list[_Variant]]]:
-    """Friction of all joints, as a share of each joint's peak torque along the plan."""
+    """Yield friction of all joints, as a share of each joint's peak torque along the plan."""
     torques = np.abs(trajectory.joint_torques).max(axis=0)
     fastest = max(np.abs(trajectory.joint_velocities).max(), np.finfo(float).tiny)
     none = np.zeros(robot.joints)

@@ -1,8 +1,8 @@
-"""How far a plan may be trusted where inertias and the start are not known exactly.
+"""Monte Carlo of a plan under uncertain inertias and initial velocities.
 
-A run is one system, drawn (`uncertainty`), that executes the plan: its joints follow the plan, and
-its base does what momentum demands. What a run draws depends on the seed and its own number alone.
-Beside the runs stands what the exact sensitivities foretell to first order.
+A run is one random system (`uncertainty`) that executes the plan: its joints follow the plan, and
+its base moves by conservation of momentum. A draw depends on the seed and the run's number alone.
+First-order predictions by exact sensitivities stand beside the runs.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ UNITS = {
 
 
 class Distribution(NamedTuple):
-    """What runs say of one number."""
+    """Statistics of one quantity over runs."""
 
     rms: float
     mean: float
@@ -78,37 +78,37 @@ class Distribution(NamedTuple):
 
 @dataclass(frozen=True)
 class Compared:
-    """One number in the runs, and to first order with the same errors."""
+    """Statistics of one quantity in the runs, and to first order with the same errors."""
 
     name: str
     unit: str
     runs: Distribution
-    linear: Distribution | None  # None: not foretold
+    linear: Distribution | None  # None: not predicted
 
 
 @dataclass(frozen=True)
 class Violations:
-    """In how many runs something that a plan must keep is not kept."""
+    """The number of runs that violate a constraint."""
 
-    kind: str  # as in `margins`, or `any`
-    count: int
-    total: int
-    linear: int | None  # in how many to first order, with the same errors; None: not foretold
+    kind: str  # of constraint, as in `margins`; `joint_positions`; or `any`
+    count: int  # runs with a violation
+    total: int  # all runs
+    linear: int | None  # violations to first order, with the same errors; None: not predicted
 
     @property
     def share(self) -> float:
-        """The part of the runs."""
+        """The violating part of the runs, 0 to 1."""
         return self.count / self.total
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % confidence interval."""
+        """The exact 95 % confidence interval of the probability of a violation."""
         return exact_interval(self.count, self.total)
 
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """What becomes of a plan in many runs."""
+    """The result of executing a plan in many runs."""
 
     execution: str  # of `EXECUTIONS`
     total: int
@@ -116,11 +116,11 @@ class MonteCarlo:
     uncertainty: Uncertainty
     numbers: tuple[Compared, ...]
     violations: tuple[Violations, ...]  # the last one: of any kind
-    # Root of the expected square of the end effector's error, of the covariance alone [m, rad]
+    # RMS error of the end effector at the goal, from the covariance [m, rad]; None: not predicted
     foretold_end_error: tuple[float, float] | None
 
     def number(self, name: str) -> Compared:
-        """Return the number of a name."""
+        """Return the statistics of a quantity, a key of `UNITS`."""
         return next(one for one in self.numbers if one.name == name)
 
 
@@ -133,15 +133,15 @@ def monte_carlo(
     seed: int = 0,
     limits: Limits = _LIMITS,
 ) -> MonteCarlo:
-    """Execute a plan so many times with its joints controlled, each time by another system.
+    """Execute a plan in `total` runs with its joints on the plan, each by another random system.
 
     Args:
         scene: In the plan's inertial frame.
-        limits: Of the chaser's attitude and the torques.
+        limits: Limits of the chaser's attitude and of torques, whose violations are counted.
 
     Raises:
-        InvalidInput: The samples cannot be executed, the number of runs or the seed is none, or
-            wheels hold the chaser.
+        InvalidInput: The samples cannot be executed, the number of runs or the seed is out of
+            range, or wheels hold the chaser.
     """
     require_sound_samples(robot, trajectory)
     require_runs(total, seed)
@@ -192,10 +192,10 @@ def monte_carlo(
 
 
 def require_runs(total: int, seed: int) -> None:
-    """Refuse a number of runs, or a seed, that is none.
+    """Refuse a number of runs or a seed out of range.
 
     Raises:
-        InvalidInput: Names it.
+        InvalidInput: One of them is.
     """
     if not 1 <= total <= MOST_RUNS:
         allowed = f"it must be at least 1 and at most {MOST_RUNS}"
@@ -205,8 +205,8 @@ def require_runs(total: int, seed: int) -> None:
 
 
 def distribution(values: Array) -> Distribution:
-    """Return what values say of their distribution; shape (runs,)."""
-    with np.errstate(invalid="ignore"):  # of runs beyond all bounds
+    """Return the statistics of values, shape (runs,)."""
+    with np.errstate(invalid="ignore"):  # of runs that diverged
         percentiles = np.percentile(values, [0.0, 1.0, 5.0, 50.0, 95.0, 99.0, 100.0])
         std = float(values.std())
     return Distribution(
@@ -220,11 +220,11 @@ def distribution(values: Array) -> Distribution:
 def violations(
     least: dict[str, Array], linear: dict[str, Array] | None, total: int
 ) -> tuple[Violations, ...]:
-    """Return how often each least margin is negative, and any of them.
+    """Count the runs whose least margin is negative, of each kind and of any.
 
     Args:
-        least: By kind. Shape (runs,) each.
-        linear: The same to first order; None: not foretold.
+        least: Least margin of each run, by kind. Shape (runs,) each.
+        linear: The same to first order; None: not predicted.
     """
     found, any_, any_linear = [], np.zeros(total, bool), np.zeros(total, bool)
     for kind, margin in least.items():
@@ -239,7 +239,7 @@ def violations(
 
 
 def _end_errors(motion: TrackedMotion, runs: TrackedRuns, goal: int) -> dict[str, Array]:
-    """Return how far the end effector is from the plan at the goal. Shape (runs,) each."""
+    """Return the end effector's errors from the plan at the goal. Shape (runs,) each."""
     base = rotation_base_to_inertial(motion.q[goal : goal + 1])[0]
     planned = arm_points(motion.robot, motion.q[goal : goal + 1])[0, -1]
     in_base = base.T @ (planned - motion.q[goal, :3])
@@ -257,7 +257,7 @@ def _least_margins(
     drawn: Draws,
     runs: TrackedRuns,
 ) -> Iterator[tuple[str, Array]]:
-    """Yield the least margin of each run, of each kind that something limits."""
+    """Yield kind and least margin of each run, shape (runs,), for the kinds in `kept`."""
     for kind in (one.kind for one in kept):
         if kind == CLEARANCE:
             yield kind, near.least(runs.rotations, runs.positions)

@@ -1,7 +1,7 @@
-"""Monte Carlo of a plan whose torques alone are given: by MuJoCo, one run after the other.
+"""Monte Carlo of a plan that is executed open loop by its torques, in MuJoCo, run by run.
 
-Nothing is fed back, so that joints leave the plan, too. Links that are fixed to each other have the
-factors of the body that they are; the first order of this is not foretold.
+Without feedback the joints deviate from the plan, too. Links that are fixed to each other share
+the factors of mass and inertia. There are no first-order predictions.
 """
 
 from __future__ import annotations
@@ -50,17 +50,17 @@ def torque_monte_carlo(
     total: int,
     seed: int = 0,
 ) -> MonteCarlo:
-    """Execute a plan so many times by its torques alone, each time by another system.
+    """Execute a plan in `total` runs by its torques alone, each by another random system.
 
-    Distances and joint positions are looked at in the plan's points. A run that is beyond all
-    bounds counts as one that violates everything.
+    Distances and joint positions are checked at the plan's points. A run that diverges counts as
+    one that violates everything.
 
     Args:
         scene: In the plan's inertial frame.
 
     Raises:
         InvalidInput: The samples cannot be executed, MuJoCo refuses the URDF, the number of runs or
-            the seed is none, or centres of mass are not known.
+            the seed is out of range, or centres of mass are uncertain.
     """
     require_sound_samples(robot, trajectory)
     require_runs(total, seed)
@@ -113,13 +113,13 @@ def torque_monte_carlo(
 
 
 def _links_of_bodies(engine: Engine, robot: Robot) -> list[Indices]:
-    """Return the engine's links of each body, the chaser first."""
+    """Return MuJoCo's numbers of the links of each body, the chaser first."""
     of_joints = [engine.links_moved_by(name) for name in robot.joint_names]
     return [engine.chaser_bodies, *of_joints]
 
 
 def _beside(robot: Robot, start: SystemState, twist: Array, joint_rates: Array) -> SystemState:
-    """Return a start with an error of the base's twist, in the base frame, and of joint rates."""
+    """Return a start with errors added to the base's twist, in the base frame, and joint rates."""
     chaser = Rotation.from_quat(start.quaternion_chaser_to_inertial_xyzw).as_matrix()
     to_inertial = chaser @ robot.rotation_chaser_to_base.T
     of_chaser = twist[:3] + np.cross(twist[3:], robot.position_chaser_in_base)
@@ -135,7 +135,7 @@ def _beside(robot: Robot, start: SystemState, twist: Array, joint_rates: Array) 
 def _least(
     robot: Robot, planned: Trajectory, execution: Execution, scene: Scene
 ) -> tuple[float, float]:
-    """Return the least distance from obstacles [m] and from the joints' limits [rad]."""
+    """Return the least distance to obstacles [m] and to the joints' limits [rad]."""
     if not np.isfinite(execution.chaser_positions).all():
         return -np.inf, -np.inf
     done = replace(

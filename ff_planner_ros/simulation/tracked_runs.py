@@ -1,9 +1,9 @@
-"""Runs of a plan by systems that differ from the model, their joints controlled: many at once.
+"""Runs of a plan by systems that differ from the model, their joints on the plan: many at once.
 
-The joints do what the plan says; nothing pushes the system. Its centre of mass moves uniformly, and
-its angular momentum about it stays, so the base's attitude alone is integrated:
-omega = I^-1 (R^T L - k), with I and k the locked inertia about the centre of mass and the joints'
-angular momentum. Both come of the inertial parameters of all runs by one product of matrices.
+There are no external forces: the centre of mass moves uniformly, and the angular momentum L about
+it is constant, so only the base's attitude R is integrated: omega = I^-1 (R^T L - k), with I and k
+the locked inertia about the centre of mass and the joints' angular momentum. Both are linear in
+the inertial parameters, and are computed for all runs by one matrix product.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from ff_planner_ros.robot.momentum_regressor import PARAMETERS
 
 @dataclass(frozen=True, eq=False)
 class TrackedRuns:
-    """Where the base is in each run, in the frame of the motion that is tracked."""
+    """Motion of the base in each run, in the inertial frame of the motion that is tracked."""
 
     rotations: Array  # base to inertial; shape (times, runs, 3, 3)
     positions: Array  # of the base frame's origin; shape (times, runs, 3) [m]
-    twists: Array  # of the base, in its own frame; shape (times, runs, 6)
+    twists: Array  # of the base, in its own frame; shape (times, runs, 6) [m/s, rad/s]
 
 
 def tracked_runs(motion: TrackedMotion, drawn: Draws) -> TrackedRuns:
-    """Integrate all runs, with the steps of the motion; of order four, like the planner's own."""
+    """Integrate all runs with the motion's steps, by a method of order four."""
     made = np.einsum("tkin,rn->trki", motion.half_regressors, drawn.parameters, optimize=True)
     times, runs = made.shape[:2]
     mass = made[0, :, 0, 0]
@@ -87,7 +87,7 @@ def tracked_runs(motion: TrackedMotion, drawn: Draws) -> TrackedRuns:
 
 
 def _turned(rotations: Array, turns: Array) -> Array:
-    """Return attitudes turned about their own axes; turns: shape (runs, 3) [rad]."""
+    """Return attitudes rotated about their own axes; turns: rotation vectors, (runs, 3) [rad]."""
     return np.asarray(rotations @ Rotation.from_rotvec(turns).as_matrix(), np.float64)
 
 
@@ -107,7 +107,7 @@ def run_torques(motion: TrackedMotion, drawn: Draws, runs: TrackedRuns) -> Array
         for body, ten in enumerate(parameters.reshape(-1, PARAMETERS)):
             model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
         v = np.hstack([runs.twists[at, k], motion.joints.velocities])
-        # Torques do not depend on where the base is, nothing pulling at it.
+        # Without external forces torques do not depend on the base's pose.
         found[k] = joint_torques(
             replace(robot, model=model), motion.q[at], v, motion.joints.accelerations
         )

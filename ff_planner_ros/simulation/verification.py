@@ -1,4 +1,4 @@
-"""Does a plan come true? Its torques, executed open loop by an engine that knows nothing of it."""
+"""Verification of a plan: its torques, executed open loop by an independent physics engine."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from ff_planner_ros.simulation.execution import (
 )
 from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward
 
-# As much as the planner's check allows a plan to miss its target: physics may not add more. Errors
-# of interpolation and integration are less than a tenth of this.
+# The final errors that the planner's check allows: physics may not add more. Errors of
+# interpolation and integration are less than a tenth of this.
 POSITION_TOLERANCE = 1e-3  # [m]
 ORIENTATION_TOLERANCE = np.deg2rad(0.05)  # [rad]
 
 # Of what holds the chaser's attitude [N m].
 TORQUE_TOLERANCE = 1e-6
 
-# Relative. Nothing pushes the system. If its momentum changes, the integration is too coarse for
-# the motion, and the poses prove nothing. Sound plans stay below 1e-7.
+# Relative. Momentum is conserved: if it changes, the integration is too coarse for the motion, and
+# the poses prove nothing. Sound plans stay below 1e-7.
 MOMENTUM_TOLERANCE = 1e-6
 
 # In one step neither a joint nor the chaser turns further [rad]: the error of RK4 is then below a
 # hundredth of the tolerances. At least eight steps, because the motion varies between two points.
 STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 8
-# Where momentum or deviation may say that this was too coarse, steps are so many times finer: an
-# arm of many joints, or with a heavy payload, runs away from its plan faster than it moves.
+# Factors by which steps are refined while momentum or deviation exceed their tolerances: an arm of
+# many joints, or with a heavy payload, diverges from its plan faster than it moves.
 _FINER = (1, 2, 4, 8)
 _STANDSTILL = 1e-6  # [m/s]
 # Of a whole execution: ten thousand points of a sound plan need less. It takes ten seconds.
@@ -53,7 +53,7 @@ _EMPTY = Scene()
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far an execution is from a plan."""
+    """Deviations of an execution from a plan."""
 
     final_position_error: float  # of the end effector at the last point [m]
     final_orientation_error: float  # of the end effector at the last point [rad]
@@ -74,16 +74,16 @@ class Verification:
     deviation: Deviation  # from the plan
     momentum_drift: float  # largest change of the total momentum, relative
     contacts: tuple[Contact, ...] = ()  # the earliest first
-    pairs: int = 0  # that were watched for contacts
+    pairs: int = 0  # number of pairs that were checked for contacts
     capture: Capture | None = None  # of the target body; None: there is none
     corridor: Corridor | None = None  # of the approach; None: there is none
-    # Of what holds the chaser's attitude, by which any of three axes needs another torque than the
-    # plan says of its wheels, at its points [N m]; None: nothing holds it
+    # Largest difference, over three axes and all points, between the torque that holds the base
+    # and the plan's wheel torque [N m]; None: no wheels hold the base
     holding_torque_error: float | None = None
 
     @property
     def came_true(self) -> bool:
-        """Whether the system did what the plan says, within the tolerances."""
+        """Whether pose deviations, capture, holding torque and momentum are within tolerances."""
         kept = _is_allowed(self.deviation)
         soft = self.capture is None or is_soft(self.capture)
         held = (self.holding_torque_error or 0.0) <= TORQUE_TOLERANCE
@@ -91,20 +91,23 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether the plan came true, on its way too, and nothing touched what it must not."""
+        """Whether the plan was reproduced, kept its corridor, and had no forbidden contact."""
         return self.came_true and self.kept_corridor and not self.contacts
 
     @property
     def kept_corridor(self) -> bool:
-        """Whether the end effector came along its corridor, as near as it may be to the plan."""
+        """Whether the end effector stayed in its corridor, within `POSITION_TOLERANCE`."""
         return self.corridor is None or self.corridor.margin >= -POSITION_TOLERANCE
 
 
 def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verification:
     """Execute a plan's torques open loop in MuJoCo, and compare the motion with the plan.
 
-    Every contact of the robot's bodies, or of its lines with obstacles, is told, of the motion as
-    executed. A target body is a second free body.
+    All contacts of the executed motion are found, of the robot's bodies, or of its centre lines
+    with obstacles. A target body is a second free body.
+
+    Args:
+        scene: In the plan's inertial frame, at the plan's first point.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -144,9 +147,9 @@ def _holding_torque_error(
     states: Sequence[Array],
     command: FeedForward,
 ) -> float | None:
-    """Return by how much the torque on a held base differs from what the plan's wheels give.
+    """Return the largest difference between the torque on a held base and the plan's wheel torque.
 
-    None: nothing holds it. Where the motion is beyond all bounds it is infinite.
+    None: no wheels hold the base. Infinite: the motion has diverged.
     """
     if robot.wheels is None:
         return None
@@ -162,7 +165,7 @@ def _holding_torque_error(
 
 
 def _capture(scene: Scene, execution: Execution) -> Capture | None:
-    """Return how an execution captures the target body of a scene; None: there is none."""
+    """Return the errors of the capture of a scene's target body; None: there is none."""
     if scene.target_body is None or scene.capture_time is None:
         return None
     return capture(scene.target_body, scene.capture_time, execution)
@@ -174,8 +177,7 @@ def _momentum_drift(
     """Return the largest change of the total momentum, relative."""
     kept = execution.momentum[:, robot.base.rows]
     change = np.linalg.norm(kept - kept[0], axis=1).max()
-    # A system whose total is zero is measured against the chaser's own momentum, one that stands
-    # still against one that nearly does.
+    # If the total is zero, the scale is the chaser's own momentum; at rest, that of a slow motion.
     speed = np.linalg.norm(planned.chaser_linear_velocities, axis=1).max()
     of_chaser = robot.model.inertias[1].mass * speed
     scale = max(np.linalg.norm(kept[0]), of_chaser, engine.mass * _STANDSTILL)
@@ -185,7 +187,7 @@ def _momentum_drift(
 def beside_center_of_mass(engine: Engine, trajectory: Trajectory) -> Trajectory:
     """Return a plan in the inertial frame that moves with the system's centre of mass.
 
-    The axes stay. Far away, or where everything moves fast, MuJoCo would lose digits.
+    The axes are the same. Far from the origin, or at high velocity, MuJoCo would lose digits.
     """
     origin, velocity = engine.center_of_mass(state_at(trajectory, 0))
     way = np.outer(trajectory.time, velocity)
@@ -199,7 +201,7 @@ def beside_center_of_mass(engine: Engine, trajectory: Trajectory) -> Trajectory:
 
 
 def _seen_in(execution: Execution, origin: Array, velocity: Array, mass: float) -> Execution:
-    """Return an execution in the frame in which its own moves: `beside_center_of_mass` undone."""
+    """Return an execution in the plan's inertial frame: the inverse of `beside_center_of_mass`."""
     centers = origin + np.outer(execution.time, velocity)
     linear, angular = np.split(execution.momentum, 2, axis=1)
     linear = linear + mass * velocity
@@ -213,10 +215,10 @@ def _seen_in(execution: Execution, origin: Array, velocity: Array, mass: float) 
 
 
 def steps_per_point(trajectory: Trajectory) -> int:
-    """Return into how many steps the time between two points is cut.
+    """Return the number of integration steps between two points.
 
     Raises:
-        InvalidInput: They are too many: the motion turns too far between two points.
+        InvalidInput: There would be too many: the motion rotates too far between two points.
     """
     fastest = max(
         np.abs(trajectory.joint_velocities).max(),
@@ -240,7 +242,7 @@ def _is_allowed(found: Deviation) -> bool:
 
 
 def deviation(execution: Execution, trajectory: Trajectory) -> Deviation:
-    """Return how far an execution is from a plan."""
+    """Return the deviations of an execution from a plan in the same inertial frame."""
     chaser = np.linalg.norm(execution.chaser_positions - trajectory.chaser_positions, axis=1)
     chaser_turn = _angles(execution.chaser_quaternions_xyzw, trajectory.chaser_quaternions_xyzw)
     final = np.linalg.norm(execution.ee_positions[-1] - trajectory.ee_positions[-1])
@@ -259,7 +261,7 @@ def _angles(quaternions_xyzw: Array, others_xyzw: Array) -> Array:
         quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
         for quaternions in (quaternions_xyzw, others_xyzw)
     )
-    # Both signs are the same attitude: that of the nearer one counts.
+    # q and -q are the same attitude: the nearer one counts.
     other = np.copysign(1.0, (one * other).sum(axis=1, keepdims=True)) * other
     apart, together = np.linalg.norm(one - other, axis=1), np.linalg.norm(one + other, axis=1)
     return np.asarray(4.0 * np.arctan2(apart, together), np.float64)

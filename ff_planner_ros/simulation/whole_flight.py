@@ -1,8 +1,7 @@
-"""A whole capture in MuJoCo: robot and target are two free bodies until a weld holds them together.
+"""A whole capture in MuJoCo: robot and target are two free bodies until a weld joins them.
 
-The joints are controlled: the plan's torques, and a correction by how far each joint is off.
-Nothing else acts. At the grasp the weld is switched on where the two are then: nothing here knows a
-robot with a payload, but for the torques.
+The joints get the plan's torques and a PD correction of their deviations. At the grasp the weld is
+switched on in the bodies' present poses: a robot with a payload is used for the torques alone.
 """
 
 from __future__ import annotations
@@ -27,10 +26,9 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine, compiled, specification
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
-# Steps of MuJoCo [s], and how stiff the weld is: it gives way within so many of them.
+# Step of MuJoCo [s], and time constant of the weld in steps.
 _STEP, _STIFF = 1e-3, 2.0
-# How fast the control brings joints back [rad/s], and after how many steps it knows their inertia
-# anew.
+# Bandwidth of the control [rad/s], and number of steps after which its inertia is updated.
 _CONTROL, _RENEWED = 20.0, 20
 _STEPS_PER_POINT = 40  # of the torques
 _BODY = "captured body"
@@ -38,18 +36,18 @@ _BODY = "captured body"
 
 @dataclass(frozen=True)
 class Reached:
-    """How far end effector and chaser are from the plan at the end of a phase."""
+    """Position and orientation errors at the end of a phase."""
 
-    end_effector: tuple[float, float]  # [m], [rad]
-    chaser: tuple[float, float]  # [m], [rad]
-    grasp: tuple[float, float]  # of the end effector from the grasp of the body [m], [rad]
+    end_effector: tuple[float, float]  # from the plan [m], [rad]
+    chaser: tuple[float, float]  # from the plan [m], [rad]
+    grasp: tuple[float, float]  # of the end effector from the body's grasp [m], [rad]
 
 
 def fly(task: PlanningTask, plan: Plan) -> list[Reached]:
-    """Return what is reached at the end of each phase of a plan that captures a body first.
+    """Execute a plan that captures a body in its first phase; return the errors after each phase.
 
     Raises:
-        InvalidInput: The first phase captures nothing, or its base is not free.
+        InvalidInput: The first phase captures nothing, or the base is not free.
     """
     body, robot = task.problem.target_body, task.problem.robot
     if body is None or robot.base is not Base.FREE_FLYER:
@@ -65,7 +63,7 @@ def fly(task: PlanningTask, plan: Plan) -> list[Reached]:
 
 
 class _Flight:
-    """Two bodies in MuJoCo, as far as they have moved."""
+    """Robot and target body in MuJoCo, in their present states."""
 
     def __init__(self, robot: Robot, body: TargetBody, start: SystemState) -> None:
         self._engine, self._body = Engine(robot), body
@@ -75,7 +73,7 @@ class _Flight:
         moments, axes = np.linalg.eigh(body.inertia)
         axes[:, 0] *= np.linalg.det(axes)
         target.mass, target.inertia, target.explicitinertial = body.mass, moments, True
-        # To MuJoCo the axes of the body are the main ones of its inertia.
+        # To MuJoCo the body's axes are its principal axes.
         self._main_to_body = Rotation.from_matrix(axes)
         weld = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY)
         weld.name1, weld.name2, weld.active = names[robot.tip_link], _BODY, False
@@ -101,21 +99,21 @@ class _Flight:
         mujoco.mj_forward(self._model, self._data)
 
     def hold(self) -> None:
-        """Weld the body to the end effector, as the two are now."""
+        """Weld the body to the end effector in their present poses."""
         tip, body = self._data.body(self._tip), self._data.body(_BODY)
         turn = Rotation.from_quat(np.roll(tip.xquat, -1)).inv()
         place = turn.apply(body.xpos - tip.xpos)
         attitude = turn * Rotation.from_quat(np.roll(body.xquat, -1))
-        # Anchor, place and attitude of the second in the first, and how much turns count.
+        # MuJoCo's eq_data of a weld: anchor, relative pose, and torque scale.
         numbers = [*np.zeros(3), *place, *np.roll(attitude.as_quat(), 1), 1.0]
         self._model.eq_data[0, : len(numbers)] = numbers
         self._data.eq_active[0] = True
 
     def through(self, robot: Robot, plan: Plan) -> Reached:
-        """Go through a phase.
+        """Execute a phase, and return the errors at its end.
 
         Args:
-            robot: With what it holds, for the torques.
+            robot: The robot with the body that it holds, for the torques.
         """
         motion = plan.trajectory
         command = feed_forward(robot, motion, _STEPS_PER_POINT)
@@ -161,7 +159,7 @@ class _Flight:
 
 
 def _joint_inertia(robot: Robot, positions: Array) -> Array:
-    """Return what torques of the joints accelerate while the base is free: (joints, joints)."""
+    """Return the joint-space inertia of a free-floating base. Shape (joints, joints)."""
     q = np.concatenate([np.zeros(6), [1.0], positions])
     upper = np.triu(pin.crba(robot.model, robot.model.createData(), q))
     mass = upper + np.triu(upper, 1).T
@@ -170,6 +168,6 @@ def _joint_inertia(robot: Robot, positions: Array) -> Array:
 
 
 def _apart(one: tuple[Array, Rotation], other: tuple[Array, Rotation]) -> tuple[float, float]:
-    """Return how far two poses are apart [m], [rad]."""
+    """Return distance [m] and rotation angle [rad] between two poses."""
     turn = (one[1].inv() * other[1]).magnitude()
     return float(np.linalg.norm(one[0] - other[0])), float(turn)

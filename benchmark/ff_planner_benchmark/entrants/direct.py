@@ -1,4 +1,4 @@
-"""The paper's optimisation as it is written, by SciPy's SLSQP with finite differences."""
+"""The paper's optimisation as printed, by SciPy's SLSQP with finite differences."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ITERATIONS = 100
 
 
 def answer(scenario: Path, _seconds: float) -> dict[str, Any]:
-    """Optimise; whoever started it ends it."""
+    """Optimise; the time limit is left to the contest."""
     return answer_of(scenario, _direct)
 
 

@@ -1,4 +1,4 @@
-"""A planner that takes the chaser to be immovable; its joint motion is then flown."""
+"""A planner that assumes an immovable chaser; its joint motion is executed by the true system."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ from ff_planner_ros.baselines.beliefs import fixed_base
 
 
 def answer(scenario: Path, _seconds: float) -> dict[str, Any]:
-    """Plan for the wrong chaser."""
+    """Plan for an immovable chaser."""
     return answer_of(scenario, fixed_base)

@@ -10,5 +10,5 @@ from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 
 def answer(scenario: Path, _seconds: float) -> dict[str, Any]:
-    """Plan; the planner stops by its own counts, never by the time."""
+    """Plan; the planner stops by its iteration limits, never by time."""
     return answer_of(scenario, lambda problem, settings: perform(PlanningTask(problem, settings)))

@@ -1,4 +1,4 @@
-"""What the entrants that are made of our own parts have in common: files read, answers written."""
+"""Scenario files and answers of entrants that are made of our own parts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OF_ANSWER = ("time", "joint_positions", "joint_velocities", "joint_acceleration
 def answer_of(
     scenario: Path, plan: Callable[[PlanningProblem, PlannerSettings], Plan | Trajectory]
 ) -> dict[str, Any]:
-    """Return the answer of a function that plans; a refusal is an answer, too."""
+    """Return the answer of a planning function to a scenario; a refusal is an answer, too."""
     try:
         made = plan(load_scenario(scenario), load_parameters().planner)
     except FfPlannerError as error:

@@ -1,7 +1,8 @@
 """OMPL's RRT-Connect on the free-floating system: an example of a method from outside.
 
-RRT-Connect finds a way for the joints, the chaser being where it is on the straight way; a spline
-through it is flown, and its end moved until it meets the goal. What then hits something is lost.
+RRT-Connect finds a joint path, with the chaser where it is along the straight path. Its spline is
+rolled out on the free-floating system, and the end corrected until it meets the goal. A motion that
+then collides is discarded.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ff_planner_benchmark.scorer.flight import Flight, flown, joint_motion, tip_
 from ff_planner_benchmark.scorer.score import errors_at_goal, goal, load, score
 
 STEPS, POINTS, ROUNDS, BENDS = 100, 60, 25, 3
-# Kept from spheres [m]: the spline cuts corners, and a body is thicker than its line.
+# Margin to spheres [m]: the spline cuts corners, and a body is thicker than its line.
 MARGIN = {"lines": 0.03, "shapes": 0.12}
 
 
@@ -51,7 +52,7 @@ def answer(scenario: Path, seconds: float) -> dict[str, Any]:
 def _aimed(
     chain: Chain, content: dict[str, Any], way: Array
 ) -> tuple[Flight, dict[str, Any]] | None:
-    """Move the end of a way until the end effector is at the goal and moves as it shall."""
+    """Correct the end of a joint path until the end effector meets the goal's pose and twist."""
     moving = np.concatenate(goal(content)[2:])
     last, part = np.zeros(chain.joints), np.linspace(0.0, 1.0, len(way))
     for _ in range(ROUNDS):
@@ -80,7 +81,7 @@ def _motion(content: dict[str, Any], way: Array, last: Array) -> dict[str, Any]:
 def _rrt_connect(
     chain: Chain, content: dict[str, Any], straight: Flight, seconds: float
 ) -> Array | None:
-    """Return a few postures from the start to the end of a flight around the spheres."""
+    """Return a few joint positions from the start to the end of a flight, around the spheres."""
     margin, spheres = MARGIN[content["robot"]["geometry"]], list(obstacles(content, straight.times))
     begin, end = straight.angles[0], straight.angles[-1]
 

@@ -1,4 +1,4 @@
-"""A planner that takes the total momentum to be zero; its joint motion is then flown."""
+"""A planner that assumes zero total momentum; its joint motion is executed by the true system."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ from ff_planner_ros.baselines.beliefs import zero_momentum
 
 
 def answer(scenario: Path, _seconds: float) -> dict[str, Any]:
-    """Plan for the wrong chaser."""
+    """Plan for zero total momentum."""
     return answer_of(scenario, zero_momentum)

@@ -1,4 +1,4 @@
-"""A chaser and its arm as a URDF describes them, by our own sums: nothing of the planner is used.
+"""Kinematics of a chaser and its arm from a URDF, without any code of the planner.
 
 Everything is in the frame of the base link unless a name says otherwise, for many postures at once:
 the first axis of every array is time.
@@ -20,22 +20,22 @@ _MOST_LINKS = 200  # the robots of the data set have 20 at most
 
 
 class Placement(NamedTuple):
-    """Where one frame is in another."""
+    """The pose of a frame in another frame."""
 
     rotation: Array  # shape (..., 3, 3)
     position: Array  # shape (..., 3) [m]
 
     def then(self, other: Placement) -> Placement:
-        """Return where a frame is that is given in this one."""
+        """Return the pose of a frame that is given in this one: the composition of both."""
         moved = (self.rotation @ other.position[..., None])[..., 0]
         return Placement(self.rotation @ other.rotation, moved + self.position)
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A body of a link."""
+    """A collision shape of a link."""
 
-    link: int
+    link: int  # index
     at: Placement  # in the link
     kind: str  # box, cylinder or sphere
     sizes: tuple[float, ...]  # edges; radius and length; radius [m]
@@ -49,16 +49,17 @@ class Link:
     parent: int  # index; -1: the base link's
     at: Placement  # of the joint's frame in the parent's
     axis: Array  # of the joint, unit length; zero: fixed
-    mass: float
-    center: Array  # of mass; shape (3,)
-    inertia: Array  # about the centre of mass, axes of the link; shape (3, 3)
+    mass: float  # [kg]
+    center: Array  # of mass, in the link; shape (3,) [m]
+    inertia: Array  # about the centre of mass, axes of the link; shape (3, 3) [kg m2]
 
 
 class Posture(NamedTuple):
-    """Where everything is in the base link's frame, at many times."""
+    """Poses and Jacobians of all links in the base link's frame, at many times."""
 
-    links: list[Placement]  # a row per time
-    jacobians: list[tuple[Array, Array]]  # of centre of mass and turn; each (times, 3, joints)
+    links: list[Placement]  # of each link; a row per time
+    # Of each link's centre of mass and of its rotation; each of shape (times, 3, joints)
+    jacobians: list[tuple[Array, Array]]
 
 
 class Chain:
@@ -68,7 +69,8 @@ class Chain:
         """Read the text of a URDF.
 
         Raises:
-            ValueError: It is not XML, not all links hang on the base link, or there are too many.
+            ValueError: It is not XML, has too many links or ones that do not hang on the base link,
+                or a joint is neither revolute nor fixed.
             LookupError: Something is missing in it.
         """
         tree = xml_of(urdf)
@@ -121,14 +123,14 @@ class Chain:
 
     @property
     def joints(self) -> int:
-        """How many there are."""
+        """Number of joints from the base to the tip."""
         return len(self.moved)
 
     def posture(self, angles: Array) -> Posture:
-        """Place all links.
+        """Return poses and Jacobians of all links.
 
         Args:
-            angles: Of the joints. Shape (times, joints) [rad].
+            angles: Joint positions. Shape (times, joints) [rad].
         """
         count, joints = len(angles), self.joints
         places, jacobians = list[Placement](), list[tuple[Array, Array]]()
@@ -156,7 +158,7 @@ class Chain:
         return Posture(places, jacobians)
 
     def points(self, posture: Posture) -> Array:
-        """Return the arm's lines: joints from base to tip, then the tip. (times, points, 3)."""
+        """Return the arm's centre line: joints from base to tip, and tip, (times, points, 3)."""
         return np.stack([posture.links[i].position for i in (*self.moved, self.tip)], axis=1)
 
     def _chaser_center(self) -> Array:

@@ -1,7 +1,7 @@
-"""How far a flight stays away from what is in the way, between the samples too.
+"""Clearance of a flight to obstacles and between the robot's bodies, also between samples.
 
-A point that is so far from a sphere's centre at two samples cannot have been much nearer between
-them: it came along a chord whose length is known, and left that by what its curvature allows.
+Between two samples a point cannot come much nearer to a sphere's centre than at the samples: it
+moves along a chord of known length, and leaves the chord by no more than its curvature allows.
 """
 
 from __future__ import annotations
@@ -17,31 +17,36 @@ from scipy.spatial.transform import Rotation
 from ff_planner_benchmark.scorer.chain import Array, Chain, Posture, Solid
 from ff_planner_benchmark.scorer.flight import Flight
 
-# Between two samples nothing bends more than this many times what is seen at the samples.
+# Between two samples the curvature is at most this many times that of the samples.
 _MORE_BENT = 2.0
-# Pairs of solids are looked at only while the balls around them are nearer than this [m].
+# Pairs of solids are measured only while their bounding balls are nearer than this [m].
 _NEAR = 0.05
-# A step in which they could come nearer than at any moment is looked at in so many parts.
+# A step in which a pair could come nearer than at any sample is divided into so many parts.
 _PARTS = 16
 
 
 class Obstacle(NamedTuple):
-    """A sphere on its way."""
+    """A moving sphere."""
 
-    centers: Array  # shape (times, 3) [m]
-    radius: float
+    centers: Array  # inertial; shape (times, 3) [m]
+    radius: float  # [m]
 
 
 class Body(NamedTuple):
-    """A body that moves freely, over time."""
+    """The motion of a free body, in the inertial frame."""
 
-    center: Array  # of mass; shape (times, 3)
-    rotations: Array  # to the inertial frame; shape (times, 3, 3)
-    rates: Array  # in the inertial frame; shape (times, 3)
+    center: Array  # of mass; shape (times, 3) [m]
+    rotations: Array  # body to inertial axes; shape (times, 3, 3)
+    rates: Array  # angular velocities; shape (times, 3) [rad/s]
 
 
 def body_motion(told: dict[str, Any], times: Array) -> Body:
-    """Turn a body by Euler's equations, free of torque."""
+    """Return the torque-free motion of a scenario's target body, by Euler's equations.
+
+    Args:
+        told: The scenario's `target_body`.
+        times: Since the scenario's start, ascending. Shape (times,) [s].
+    """
     i = told["inertia"]
     inertia = np.array(
         [
@@ -68,7 +73,7 @@ def body_motion(told: dict[str, Any], times: Array) -> Body:
 
 
 def obstacles(scenario: dict[str, Any], times: Array) -> Iterator[Obstacle]:
-    """Yield the spheres that move by themselves, and those of the target body."""
+    """Yield a scenario's spheres over time: its own, and those of the target body."""
     for sphere in scenario["obstacles"]:
         velocity = np.asarray(sphere.get("velocity", (0.0, 0.0, 0.0)), float)
         yield Obstacle(sphere["center"] + times[:, None] * velocity, sphere["radius"])
@@ -81,7 +86,13 @@ def obstacles(scenario: dict[str, Any], times: Array) -> Iterator[Obstacle]:
 def clearance(
     chain: Chain, scenario: dict[str, Any], flight: Flight, must_not_touch: list[list[str]]
 ) -> tuple[float, float]:
-    """Return the least distance at the samples, and a lower bound for all times [m]."""
+    """Return the least distance at the samples, and a lower bound for all times [m].
+
+    Infinite: there are no obstacles and no pairs.
+
+    Args:
+        must_not_touch: Pairs of links of the robot, by name.
+    """
     found = [(np.inf, np.inf)]
     spheres = list(obstacles(scenario, flight.times))
     if scenario["robot"].get("geometry", "lines") == "lines":
@@ -106,11 +117,11 @@ def clearance(
 
 
 def _between(away: Array, seen: Array, radius: float) -> tuple[float, float]:
-    """Return the least distance from a sphere at the samples, and between them.
+    """Return the least distance from a sphere at the samples, and a lower bound between them.
 
     Args:
-        away: From the sphere's centre. Shape (times,) [m].
-        seen: Points whose hull holds what moves, from the sphere's centre. (times, points, 3) [m].
+        away: Distance from the sphere's centre. Shape (times,) [m].
+        seen: Points whose hull holds what moves, relative to the centre. (times, points, 3) [m].
     """
     chords = np.linalg.norm(np.diff(seen, axis=0), axis=2).max(axis=1)
     bends = np.linalg.norm(np.diff(seen, 2, axis=0), axis=2).max(axis=1)
@@ -122,7 +133,7 @@ def _between(away: Array, seen: Array, radius: float) -> tuple[float, float]:
 
 
 def from_lines(seen: Array) -> Array:
-    """Return the distance of the lines through some points from the origin. Shape (times,)."""
+    """Return the distance of polylines to the origin, (times,) [m]; seen: (times, points, 3)."""
     first, along = seen[:, :-1], np.diff(seen, axis=1)
     squares = np.maximum((along**2).sum(axis=2), 1e-30)
     part = np.clip(-(first * along).sum(axis=2) / squares, 0.0, 1.0)
@@ -131,7 +142,7 @@ def from_lines(seen: Array) -> Array:
 
 
 def _from_solid(solid: Solid, points: Array) -> Array:
-    """Return how far points in a solid's own frame are outside it; inside it is negative."""
+    """Return the distances of points in a solid's own frame to it; negative inside."""
     if solid.kind == "sphere":
         away: Array = np.linalg.norm(points, axis=1) - solid.sizes[0]
         return away
@@ -163,7 +174,7 @@ def _corners(solid: Solid) -> Array:
 def _own(
     chain: Chain, flight: Flight, must_not_touch: list[list[str]]
 ) -> Iterator[tuple[float, float]]:
-    """Yield the least distances of pairs of solids of the robot, by Coal."""
+    """Yield least distance and lower bound of each pair of the robot's solids, by Coal."""
     pairs = {frozenset(pair) for pair in must_not_touch}
     ends = [(1, rates) for rates in flight.rates[[0, -1]]]
     smooth = CubicSpline(flight.times, flight.angles, bc_type=tuple(ends))
@@ -187,7 +198,10 @@ def _own(
 
 
 def _apart(solids: tuple[Solid, Solid], posture: Posture) -> tuple[Array, Array]:
-    """Return how far two solids are apart in each posture, and at least from one to the next."""
+    """Return the distance of two solids in each posture, and a lower bound between postures.
+
+    Distances of far pairs are themselves lower bounds.
+    """
     import coal
 
     kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}

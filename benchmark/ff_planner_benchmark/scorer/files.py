@@ -1,4 +1,4 @@
-"""The files of a scenario, from whoever wrote them: what they are is known before they are read."""
+"""Reading a scenario's files from untrusted sources: their sizes are bounded."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def text_of(file: Path) -> str:
 
 
 def yaml_of(text: str) -> Any:
-    """Return a document whose numbers are finite.
+    """Return the document in a YAML text.
 
     Raises:
-        ValueError: It is not YAML, or larger or deeper than a scenario.
+        ValueError: It is not YAML, is larger or deeper than a scenario, or a number is not finite.
     """
     try:
         depth = 0
@@ -53,7 +53,7 @@ def yaml_of(text: str) -> Any:
 
 
 def json_of(text: str) -> Any:
-    """Return a document.
+    """Return the document in a JSON text.
 
     Raises:
         ValueError: It is not JSON, or nested too deep.
@@ -65,10 +65,10 @@ def json_of(text: str) -> Any:
 
 
 def xml_of(text: str) -> Element:
-    """Return the outermost element.
+    """Return the root element of an XML text.
 
     Raises:
-        ValueError: It is not XML, or has declarations of its own.
+        ValueError: It is not XML, or has a document type declaration.
     """
     if "<!DOCTYPE" in text:  # an entity of a few bytes may stand for gigabytes
         raise ValueError("a URDF needs no <!DOCTYPE>")

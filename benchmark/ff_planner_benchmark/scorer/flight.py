@@ -1,9 +1,9 @@
-"""How the free-floating system moves when its joints do: momentum is conserved, nothing else acts.
+"""Motion of the free-floating system for a motion of its joints, by conservation of momentum.
 
-The system's linear momentum and its angular momentum about the inertial origin stay what they are
-at the start. Each posture then gives the base's twist; Runge and Kutta's rule of the fourth order
-gives its pose. What is flown is the smooth motion through an answer's positions at 1,001 moments,
-so that nothing can happen between them that the sums do not see.
+The system's linear momentum and its angular momentum about the inertial origin are those of the
+start. Each posture then gives the base's twist; a Runge-Kutta method of order four gives its pose.
+The joints follow the smooth spline through an answer's positions at 1,001 moments, so that the
+integration misses nothing between them.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ STEPS = 1000
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """What the system does, in the inertial frame; a row per time."""
+    """The motion of the system, a row per time; poses and twists are inertial."""
 
     times: Array  # [s]
     angles: Array  # shape (times, joints) [rad]
     rates: Array  # shape (times, joints) [rad/s]
     base: Placement  # of the base link's frame
-    posture: Posture
+    posture: Posture  # in the base link's frame
     twists: Array  # of the base link's origin, linear and angular; shape (times, 6)
     link_twists: list[Array]  # of the links' centres of mass; each (times, 6)
 
     def of(self, place: Placement) -> Placement:
-        """Return where something in the base link's frame is in the inertial frame."""
+        """Return the inertial pose of a frame that is given in the base link's frame."""
         return self.base.then(place)
 
     def twist_at(self, link: int, chain: Chain) -> Array:
@@ -46,7 +46,7 @@ class Flight:
 
 
 def joint_motion(answer: dict[str, Any]) -> BPoly:
-    """Return what the joints do between the points: quintics, or cubics without accelerations."""
+    """Return the joint motion of an answer: quintics, or cubics if it has no accelerations."""
     known = ["joint_positions", "joint_velocities", "joint_accelerations"]
     rows = [np.asarray(answer[name], float) for name in known if name in answer]
     return BPoly.from_derivatives(np.asarray(answer["time"], float), np.stack(rows, axis=1))
@@ -60,7 +60,7 @@ def at_moments(motion: BPoly, duration: float, steps: int = STEPS) -> CubicSplin
 
 
 def flown(chain: Chain, scenario: dict[str, Any], motion: BPoly, steps: int = STEPS) -> Flight:
-    """Let the joints move so from a scenario's start, to the end of its duration."""
+    """Return the motion of the system whose joints follow a motion, from a scenario's start."""
     duration = float(scenario["duration"])
     halves = np.linspace(0.0, duration, 2 * steps + 1)
     smooth = at_moments(motion, duration, steps)
@@ -109,8 +109,9 @@ def flown(chain: Chain, scenario: dict[str, Any], motion: BPoly, steps: int = ST
 
 
 def momenta(chain: Chain, posture: Posture) -> tuple[Array, Array]:
-    """Return momentum, linear and about the base's origin, per base twist and per joint rates.
+    """Return the matrices from base twist and from joint velocities to the momentum.
 
+    The momentum is linear and angular about the base's origin, in base axes, as is the twist.
     Shapes (times, 6, 6) and (times, 6, joints).
     """
     count = len(posture.links[0].position)
@@ -133,7 +134,7 @@ def momenta(chain: Chain, posture: Posture) -> tuple[Array, Array]:
 def start_of_base(chain: Chain, scenario: dict[str, Any]) -> tuple[Placement, Array]:
     """Return the base link's pose at the start, one row, and its twist in its own axes.
 
-    A scenario tells of the chaser's centre of mass, in the axes of the base link.
+    A scenario has pose and velocity of the chaser's centre of mass, with the base link's axes.
     """
     told = scenario["chaser"]
     turn = Rotation.from_quat(told["quaternion_xyzw"]).as_matrix()
@@ -146,7 +147,7 @@ def start_of_base(chain: Chain, scenario: dict[str, Any]) -> tuple[Placement, Ar
 
 
 def torques(chain: Chain, flight: Flight) -> Array:
-    """Return what the joints' drives must give, by Newton and Euler. Shape (times, joints) [N m].
+    """Return the joint torques, by Newton and Euler. Shape (times, joints) [N m].
 
     Accelerations are differences of the velocities.
     """
@@ -214,8 +215,8 @@ def _skew(vectors: Array) -> Array:
 def tip_map(chain: Chain, flight: Flight) -> tuple[Array, Array]:
     """Return J_D at the end of a flight, and the tip's twist there, both in the inertial frame.
 
-    J_D takes changes of the joint rates to changes of the twist, the momentum being what it is.
-    Shapes (6, joints) and (6,). A method may use it to aim; the scorer does not.
+    J_D maps changes of the joint velocities to changes of the twist at constant momentum. Shapes
+    (6, joints) and (6,). A method may use it to aim; the scorer does not.
     """
     last = chain.posture(flight.angles[-1:])
     of_base, of_joints = (rows[0] for rows in momenta(chain, last))

@@ -1,4 +1,4 @@
-"""What an answer to a scenario is worth: is it there, does it arrive, does it keep what it must?
+"""Judgement of an answer to a scenario: is it well-formed, at the goal, within limits, and clear?
 
 An answer has `time`, `joint_positions` and `joint_velocities`, a row per point, perhaps
 `joint_accelerations`, as `ff-planner plan --json` writes them; everything else in it is ignored.
@@ -21,50 +21,50 @@ from ff_planner_benchmark.scorer.clearance import body_motion, clearance
 from ff_planner_benchmark.scorer.files import json_of, text_of, yaml_of
 from ff_planner_benchmark.scorer.flight import Flight, at_moments, flown, joint_motion, torques
 
-# What an answer may miss the goal by: position [m], direction [rad], velocity [m/s], rate [rad/s].
+# Errors at the goal: position [m], orientation [rad], velocity [m/s], angular velocity [rad/s].
 MISS, TURN, SPEED, SPIN = 1e-3, 2e-3, 1e-3, 2e-3
-# The first point may be so far from the start [rad, rad/s].
+# Error of the first point against the start [rad, rad/s].
 START = 1e-4
-# Joints may leave their range by so much [rad], and rates and torques by such a part of theirs.
+# Excess over limits of joint positions [rad], and relative excess of velocities and torques.
 POSITION, RATE, TORQUE = 1e-4, 1e-3, 0.02
-# Between the moments the joints may be elsewhere than a smooth motion through them, in sum [rad],
-# and have other rates than it, each [rad/s].
+# Deviation of the joints from the smooth motion through the moments: positions, in sum [rad], and
+# velocities, each [rad/s].
 UNSEEN, UNSEEN_RATE = 1e-4, 0.02
 # Points of an answer: to judge ten times as many takes as many seconds as a method has.
 MOST_POINTS = 10_000
-# Between two points of an answer its motion is looked at so often.
+# Samples of an answer's motion between two of its points.
 _LOOKS = 5
 _LONGEST = 1e4  # [s] that a motion lasts; those of the data set last 15 s at most
-# Characters of what a method says.
+# Characters of a method's message.
 _LONGEST_REASON = 200
-# No number of an answer that means something is larger.
+# Bound of every number in an answer.
 _LARGEST = 1e6
-# The clearance may be lower by so much, for rounding, between lines and spheres, and of solids [m].
+# Penetration that is allowed for rounding [m].
 CLEARANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Score:
-    """What became of an answer. Lengths in m, angles in rad; None: there is no motion."""
+    """The judgement of an answer. Lengths in m, angles in rad; None: there is no motion."""
 
     solved: bool
-    faults: tuple[str, ...]  # why it is not
-    clearance: float | None = None  # that is kept at all times, at least; None: nothing is near
-    sampled_clearance: float | None = None
-    miss: float | None = None  # of the end effector, once executed
-    turn: float | None = None  # likewise, where the orientation counts
+    faults: tuple[str, ...]  # why it is not solved; empty: it is
+    clearance: float | None = None  # lower bound over all times; None, too: there is no obstacle
+    sampled_clearance: float | None = None  # at the samples; None, too: there is no obstacle
+    miss: float | None = None  # position error of the end effector at the end, as executed
+    turn: float | None = None  # orientation error; None, too: the orientation is free
     joint_path: float | None = None
-    attitude: float | None = None  # by which the chaser turns from its start at most
+    attitude: float | None = None  # largest rotation angle of the chaser since its start
 
 
 def load(scenario: Path) -> tuple[dict[str, Any], Chain, list[list[str]]]:
-    """Return a scenario, its robot, and the links that must not touch each other.
+    """Return a scenario, its robot, and the pairs of links that must not touch.
 
     Raises:
-        ValueError: A file of it is no file of the data set.
-        OSError: One cannot be read.
-        LookupError: One lacks a value.
-        TypeError: One has a value of another type.
+        ValueError: A file of the scenario is no file of the data set.
+        OSError: A file cannot be read.
+        LookupError: A file lacks a value.
+        TypeError: A value is of another type.
         AttributeError: Likewise.
     """
     content = yaml_of(text_of(scenario))
@@ -86,16 +86,16 @@ def load(scenario: Path) -> tuple[dict[str, Any], Chain, list[list[str]]]:
 
 
 def score(scenario: Path, answer: Any) -> Score:
-    """Judge an answer; what is no answer is a fault, too."""
+    """Judge an answer, as `judged` does, to the scenario in a file."""
     return judged(*load(scenario), answer)
 
 
 def judged(content: dict[str, Any], chain: Chain, pairs: list[list[str]], answer: Any) -> Score:
-    """Judge an answer to a scenario that `load` has returned, whatever the answer is."""
+    """Judge an answer to a scenario that `load` has returned; a malformed answer is a fault."""
     try:
         with np.errstate(all="ignore"):
             return _judged(content, chain, pairs, answer)
-    except Exception as error:  # numbers that no sum can bear
+    except Exception as error:  # whatever extreme numbers lead to
         words = f"it cannot be judged: {type(error).__name__}: {error}"
         return Score(False, (words[:_LONGEST_REASON],))
 
@@ -138,7 +138,7 @@ def _judged(content: dict[str, Any], chain: Chain, pairs: list[list[str]], answe
 
 
 def _ill_formed(chain: Chain, scenario: dict[str, Any], answer: dict[str, Any]) -> str | None:
-    """Return why an answer has no motion that can be judged."""
+    """Return why an answer has no motion that can be judged; None: it has one."""
     if answer.get("joint_names", chain.joint_names) != chain.joint_names:
         return f"joint_names: {answer['joint_names']}, not {chain.joint_names}"
     try:
@@ -164,14 +164,14 @@ def _ill_formed(chain: Chain, scenario: dict[str, Any], answer: dict[str, Any]) 
 
 
 class _Between(NamedTuple):
-    """What an answer does between the moments."""
+    """Deviations of an answer from the smooth motion through its positions at the moments."""
 
-    aside: float  # of the smooth motion through them, in sum at most [rad]
-    faster: float  # than it, a joint at most [rad/s]
-    rates: Array  # largest of each joint [rad/s]
+    aside: float  # largest sum of the joints' deviations [rad]
+    faster: float  # largest deviation of a joint's velocity [rad/s]
+    rates: Array  # largest velocity of each joint; shape (joints,) [rad/s]
 
     def faults(self) -> Iterator[str]:
-        """Yield what its moments do not show."""
+        """Yield the deviations that are too large, in words."""
         if self.aside > UNSEEN:
             yield f"the joints move by {self.aside:.2e} rad between moments that do not show it"
         if self.faster > UNSEEN_RATE:
@@ -179,7 +179,7 @@ class _Between(NamedTuple):
 
 
 def _between_moments(motion: BPoly, time: Any, duration: float) -> _Between:
-    """Look at a motion at all points of the answer, and at some moments between two of them."""
+    """Compare a motion with its smooth spline, at the answer's points and between them."""
     points, smooth = np.asarray(time, float), at_moments(motion, duration)
     parts = np.linspace(0.0, 1.0, _LOOKS, endpoint=False)
     looks = (points[:-1, None] + parts * np.diff(points)[:, None]).ravel()
@@ -224,7 +224,7 @@ def _limit_faults(
 def _at_goal(
     chain: Chain, scenario: dict[str, Any], flight: Flight
 ) -> tuple[float, float | None, list[str]]:
-    """Return the miss in position and direction, and what is wrong at the end."""
+    """Return the errors of position and orientation at the end, and the faults there."""
     place, turn, velocity, rate = goal(scenario)
     tip = flight.of(flight.posture.links[chain.tip])
     twist = flight.twist_at(chain.tip, chain)[-1]
@@ -248,9 +248,9 @@ def _at_goal(
 
 
 def goal(scenario: dict[str, Any]) -> tuple[Array, Array, Array, Array]:
-    """Return where the end effector shall be at the end, and how it shall move there.
+    """Return the goal of the end effector at the end of a scenario, in the inertial frame.
 
-    Position, rotation to the inertial frame, velocity and angular velocity.
+    Position [m], rotation to inertial axes, velocity [m/s] and angular velocity [rad/s].
     """
     if "target" in scenario:
         told = scenario["target"]
@@ -269,9 +269,10 @@ def goal(scenario: dict[str, Any]) -> tuple[Array, Array, Array, Array]:
 def errors_at_goal(
     chain: Chain, scenario: dict[str, Any], flight: Flight
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return how the tip would have to move and turn at the end, and which of the six count.
+    """Return the tip's correction to the goal at the end, and which of its six numbers count.
 
-    A method may use it to aim; the scorer does not.
+    Translation [m] and rotation vector [rad], inertial. A method may use it to aim; the scorer does
+    not.
     """
     place, turn, *_ = goal(scenario)
     tip = flight.of(flight.posture.links[chain.tip])

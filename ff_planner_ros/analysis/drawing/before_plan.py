@@ -1,7 +1,6 @@
-"""A scenario in a browser before anything is planned: robot, obstacles, and the goal.
+"""Interactive 3-D view of a scenario before planning: robot at the start, tool at the goal.
 
-The robot is where it starts, and what the last joint carries where the goal wants it; a slider
-moves the obstacles, and what is fixed to a target body, through the duration.
+A slider moves the obstacles, and those fixed to a target body, through the duration.
 """
 
 from __future__ import annotations
@@ -45,11 +44,11 @@ def save_before_plan(
 def figure_before_plan(
     problem: PlanningProblem, start: Sequence[Gap], goal: Sequence[Gap]
 ) -> go.Figure:
-    """Draw a scenario.
+    """Draw a scenario with the smallest distances at its start and goal.
 
     Args:
-        start: Distances at the start; the first is drawn.
-        goal: Distances of the tool at the goal; likewise.
+        start: As `gaps_at_start` returns; the first is drawn.
+        goal: As `gaps_at_goal` returns; the first is drawn.
     """
     robot = problem.robot
     q, _ = configuration(robot, problem.start)

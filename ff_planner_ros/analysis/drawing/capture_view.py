@@ -1,4 +1,4 @@
-"""The capture of a body that tumbles, in the inertial frame and as the body sees it."""
+"""Figure of the capture of a tumbling body, in the inertial frame and in the body's."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import TargetBody
 
-# So many times the arm is drawn between the start and the capture.
+# Arm configurations drawn between the start and the capture.
 _POSES = 5
 _AROUND = 48  # corners of a circle
 _GRASP = "tab:red"
@@ -34,12 +34,13 @@ _ROUNDING = 1e-9  # of the time of the capture [s]
 def capture_figure(
     problem: PlanningProblem, body: TargetBody, motions: Mapping[Method, Trajectory]
 ) -> Figure:
-    """Draw the capture twice, the darker the later, and distance and speed over time.
+    """Draw the capture in the inertial and the body's frame, and distance and speed over time.
 
-    Each view is along the axis of its frame along which the end effector goes the least.
+    Later is darker. Each view is along the axis of its frame along which the end effector moves
+    least.
 
     Args:
-        body: The target, at the plans' first point.
+        body: The target body in its state at the plans' first point.
     """
     figure = Figure(figsize=(6.9, 5.2), layout="constrained")
     grid = figure.subplots(2, 2, height_ratios=[1.6, 1.0])
@@ -72,7 +73,7 @@ def _draw_view(
     *,
     rides: bool,
 ) -> None:
-    """Draw one view; it rides on the body, or rests."""
+    """Draw one view: in the body's frame if `rides`, else in the inertial frame."""
     first = next(iter(motions.values()))
     until = first.time <= problem.duration + _ROUNDING
     tips = _seen(body, first.time[until], first.ee_positions[until, None], rides)[:, 0]
@@ -119,7 +120,7 @@ def _draw_motion(
     here: list[int],
     rides: bool,
 ) -> None:
-    """Draw the arm at some times until the capture, and the end effector's way."""
+    """Draw the arm at some times until the capture, and the end effector's path."""
     q, _ = from_trajectory(problem.robot, motion)
     last = max(1, int(np.searchsorted(motion.time, problem.duration + _ROUNDING)) - 1)
     shown = np.unique(np.linspace(0, last, _POSES).astype(int))
@@ -136,7 +137,11 @@ def _draw_motion(
 
 
 def _seen(body: TargetBody, times: Array, places: Array, rides: bool) -> Array:
-    """Return places, shape (times, places, 3), in the inertial frame or in the body's [m]."""
+    """Return points, shape (times, points, 3) [m], in the body's frame if `rides`, else as given.
+
+    Args:
+        places: Points in the inertial frame, of the same shape.
+    """
     if not rides:
         return places
     motion = body.motion(np.zeros(3), times)

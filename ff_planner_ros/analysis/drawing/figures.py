@@ -42,10 +42,10 @@ _DOTS_PER_INCH = 150
 def plot_plan(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
     """Draw a plan: figures over time, each as PNG and PDF, and its scene.
 
-    The scene turns in a browser; where the robot has bodies, there is a picture of it, too.
+    The scene is an interactive page; a robot with bodies also gets a still picture of it.
 
     Args:
-        directory: Made if it is not there; files of the same name in it are replaced.
+        directory: Created if it is missing; files of the same name in it are replaced.
 
     Returns:
         The PNG files, `scene.png` among them, and `scene.html`.
@@ -64,7 +64,7 @@ def plot_plan(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Pat
 def save_figures(
     problem: PlanningProblem, motions: Mapping[Method, Trajectory], directory: Path
 ) -> list[Path]:
-    """Draw motions as PNG and PDF into a directory, made if needed, and return the PNG files."""
+    """Draw motions as PNG and PDF into a directory, created if missing; return the PNG files."""
     directory.mkdir(parents=True, exist_ok=True)
     figures = {
         "end_effector": two_column_figure(END_EFFECTOR_POSE, motions),
@@ -95,7 +95,7 @@ def save_figures(
 def two_column_figure(
     quantities: tuple[Quantity, Quantity], motions: Mapping[Method, Trajectory]
 ) -> Figure:
-    """Draw two quantities side by side, a row for each of their numbers: Figs. 3 to 5."""
+    """Draw two quantities side by side, a row for each component: Figs. 3 to 5 of the paper."""
     figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     grid = figure.subplots(3, 2, sharex=True)
     for column, quantity in zip(grid.T, quantities, strict=True):
@@ -105,7 +105,7 @@ def two_column_figure(
 
 
 def clearance_figure(problem: PlanningProblem, motions: Mapping[Method, Trajectory]) -> Figure:
-    """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
+    """Draw the robot's distance to the closest obstacle, as `clearance_panel` has it: Fig. 6."""
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
     panel = clearance_panel(problem.robot, problem.obstacles, motions, scene_of(problem))
@@ -128,9 +128,9 @@ def clearance_figure(problem: PlanningProblem, motions: Mapping[Method, Trajecto
 
 
 def joint_figure(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> Figure:
-    """Draw a quantity of the joints, each in a panel of its own with its limits.
+    """Draw a quantity of the joints or wheels, a panel for each.
 
-    Limits that are far from what a joint does are out of sight, and noted above its panel.
+    The axes span the curves: limits beyond them are only noted above the panel.
     """
     rows = -(-len(quantity.labels) // 2)
     figure = Figure(figsize=(8.0, 1.0 + 1.5 * rows), layout="constrained")

@@ -17,7 +17,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 
-# So many times the arm is drawn between the start and the end of a motion.
+# Arm configurations drawn between the start and the end of a motion.
 _POSES = 6
 _OBSTACLE, _TARGET = "0.75", "tab:red"
 _AROUND = 48  # corners of a circle
@@ -25,7 +25,7 @@ _HEADING = 0.15  # length of the line that shows the heading of chaser and targe
 
 
 def view_from_above(problem: PlanningProblem, motions: Mapping[Method, Trajectory]) -> Figure:
-    """Draw chaser, arm, obstacles and target in x and y: the darker, the later."""
+    """Draw chaser, arm, obstacles and target in the inertial x-y plane; later is darker."""
     figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     axes = figure.add_subplot()
     for sphere in problem.spheres:

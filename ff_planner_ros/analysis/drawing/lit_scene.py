@@ -1,4 +1,4 @@
-"""A picture with light of a plan's scene: the robot at start and end, and what is around."""
+"""A shaded still picture of a plan's scene: the robot at start and end, and the obstacles."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ELEVATION, _AZIMUTH = 22.0, -142.0  # of who looks on [deg]
 
 
 def lit_scene(problem: PlanningProblem, motion: Trajectory) -> Figure:
-    """Draw robot and obstacles at the capture, and, pale, the robot at its start."""
+    """Draw robot and obstacles at the end of a motion, and, translucent, the robot at its start."""
     q = from_trajectory(problem.robot, motion)[0]
     end = float(motion.time[-1])
     surface = robot_surface(problem.robot)
@@ -61,7 +61,7 @@ def lit_scene(problem: PlanningProblem, motion: Trajectory) -> Figure:
 
 
 def _small(triangles: Array) -> Array:
-    """Return triangles halved until no edge is long. Shape (triangles, corners, 3) [m]."""
+    """Return triangles, bisected until no edge is long. Shape (triangles, 3 corners, 3) [m]."""
     done = [np.empty((0, 3, 3))]
     while len(triangles):
         edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
@@ -76,7 +76,7 @@ def _small(triangles: Array) -> Array:
 
 
 def _lit(triangles: Array, colour: str) -> tuple[Array, Array]:
-    """Return triangles and their colours, (triangles, 3), whichever of their sides is seen."""
+    """Return triangles and the colours of both their sides, shape (triangles, 3)."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     normals = np.cross(b - a, c - a)
     lengths = np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)

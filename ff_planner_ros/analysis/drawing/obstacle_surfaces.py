@@ -1,4 +1,4 @@
-"""What is in the way as surfaces of triangles, where it is at a time."""
+"""Triangle meshes of obstacles, and their poses over time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
 
 
 def obstacle_surface(one: Obstacle, around: int) -> tuple[Array, Triangles]:
-    """Return the surface of an obstacle in its own frame; around: corners of a circle."""
+    """Return the surface of an obstacle in its own frame; a circle has `around` corners."""
     return surface_of(obstacle_geometry(one), around)
 
 
@@ -20,7 +20,7 @@ def placed(one: Obstacle, corners: Array, times: Array) -> Array:
 
     Args:
         corners: In its own frame. Shape (corners, 3) [m].
-        times: From the plan's first point on. Shape (times,) [s].
+        times: Since the plan's first point. Shape (times,) [s].
 
     Returns:
         Shape (times, corners, 3) [m].
@@ -31,13 +31,13 @@ def placed(one: Obstacle, corners: Array, times: Array) -> Array:
 
 
 def outline(points: Array) -> Array:
-    """Return the corners of the convex outline of points in a plane, in order; (corners, 2)."""
+    """Return the corners of the convex hull of points in a plane, in order; (corners, 2)."""
     from scipy.spatial import ConvexHull  # half a second, which no scene of triangles needs
 
     return np.array(points[ConvexHull(points).vertices])
 
 
 def obstacle_words(one: Obstacle) -> str:
-    """Return id and shape."""
+    """Return an obstacle's id, shape and size."""
     shape = f"radius {one.radius:g}" if isinstance(one, Sphere) else one.solid.words
     return f"{one.id}, {shape} m" if isinstance(one, Sphere) else f"{one.id}, {shape}"

@@ -1,4 +1,4 @@
-"""The quantities that are drawn over time: the paper's figures 3 to 6, and the joints."""
+"""Quantities that are drawn over time: those of the paper's Figs. 3 to 6, joints and wheels."""
 
 from __future__ import annotations
 
@@ -28,22 +28,21 @@ from ff_planner_ros.robot.rotation import euler_from_rotation
 
 @dataclass(frozen=True)
 class Quantity:
-    """Numbers that a motion has at every point; each is drawn in a panel of its own."""
+    """A vector quantity of a motion at its trajectory points; each component has its own panel."""
 
-    title: str  # of all its panels
-    labels: tuple[str, ...]  # name and unit of each number; `$v_x$` is a symbol with its index
-    of: Callable[[Trajectory], Array]  # their values in a motion. Returns shape (points, labels)
-    turns: bool = False  # whether they are angles that mean the same after a full turn
-    from_start: bool = (
-        False  # whether they are seen in the chaser's axes at the first motion's start
-    )
-    # Limits of each number; shape (labels, 2), or empty
+    title: str  # above the panels of all components
+    labels: tuple[str, ...]  # component names and units; `$v_x$` is a symbol with its index
+    of: Callable[[Trajectory], Array]  # returns the values of a motion, shape (points, labels)
+    turns: bool = False  # whether the components are angles in degrees, equal modulo 360
+    # Whether chaser attitudes are relative to the chaser's axes at the first motion's start
+    from_start: bool = False
+    # Lower and upper limit of each component, shape (labels, 2); or empty
     levels: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A point of a curve that is marked, with words."""
+    """A marked point of a curve, with its text."""
 
     method: Method
     time: float  # [s]
@@ -53,7 +52,7 @@ class Mark:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One number of several motions over time."""
+    """One component of a quantity over time, for several motions."""
 
     label: str  # name and unit
     # Time and values, by method; each of shape (points,)
@@ -63,7 +62,7 @@ class Panel:
 
     @property
     def note(self) -> str:
-        """The limits in words: they are mostly far from the curves, and then out of sight."""
+        """The limits in words, often far beyond the curves; empty unless both are finite."""
         low, high = self.levels or (-np.inf, np.inf)
         if not (np.isfinite(low) and np.isfinite(high)):
             return ""
@@ -71,7 +70,7 @@ class Panel:
 
     @property
     def span(self) -> tuple[float, float]:
-        """Lowest and highest value of all curves, a little apart where they are the same."""
+        """Range of the axis: lowest to highest value of all curves, with a margin."""
         values = np.concatenate([values for _, values in self.curves.values()])
         if not np.isfinite(values).any():
             return -1.0, 1.0
@@ -90,7 +89,7 @@ _EULER = ("roll $φ$ (x) [deg]", "pitch $θ$ (y) [deg]", "yaw $ψ$ (z) [deg]")
 
 
 def _pose(frame: str, position: str, orientation: str) -> tuple[Quantity, Quantity]:
-    """Return position and orientation of a frame, `ee` or `chaser`."""
+    """Return position and orientation of a frame, `ee` or `chaser`, in the inertial frame."""
     return (
         Quantity(position, _POSITION, lambda motion: getattr(motion, f"{frame}_positions")),
         Quantity(
@@ -125,12 +124,13 @@ def clearance_panel(
     motions: Mapping[Method, Trajectory],
     scene: Scene | None = None,
 ) -> Panel:
-    """Return the distance of bodies, or centre lines, to the closest obstacle, the least marked.
+    """Return the distance of the robot to the closest obstacle [mm], with its minimum marked.
 
-    It is known between the points of a plan, too; without obstacles there is none.
+    The distance is that of the bodies, or else of the arm's centre lines, also between trajectory
+    points. It is NaN without obstacles.
 
     Args:
-        scene: Of which what may touch at the goal does not count, there. None: all counts.
+        scene: Its allowed collisions at the goal are ignored near the goal. None: there are none.
     """
     label, curves, marks = "distance to closest obstacle [mm]", {}, list[Mark]()
     for method, motion in motions.items():
@@ -146,20 +146,20 @@ def clearance_panel(
 
 
 def joint_angles(robot: Robot) -> Quantity:
-    """Return every joint's angle, or how far it has slid, with its limits."""
+    """Return the joint positions with their limits [deg; prismatic: m]."""
     lower, upper = robot.lower_position_limits, robot.upper_position_limits
     title = "joint positions" if robot.joint_slides.any() else "joint angles"
     return _of_joints(robot, title, ("deg", "m"), "joint_positions", lower, upper)
 
 
 def joint_rates(robot: Robot) -> Quantity:
-    """Return every joint's rate with its limits."""
+    """Return the joint velocities with their limits [deg/s; prismatic: m/s]."""
     limits = robot.velocity_limits
     return _of_joints(robot, "joint rates", ("deg/s", "m/s"), "joint_velocities", -limits, limits)
 
 
 def joint_torques(robot: Robot) -> Quantity:
-    """Return every joint's torque with its limits."""
+    """Return the joint torques with their limits [N m; prismatic: N]."""
     limits = robot.effort_limits
     return _of_joints(robot, "joint torques", ("N m", "N"), "joint_torques", -limits, limits)
 
@@ -167,7 +167,7 @@ def joint_torques(robot: Robot) -> Quantity:
 def _of_joints(
     robot: Robot, title: str, units: tuple[str, str], field: str, lower: Array, upper: Array
 ) -> Quantity:
-    """Return what all joints do, in the unit of those that turn and of those that slide."""
+    """Return a quantity of all joints, in the `units` of revolute and of prismatic ones."""
     of_each = [units[robot.slides(joint)] for joint in range(robot.joints)]
     factors = np.array([np.rad2deg(1.0) if unit.startswith("deg") else 1.0 for unit in of_each])
     labels = zip(robot.joint_names, of_each, strict=True)
@@ -180,10 +180,10 @@ def _of_joints(
 
 
 def wheel_quantities(robot: Robot, stored: Array | None) -> dict[str, Quantity]:
-    """Return momentum and torque of every wheel with its limits, by name; none: nothing.
+    """Return the wheels' momenta and torques with their limits, by name; empty without wheels.
 
     Args:
-        stored: What the wheels hold at the first point [N m s]; None: zero.
+        stored: Wheel momenta at the first point, shape (wheels,) [N m s]; None: zero.
     """
     wheels = robot.wheels
     if wheels is None:
@@ -209,7 +209,7 @@ def wheel_quantities(robot: Robot, stored: Array | None) -> dict[str, Quantity]:
 
 
 def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Panel]:
-    """Return a panel for each number of a quantity; angles are drawn near the first motion's."""
+    """Return a panel per component; full turns bring angles closest to the first motion's."""
     first, *others = motions
     if quantity.from_start:
         motions = _seen_from_start(motions[first], motions)
@@ -247,10 +247,10 @@ def _seen_from_start(
 
 
 def _euler_deg(quaternions_xyzw: Array) -> Array:
-    """Return the paper's Euler angles [deg] without jumps, theta beyond 90 deg where it gets there.
+    """Return ZYX Euler angles without jumps, shape (points, 3) [deg]; theta may exceed 90 deg.
 
-    Two triples describe each rotation, and full turns more; each point takes the one that is
-    nearest to the point before. Shape (points, 3).
+    Two triples describe each rotation, up to full turns; each point takes the triple that is
+    nearest to the point before.
     """
     angles = euler_from_rotation(rotation_from_quaternion(quaternions_xyzw))
     for before, now in pairwise(angles):

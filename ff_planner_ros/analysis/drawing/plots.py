@@ -1,7 +1,6 @@
 """Plots over time for a browser, where a user can zoom and read single points.
 
-They say what is in each panel, and the page that shows them where the panels go: as many beside
-each other as the screen is wide, which `meta` in the layout tells it.
+The page arranges the panels to the width of the screen, by the counts in `layout.meta`.
 """
 
 from __future__ import annotations
@@ -48,14 +47,14 @@ _LONGEST, _LAST = 28, 14
 def two_column_plot(
     quantities: tuple[Quantity, Quantity], motions: Mapping[Method, Trajectory]
 ) -> go.Figure:
-    """Draw two quantities side by side, a row for each of their numbers."""
+    """Draw two quantities side by side, a row for each component."""
     left, right = (panels(quantity, motions) for quantity in quantities)
     in_rows = [panel for pair in zip(left, right, strict=True) for panel in pair]
     return panel_plot(in_rows, 2, titles=[quantity.title for quantity in quantities])
 
 
 def joint_plot(robot: Robot, motions: Mapping[Method, Trajectory]) -> go.Figure:
-    """Draw a row for each joint: its angle, its rate and its torque."""
+    """Draw a row for each joint: its position, velocity and torque."""
     quantities = (joint_angles(robot), joint_rates(robot), joint_torques(robot))
     of_joints = zip(*(panels(quantity, motions) for quantity in quantities), strict=True)
     in_rows = [panel for of_joint in of_joints for panel in of_joint]
@@ -71,7 +70,7 @@ def clearance_plot(
     """Draw the distance to the closest obstacle, Fig. 6 of the paper, as `clearance_panel` has it.
 
     Args:
-        scene: As there.
+        scene: See `clearance_panel`.
     """
     panel = clearance_panel(robot, obstacles, motions, scene)
     figure = panel_plot([panel], 1, rows_high=2)
@@ -106,10 +105,11 @@ def clearance_plot(
 def panel_plot(
     drawn: Sequence[Panel], columns: int = 2, titles: Sequence[str] = (), rows_high: int = 1
 ) -> go.Figure:
-    """Draw panels row by row, each as high as `rows_high` usual ones, with one legend for all.
+    """Draw panels row by row, with one legend for all.
 
     Args:
-        titles: Of the columns.
+        titles: Titles of the columns.
+        rows_high: Height of each panel, in heights of a usual one.
     """
     curves: list[go.Scatter] = []
     # Everything at once: plotly checks the whole layout at every change.
@@ -256,7 +256,7 @@ def _levels(panel: Panel, number: int) -> list[dict[str, Any]]:
 
 
 def _plain(label: str) -> str:
-    """Return a label as the browser's plots write it: escaped, with indices in tags of theirs."""
+    """Return a label as HTML: shortened, escaped, with indices as subscripts."""
     name, bracket, unit = label.rpartition(" [")
     if len(name) > _LONGEST:
         label = f"{name[: _LONGEST - _LAST - 1]}…{name[-_LAST:]}{bracket}{unit}"

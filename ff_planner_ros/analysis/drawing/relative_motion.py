@@ -1,4 +1,4 @@
-"""How the end effector comes to the grasp of a target body, as the body sees it."""
+"""Motion of the end effector relative to the grasp frame of a target body."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ff_planner_ros.planning.problem.target_body import TargetBody
 
 
 def relative_motion(body: TargetBody) -> tuple[Quantity, Quantity]:
-    """Return place and velocity of the end effector in the grasp's frame, which moves.
+    """Return position and velocity of the end effector relative to the moving grasp frame.
 
     Args:
-        body: At the plans' first point.
+        body: The target body in its state at the plans' first point.
     """
 
     def place(motion: Trajectory) -> Array:
@@ -36,7 +36,7 @@ def relative_motion(body: TargetBody) -> tuple[Quantity, Quantity]:
 
 
 def _seen(body: TargetBody, motion: Trajectory) -> tuple[Array, Array]:
-    """Return places and velocities in the grasp's axes, each of shape (points, 3)."""
+    """Return relative positions [m] and velocities [m/s] in grasp axes, each (points, 3)."""
     grasp = body.grasp(motion.time)
     way = motion.ee_positions - grasp.positions
     linear, turning = np.hsplit(grasp.twists, 2)

@@ -33,10 +33,10 @@ def save_robot(robot: Robot, path: Path) -> None:
 
 
 def robot_figure(robot: Robot) -> go.Figure:
-    """Draw a robot at zero joint angles, or those next to zero within its limits.
+    """Draw a robot at zero joint positions, clipped to its limits, in its root link's frame.
 
-    Seen from its root link. What one joint moves has one colour, and an entry in the legend. With
-    lines, the bodies are what the URDF draws, if anything, and the arm's lines are what counts.
+    The links that one joint carries share a colour and a legend entry. With geometry `lines` the
+    surfaces are the shapes in the URDF, and only the centre lines are collision-checked.
     """
     q = pin.neutral(robot.model)
     q[7:] = np.clip(q[7:], robot.lower_position_limits, robot.upper_position_limits)

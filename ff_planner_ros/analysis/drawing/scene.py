@@ -88,7 +88,7 @@ def scene_figure(
     Args:
         shown: Methods whose paths are shown from the start; a click in the legend shows the
             others. The robot is that of the first; buttons show the others in turn.
-        may_touch: Pairs that no line marks as the nearest, as `allowed_collisions` names them.
+        may_touch: Pairs left out of the marked minimum distance, named as in `allowed_collisions`.
         controls: Whether the figure has a slider and buttons of its own.
     """
     longest = max((motion.time for motion in motions.values()), key=lambda time: float(time[-1]))
@@ -212,7 +212,7 @@ def _places(motion: _Motion, frame: int) -> Iterator[tuple[str, NDArray[np.float
 
 
 def _of_chaser(motion: _Motion, frame: int) -> list[Array]:
-    """Return the lines that the chaser is drawn by."""
+    """Return the chaser's lines: edges of its box, and centre of mass to first joint."""
     point = motion.rows[frame]
     edges = [motion.box[point][list(edge)] for edge in _EDGES] if motion.boxed else []
     return [*edges, np.array([motion.chaser[point], motion.arm[point, 0]])]

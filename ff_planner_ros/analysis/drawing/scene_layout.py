@@ -71,8 +71,8 @@ def add_turns(figure: go.Figure, robots: Mapping[str, Sequence[int]], first: str
     """Add buttons that show one of several robots at a time.
 
     Args:
-        robots: By their names, the traces of each.
-        first: Is shown first.
+        robots: Trace indices of each robot, by its name.
+        first: Name of the robot that is shown first.
     """
     every = [trace for traces in robots.values() for trace in traces]
     figure.update_layout(

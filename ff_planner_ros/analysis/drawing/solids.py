@@ -27,7 +27,7 @@ _AROUND_LINK = 12
 
 @dataclass(frozen=True, eq=False)
 class RobotSurface:
-    """The surface of a robot's shapes, each corner in the frame of the joint that carries it."""
+    """A robot's surface, each corner in the frame of the joint that carries it."""
 
     corners: Array
     triangles: Triangles
@@ -92,7 +92,7 @@ def cone(radius: float, length: float, around: int) -> tuple[Array, Triangles]:
 
 
 def hull(solid: coal.Convex) -> tuple[Array, Triangles]:
-    """Return the surface of a convex solid."""
+    """Return the surface of a convex solid, its triangles oriented outwards."""
     corners = np.array(solid.points())
     triangles = np.array(
         [[solid.polygons(k)[i] for i in range(3)] for k in range(solid.num_polygons)], np.intp
@@ -104,10 +104,7 @@ def hull(solid: coal.Convex) -> tuple[Array, Triangles]:
 
 
 def robot_surface(robot: Robot) -> RobotSurface:
-    """Return the surface of the robot's bodies, or of what its URDF draws where it has none.
-
-    It may have no corner.
-    """
+    """Return the surface of the robot's bodies, or else of its URDF's shapes; it may be empty."""
     corners, triangles, joints, count = [np.empty((0, 3))], [np.empty((0, 3), int)], [], 0
     for (surface, faces), placement, joint in _solids(robot):
         corners.append(surface @ placement.rotation.T + placement.translation)
@@ -160,7 +157,7 @@ def _of_shape(shape: Shape) -> tuple[Array, Triangles]:
 def surface_of(
     solid: coal.CollisionGeometry, around: int = _AROUND_LINK
 ) -> tuple[Array, Triangles]:
-    """Return the surface of a solid, in its own frame; around: corners of a circle."""
+    """Return the surface of a solid in its own frame; a circle has `around` corners."""
     if isinstance(solid, coal.Box):
         return box(tuple((2.0 * np.asarray(solid.halfSide)).tolist()))
     if isinstance(solid, coal.Cylinder):

@@ -1,4 +1,4 @@
-"""What is around the arm in a scene: obstacles, the goal, and axes of frames."""
+"""Obstacles, goal, path constraints and frame axes of a drawn scene."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ _FAR = 2.0
 
 
 def near_arm(obstacles: Sequence[Obstacle], times: Array, arms: Array) -> Sequence[Obstacle]:
-    """Return the obstacles that are drawn: those near some poses of the arm, not too many.
+    """Return the obstacles to draw: the nearest 100 at most, within two arm lengths of the arm.
 
     Args:
-        times: Of the poses. Shape (poses,) [s].
-        arms: Joints and end effector. Shape (poses, joints + 1, 3) [m].
+        times: Times of the arm's poses. Shape (poses,) [s].
+        arms: Positions of joints and end effector, inertial. Shape (poses, joints + 1, 3) [m].
     """
     length = np.linalg.norm(np.diff(arms[0], axis=0), axis=1).sum()
     centers, radii = around_obstacles(obstacles, times)
@@ -58,7 +58,7 @@ def near_arm(obstacles: Sequence[Obstacle], times: Array, arms: Array) -> Sequen
 
 
 def drawn_obstacles(drawn: Sequence[Obstacle], count: int) -> list[go.Mesh3d]:
-    """Draw obstacles, of so many that there are."""
+    """Draw obstacles at time zero; the legend says if they are fewer than all `count`."""
     surfaces = [obstacle_surface(one, _meridians(len(drawn))) for one in drawn]
     left_out = f" (the nearest {len(drawn)} of {count})" if len(drawn) < count else ""
     return [
@@ -78,13 +78,13 @@ def drawn_obstacles(drawn: Sequence[Obstacle], count: int) -> list[go.Mesh3d]:
 
 
 def obstacle_at(one: Obstacle, time: float, drawn: int) -> dict[str, NDArray[np.floating]]:
-    """Return the points of an obstacle's surface at a time [s], one of so many that are drawn."""
+    """Return an obstacle's surface points at a time [s], coarser the more obstacles are `drawn`."""
     corners, _ = obstacle_surface(one, _meridians(drawn))
     return xyz(placed(one, corners, np.array([time]))[0])
 
 
 def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
-    """Draw where the end effector shall come, and which way it shall point."""
+    """Draw the goal position, and the goal's axes unless its orientation is free."""
     yield go.Scatter3d(
         **xyz(goal.position[None]),
         mode="markers",
@@ -100,7 +100,7 @@ def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
 
 
 def drawn_constraints(scene: Scene, robot: Robot, motion: Trajectory) -> Iterator[go.Scatter3d]:
-    """Draw what the end effector keeps on its way to the goal; see `constraint_lines`."""
+    """Draw the path constraints of the end effector; see `constraint_lines`."""
     for name, lines in constraint_lines(scene, robot, motion).items():
         gaps = np.full((len(lines), 1, 3), np.nan)
         yield go.Scatter3d(
@@ -113,13 +113,13 @@ def drawn_constraints(scene: Scene, robot: Robot, motion: Trajectory) -> Iterato
 
 
 def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str, Array]:
-    """Return the lines of what the robot keeps on its way to the goal, by the name of the field.
+    """Return line segments that show a scene's path constraints, by the constraint's field name.
 
-    The corridor of an `approach` is drawn where it is at the goal, the view of a `camera` at some
-    times at which the goal must be in it, as far as the goal.
+    The corridor of an `approach` is drawn at the goal, the view cone of a `camera` up to the goal,
+    at some of the times at which the goal must be in view.
 
     Returns:
-        Both ends of each line. Shape (lines, 2, 3) [m].
+        Both ends of each line, inertial. Shape (lines, 2, 3) [m].
     """
     found, goal = dict[str, Array](), scene.goal
     if scene.approach is not None and goal is not None:
@@ -130,10 +130,10 @@ def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str
 
 
 def view_lines(camera: Camera, scene: Scene, robot: Robot, motion: Trajectory) -> Array:
-    """Return the lines of a camera's view at some times, while the goal must be in view.
+    """Return line segments of a camera's view cone at some times at which it must see the goal.
 
     Returns:
-        Both ends of each. Shape (lines, 2, 3) [m].
+        Both ends of each line, inertial. Shape (lines, 2, 3) [m].
     """
     end = motion.time[-1] if scene.capture_time is None else scene.capture_time
     times = np.linspace(0.0, end, _VIEWS)
@@ -159,10 +159,10 @@ def view_lines(camera: Camera, scene: Scene, robot: Robot, motion: Trajectory) -
 
 
 def corridor_lines(approach: Approach, position: Array, quaternion_xyzw: Array) -> Array:
-    """Return the lines of a corridor's sides and of both its ends, with the grasp at a pose.
+    """Return line segments of a corridor's sides and both its ends, for a pose of the grasp.
 
     Returns:
-        Both ends of each. Shape (lines, 2, 3) [m].
+        Both ends of each line, in the frame of the pose. Shape (lines, 2, 3) [m].
     """
     # Two axes across the direction; any two will do.
     across = np.linalg.svd(approach.direction[None])[2][1:]
@@ -180,7 +180,7 @@ def corridor_lines(approach: Approach, position: Array, quaternion_xyzw: Array) 
 
 
 def axis_lines(origin: Array, axes: Array, what: str) -> go.Scatter3d:
-    """Draw three axes, x red, y green, z blue."""
+    """Draw three axes, x red, y green, z blue; axes: their vectors, a row each [m]."""
     return go.Scatter3d(
         **xyz(axis_points(origin, axes)),
         mode="lines",
@@ -195,7 +195,7 @@ def axis_points(origin: Array, axes: Array) -> Array:
 
 
 def with_gaps(lines: Sequence[Array]) -> Array:
-    """Return the points of lines that are drawn as one, with a gap behind each."""
+    """Return the points of lines in one array, with a row of NaN after each line."""
     gap = np.full((1, 3), np.nan)
     return np.vstack([row for line in lines for row in (line, gap)])
 
@@ -206,7 +206,7 @@ def xyz(points: NDArray[np.floating]) -> dict[str, NDArray[np.floating]]:
 
 
 def axes_of(quaternions_xyzw: Array) -> Array:
-    """Return the three axes of frames, a row each."""
+    """Return the axes of rotated frames as rows, shape (..., 3 axes, 3)."""
     axes: Array = rotation_from_quaternion(quaternions_xyzw).swapaxes(-1, -2)
     return axes
 

@@ -1,4 +1,4 @@
-"""How far a measured motion is from the plan, at the time of every measurement."""
+"""Deviations of a measured motion from its plan, at the time of every measurement."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from ff_planner_ros.robot.state import SystemState
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
-    """Measured minus planned, as sizes."""
+    """Magnitudes of the differences between a measured and a planned motion."""
 
     time: Array  # of the measurements, from the start of the plan. Shape (times,) [s]
     chaser_position: Array  # distance of the centres of mass. Shape (times,) [m]
-    chaser_angle: Array  # of the turn between the two attitudes. Shape (times,) [rad]
+    chaser_angle: Array  # rotation angle between the attitudes. Shape (times,) [rad]
     ee_position: Array  # distance. Shape (times,) [m]
-    ee_angle: Array  # of the turn between the two orientations. Shape (times,) [rad]
-    joint_position: Array  # largest of all joints. Shape (times,) [rad]
-    joint_velocity: Array  # largest of all joints. Shape (times,) [rad/s]
+    ee_angle: Array  # rotation angle between the orientations. Shape (times,) [rad]
+    joint_position: Array  # largest of all joints, weighted. Shape (times,) [rad]
+    joint_velocity: Array  # largest of all joints, weighted. Shape (times,) [rad/s]
 
 
 def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Trajectory:
-    """Return states measured at `time`, shape (times,) [s], as a motion; its torques are NaN."""
+    """Return states measured at `time`, (times,) [s]; accelerations and torques are NaN."""
     model, data, tip = robot.model, robot.model.createData(), robot.tip_frame_id
     poses, twists = np.empty((len(states), 7)), np.empty((len(states), 6))
     for k, state in enumerate(states):
@@ -65,10 +65,10 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
 def deviations(
     planned: Trajectory, measured: Trajectory, weights: Array | float = 1.0
 ) -> Deviations:
-    """Return how far a measured motion is from the plan, between the points of the plan, too.
+    """Return the deviations of a measured motion from the plan, interpolated at its times.
 
     Args:
-        weights: Of the joints: those that slide count by theirs. Shape (joints,).
+        weights: `Robot.joint_weights`, shape (joints,): 1, or rad/m for prismatic joints.
     """
     time = measured.time
     chaser, chaser_attitude = planned_poses(planned, "chaser", time)
@@ -91,11 +91,11 @@ def planned_poses(
     at: Array,
     points: slice = slice(None),
 ) -> tuple[Array, Array]:
-    """Return the poses of a frame at some times, also between the points of the plan.
+    """Return the inertial poses of a frame at some times, also between the plan's points.
 
     Args:
-        at: From the start of the plan, while it runs. Shape (times,) [s].
-        points: Of the plan; those that are needed for these times.
+        at: Times since the start of the plan, within it. Shape (times,) [s].
+        points: The plan's points around these times, to save work.
 
     Returns:
         Positions, shape (times, 3) [m], and quaternions to inertial axes, shape (times, 4).
@@ -106,7 +106,7 @@ def planned_poses(
 
 
 def in_shown_units(found: Deviations) -> list[tuple[str, Array]]:
-    """Return label and values of each deviation, in the unit that people read."""
+    """Return label and values of each deviation, in mm, deg and deg/s."""
     return [
         ("chaser [mm]", 1e3 * found.chaser_position),
         ("chaser [deg]", np.rad2deg(found.chaser_angle)),

@@ -42,14 +42,17 @@ from ff_planner_ros.report.run_report import (
 from ff_planner_ros.report.statistics import Row
 
 PAGE = "plan.html"
-# What a table asks for may take for ever [s].
+# A damaged table may ask for an endless search [s].
 _LONGEST = 120.0
 
 
 def save_case(row: Row, directory: Path) -> str:
-    """Plan a case again, write its page below the campaign's directory; return why there is none.
+    """Plan a case again and write its page below the campaign's directory.
 
-    The page takes plotly from the file `LIBRARY` of the campaign.
+    The page loads plotly.js from the file `LIBRARY` of the campaign.
+
+    Returns:
+        Why there is no page; empty: it was written.
     """
     try:
         scenario = scenario_again(row, directory)
@@ -61,7 +64,7 @@ def save_case(row: Row, directory: Path) -> str:
 
 
 class _Deadline(Watch):
-    """Ends a search that takes far too long, and does nothing before."""
+    """Ends a search after `_LONGEST` seconds."""
 
     def __init__(self) -> None:
         """Begin now."""
@@ -77,7 +80,7 @@ def _report(row: Row, directory: Path, scenario: Path) -> Report:
     """Return the report of a case.
 
     Raises:
-        InvalidInput: The scenario is none of a campaign.
+        InvalidInput: The row's changes are malformed, or the path of the parameters is a link.
     """
     facts = [
         ("campaign", str(directory)),
@@ -109,7 +112,7 @@ def _report(row: Row, directory: Path, scenario: Path) -> Report:
 
 
 def differences(row: Row, answer: Plan | FfPlannerError) -> tuple[str, ...]:
-    """Return what is other than in the table, of a case that was planned again."""
+    """Return a note if the answer of a case planned again differs from its row in the table."""
     if isinstance(answer, Plan):
         same = row["solved"] and motion_digest(whole(answer)) == row["motion_digest"]
     else:

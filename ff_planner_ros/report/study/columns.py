@@ -1,4 +1,4 @@
-"""The columns of a table of plans that a study's pictures are drawn of."""
+"""Columns of a campaign's table that its plots show: varied quantities and metrics."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _MOST_WORDS = 30  # that stand along an axis
 
 @dataclass(frozen=True)
 class Column:
-    """A quantity that was varied, or a metric, with a value for each row."""
+    """A varied quantity, or a metric, with a value for each row."""
 
     name: str  # with its unit
-    key: str  # of the scenario that was varied; or the name
+    key: str  # varied key of the scenario, or name of the metric
     values: Sequence[float | None]  # None: not known
-    labels: Sequence[str] | None = None  # of words, which the values then number
-    of_all: bool = False  # whether a refused case has it, too
+    labels: Sequence[str] | None = None  # texts that the values index; None: values are numbers
+    of_all: bool = False  # whether refused cases have a value, too
 
     @property
     def known(self) -> list[float]:
@@ -38,23 +38,23 @@ class Column:
         return [value for value in self.values if value is not None]
 
     def document(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the column for JSON."""
         told: dict[str, Any] = {"name": self.name, "values": list(self.values)}
         told |= {} if self.labels is None else {"labels": list(self.labels)}
         return told | ({"of_all": True} if self.of_all else {})
 
 
 def words(name: str, texts: Sequence[str]) -> Column:
-    """Return a column of words."""
+    """Return a column of texts, numbered in alphabetical order."""
     labels = sorted(set(texts))
     number = {text: k for k, text in enumerate(labels)}
     return Column(name, name, [number[text] for text in texts], labels)
 
 
 def quantities(rows: Sequence[Row]) -> list[Column]:
-    """Return what was varied: numbers, words, and of vectors the norm and each component.
+    """Return the varied quantities: numbers, texts, and the norm and components of vectors.
 
-    What has one value in all rows is left out, and so are words of which there are too many.
+    Constant columns, and columns of too many different texts, are left out.
     """
     keys = [name for name in (rows[0] if rows else ()) if name.startswith(CHANGE)]
     found = [one for key in keys for one in _quantities(key, [row.get(key) for row in rows])]
@@ -81,7 +81,7 @@ def _quantities(key: str, cells: Sequence[Any]) -> Iterator[Column]:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit of what a study varies, as the schema of scenarios tells it; or nothing."""
+    """Return the unit of a varied key, from the schema of scenarios; empty: it has none."""
     if key.startswith("turn."):
         return "deg"
     if key.startswith("urdf."):
@@ -99,7 +99,7 @@ def _schema() -> Schema:
 
 
 def _described(node: Schema, steps: Sequence[str]) -> Iterator[str]:
-    """Yield what a schema says of a value, whose entries have the description of their list."""
+    """Yield the descriptions of a value in a schema; numbers in a list have the list's."""
     for one in (node, *node.get("anyOf", ()), *node.get("oneOf", ())):
         inner, items = one.get("properties", {}), one.get("items", {})
         if not steps or items.get("type") == "number":
@@ -111,14 +111,14 @@ def _described(node: Schema, steps: Sequence[str]) -> Iterator[str]:
 
 
 def _vector(cell: Any, size: int) -> Sequence[float] | None:
-    """Return a vector; None: it is none of that size."""
+    """Return a vector; None: it has another size, or an unknown component."""
     if not isinstance(cell, list) or len(cell) != size or None in cell:
         return None
     return cell
 
 
 def metrics(rows: Sequence[Row]) -> list[Column]:
-    """Return the time of each case, and every metric that plans have, in the units of tables."""
+    """Return the solve times of all cases and every metric of plans, in the units of tables."""
     times = [_short(row["solve_time"]) for row in rows]
     found = [Column("time [s]", "time [s]", times, of_all=True)]
     for metric in METRICS:
@@ -132,7 +132,7 @@ def metrics(rows: Sequence[Row]) -> list[Column]:
 
 
 def _short(value: Any) -> float | None:
-    """Return a number as it is shown; None: it is none, or has no end."""
+    """Return a number rounded for display; None: it is unknown or not finite."""
     if value is None or not math.isfinite(value):
         return None
     return float(f"{value:.{_DIGITS}g}")

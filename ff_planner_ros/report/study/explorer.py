@@ -1,4 +1,4 @@
-"""Pictures of a study in which the reader chooses what is drawn over what."""
+"""Interactive plots of a campaign: the reader chooses axes, metrics and filters."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from ff_planner_ros.report.study.columns import Column, metrics, quantities, wor
 # More cases make the page large, and a cell of a map no surer.
 _MOST_CASES = 20_000
 _DATA = "study-cases"
-# What a map shows first, of the metrics that there are.
+# Metrics that the maps show at first.
 _FIRST, _SECOND = "joint_path_length", "max_chaser_rotation"
 
 
 def explorer(directory: Path, rows: Sequence[Row], pages: Mapping[str, str]) -> list[Element]:
-    """Return the pictures of a campaign's rows.
+    """Return the interactive plots of a campaign's rows, and their data.
 
     Args:
-        directory: Of the campaign, for the command that draws a plan.
-        pages: Of cases that have one, by their id, relative to the report.
+        directory: Directory of the campaign, for the command that draws a plan.
+        pages: Links to pages of cases, by case id, relative to the report.
     """
     shown = [rows[k] for k in evenly_spaced(len(rows), _MOST_CASES)]
     varied, measured = quantities(shown), metrics(shown)
@@ -98,9 +98,9 @@ def _methods(rows: Sequence[Row]) -> Column:
 def first_shown(
     varied: Sequence[Column], measured: Sequence[Column], random: bool
 ) -> dict[str, Any]:
-    """Return what is shown first, each quantity and metric by its number.
+    """Return the initial axes and metrics, by their indices.
 
-    Of a grid that is a plane through it: of every other quantity the middle one of its values.
+    A grid shows a plane: every quantity but the axes is fixed at the middle one of its values.
     """
     number = {one.key: str(k) for k, one in enumerate(measured)}
     first, second = (number.get(name, "cause") for name in (_FIRST, _SECOND))

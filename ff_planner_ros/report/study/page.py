@@ -1,4 +1,4 @@
-"""The report of a campaign: what became of its cases, over what was varied, on one page."""
+"""The report page of a campaign: results, plots over the varied quantities, worst cases."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from ff_planner_ros.report.study.worst import WorstCase, worst_cases, worst_sect
 # Rows of a table of sources: more of them are counted together, and those with the most refusals
 # are shown.
 _MOST_SOURCES = 40
-# Pages from which on a process a core draws them.
+# So many pages or more are drawn by one process a core.
 _FOR_PROCESSES = 6
 # Statuses below are refusals of the task itself, above of a method, and defects of the planner.
 _NO_PLAN, _DEFECT = 300, 400
@@ -48,13 +48,13 @@ def save_campaign_page(
     """Write the report of a campaign's directory.
 
     Args:
-        directory: Of the campaign.
+        directory: Directory of the campaign.
         file: The page; None: `report.html` in the directory.
-        most_plans: Cases that get a page of their own: of a grid all, if they are no more, or
-            else the worst.
+        most_plans: Largest number of cases with a page of their own: all cases, if they are no
+            more, or else the worst.
 
     Returns:
-        The path of the page, and notes on cases that have none.
+        The path of the page, and notes on cases whose page failed.
 
     Raises:
         InvalidInput: There is no campaign, or a file of it is damaged.
@@ -81,8 +81,8 @@ def save_case_page(directory: Path, case: str) -> Path:
     """Write the page of one case of a campaign, and return its path.
 
     Raises:
-        InvalidInput: There is no campaign, no such case, or what was kept of it makes no scenario.
-        OSError: The page cannot be written.
+        InvalidInput: There is no campaign, no such case, or its page cannot be made or written.
+        OSError: The file of plotly.js cannot be written.
     """
     rows = {one["id"]: one for one in read_plans(directory).to_pylist()}
     if case not in rows:
@@ -94,7 +94,7 @@ def save_case_page(directory: Path, case: str) -> Path:
 
 
 def _save_pages(chosen: Sequence[Row], directory: Path) -> dict[str, str]:
-    """Write the pages of some cases; return why there is none, by the ids of those without."""
+    """Write the pages of some cases; return the reasons of failure by case id."""
     if not chosen:
         return {}
     save_library(below(directory, LIBRARY))
@@ -139,7 +139,7 @@ def _sections(
 
 
 def _verdict(group: Group) -> str:
-    """Return what became of the cases of a method, in a sentence or two."""
+    """Return the results of a method in a sentence."""
     solved = group.solved
     words = f"{group.name}: {solved.count} of {solved.total} cases are solved ({solved.share:.0%})"
     if causes := group.causes.most_common(_MOST_TOLD):
@@ -165,7 +165,7 @@ def _facts(
 
 
 def _table(what: str, groups: Sequence[Group]) -> Element:
-    """Return how many cases are solved; with an interval where chance had a part in them."""
+    """Return a table of success rates; cases drawn at random have an interval."""
     drawn = any(group.is_drawn for group in groups)
     columns = (what, "plans", "solved", "rate", *(("95 % interval",) if drawn else ()))
     return table(columns, [row(_cells(group, drawn)) for group in groups])

@@ -1,4 +1,4 @@
-"""The cases of a study that are looked at first: why, by how much, and how to see them."""
+"""The worst cases of a campaign: why, by how much, and how to plan them again."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class WorstCase:
     """A case, and why it is one of the worst."""
 
     why: str
-    figure: str
+    figure: str  # value of the quantity in `why`, or number of such cases
     row: Row
 
 
 def worst_cases(methods: Sequence[Group]) -> list[WorstCase]:
     """Return the worst cases of each method.
 
-    Of each status that refused one case stands for all, the rarest status first; then come the
-    plans that are nearest to something, move most, or took longest.
+    They are one case of each status of refusal, the rarest first, and the plans with the smallest
+    clearances, the largest rotations, the longest paths and the longest solve times.
     """
     return [one for group in methods for one in _of_method(group.rows)]
 
@@ -66,12 +66,12 @@ def _extreme(rows: Sequence[Row], name: str, sign: float) -> list[Row]:
 def worst_section(
     directory: Path, cases: Sequence[WorstCase], pages: Mapping[str, str]
 ) -> Iterator[Element]:
-    """Yield what a report says of the worst cases.
+    """Yield the section of a report on the worst cases.
 
     Args:
-        directory: Of the campaign.
+        directory: Directory of the campaign.
         cases: See `worst_cases`.
-        pages: Of cases that have one, by their id, relative to the report.
+        pages: Links to pages of cases, by case id, relative to the report.
     """
     yield element("h2", "Worst cases")
     words = "Each command plans its case again; the scenario files are beside the tables."
@@ -91,7 +91,7 @@ def worst_section(
 
 
 def _below(what: Element | str, kind: str) -> Element:
-    """Return a row that says more on the one above."""
+    """Return a row of details on the row above."""
     return element("tr", element("td", what, colspan=str(len(_COLUMNS))), {"class": kind})
 
 
