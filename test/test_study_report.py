@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,15 @@ from read_page import Page
 from robots import CONFIG
 
 from ff_planner_ros.campaign import run
+from ff_planner_ros.campaign.again import command_again, scenario_again
 from ff_planner_ros.campaign.cases import cases, kinds_of_values
+from ff_planner_ros.campaign.methods import METHODS, method_of
 from ff_planner_ros.campaign.study import Study
 from ff_planner_ros.campaign.table import Writer, plan_schema
 from ff_planner_ros.campaign.work import Outcome, run_case
 from ff_planner_ros.cli import main
 from ff_planner_ros.planning.motion.metrics import METRICS
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.report.statistics import grouped
 from ff_planner_ros.report.study.case import save_case
 from ff_planner_ros.report.study.columns import quantities, unit_of
@@ -190,6 +194,39 @@ def test_a_case_that_was_refused_at_once_is_drawn_as_it_was_asked(tmp_path: Path
     page = Page((far.directory / "cases" / row["id"] / "plan.html").read_text(encoding="utf-8"))
     assert row["status"].upper() in page.words
     assert "asked-0" in page.plots
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_command_of_a_case_gives_its_answer_again(method: str, tmp_path: Path) -> None:
+    """With the campaign's parameters, too: a plan has the same metrics, a refusal the same text."""
+    (tmp_path / "parameters.yaml").write_text(
+        "ff_planner: {ros__parameters: {planner: {position_tolerance: 0.002}}}", encoding="utf-8"
+    )
+    asked = study(
+        tmp_path,
+        variations={"grid": {"objective.joint_path_length": [2.0]}},
+        methods=[{"name": "ours", "method": method}],
+        parameters="parameters.yaml",
+    )
+    campaign = Campaign(asked, tmp_path / "out")
+    (row,) = campaign.rows
+    scenario = scenario_again(row, campaign.directory)
+    program, *command = shlex.split(command_again(row, campaign.directory, scenario))
+    assert program == "ff-planner"
+    answer = tmp_path / "answer.json"
+    assert main([*command, "--json", str(answer)]) == (0 if row["solved"] else 3)
+    told = json.loads(answer.read_text(encoding="utf-8"))
+    assert told["digest"] == row["digest"]
+    if row["solved"]:
+        assert told["metrics"]["joint_path_length"] == row["joint_path_length"]
+        assert told["solver"]["stop_reason"] == row["message"]
+    else:
+        assert told["message"] == row["message"]
+
+
+def test_a_method_without_a_known_name_is_no_planner(lemur_capture: PlanningProblem) -> None:
+    with pytest.raises(KeyError, match="thorough"):
+        method_of("thorough", lemur_capture)
 
 
 def test_a_page_says_where_its_plan_is_another_than_the_tables(grid: Campaign) -> None:

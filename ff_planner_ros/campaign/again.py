@@ -9,7 +9,7 @@ from typing import Any
 
 from ff_planner_ros.analysis.json_file import json_document
 from ff_planner_ros.campaign.changes import SET, TIMES, Change, changed, is_inertia, require_key
-from ff_planner_ros.campaign.methods import FIXED_BASE, OPTIMAL, ZERO_MOMENTUM
+from ff_planner_ros.campaign.methods import OPTIMAL
 from ff_planner_ros.campaign.run import CASES, PARAMETERS, scenario_directory
 from ff_planner_ros.campaign.sources import (
     SCENARIO,
@@ -79,12 +79,9 @@ def command_again(row: Mapping[str, Any], directory: Path, scenario: Path) -> st
     Raises:
         InvalidInput: The path of the campaign's parameters is a link.
     """
-    path, method = str(scenario), row["planned_by"]
-    if method in (FIXED_BASE, ZERO_MOMENTUM):
-        return shlex.join(["ff-planner", "compare", path])
-    words = ["ff-planner", "plan", path]
-    if method != OPTIMAL:
-        words += ["--method", method]
+    words = ["ff-planner", "plan", str(scenario)]
+    if row["planned_by"] != OPTIMAL:
+        words += ["--method", row["planned_by"]]
     if (parameters := below(directory, PARAMETERS)).is_file():
         words += ["--parameters", str(parameters)]
     return shlex.join(words)

@@ -1,4 +1,4 @@
-"""The methods that a study may compare: ours, and the baselines."""
+"""The methods that plan: ours, and the baselines."""
 
 from __future__ import annotations
 
@@ -20,13 +20,10 @@ METHODS = (OPTIMAL, STRAIGHT, APF, FIXED_BASE, ZERO_MOMENTUM)
 
 def method_of(name: str, problem: PlanningProblem) -> Method:
     """Return a method for one problem, by its name in `METHODS`."""
-    if name == STRAIGHT:
-        return without_search(straight_line)
     if name == APF:
         field = load_parameters(share_directory() / "config" / "baselines.yaml")
         return without_search(partial(artificial_potential_field, parameters=field))
-    if name == FIXED_BASE:
-        return in_frame_of_user(fixed_base, problem)
-    if name == ZERO_MOMENTUM:
-        return in_frame_of_user(zero_momentum, problem)
-    return plan
+    beliefs = {FIXED_BASE: fixed_base, ZERO_MOMENTUM: zero_momentum}
+    if name in beliefs:
+        return in_frame_of_user(beliefs[name], problem)
+    return {OPTIMAL: plan, STRAIGHT: without_search(straight_line)}[name]

@@ -44,7 +44,8 @@ def plan_scenario(options: Namespace) -> int:
     """Plan a scenario file, print the plan, and write the files that are asked for."""
     from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
     from ff_planner_ros.analysis.summary import PHASES, phase_rows, plan_rows
-    from ff_planner_ros.commands.tasks import method_named, task_of
+    from ff_planner_ros.campaign.methods import method_of
+    from ff_planner_ros.commands.tasks import task_of
     from ff_planner_ros.common.text_table import print_table as print_columns
     from ff_planner_ros.planning.motion.plan import Plan
     from ff_planner_ros.planning.task.task import perform
@@ -64,7 +65,7 @@ def plan_scenario(options: Namespace) -> int:
     answer: Plan | FfPlannerError
     begun = time.perf_counter()
     try:
-        answer = perform(task, watch, method_named(options.method))
+        answer = perform(task, watch, method_of(options.method, task.problem))
     except FfPlannerError as error:
         answer = error
     solve_time = time.perf_counter() - begun
@@ -227,8 +228,8 @@ def _how_to_plan() -> ArgumentParser:
         "--method",
         choices=METHODS,
         default=OPTIMAL,
-        help="optimal, or a baseline to compare with: the straight path or an artificial potential "
-        "field (config/baselines.yaml)",
+        help="optimal, or a baseline to compare with: the straight path, an artificial potential "
+        "field (config/baselines.yaml), or a plan that assumes a fixed base or zero momentum",
     )
     options.add_argument(
         "--parametrisation",

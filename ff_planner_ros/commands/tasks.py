@@ -1,25 +1,21 @@
-"""The task and the method that the options of planning select."""
+"""The task that the options of planning select."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-from ff_planner_ros.commands import OPTIMAL
 from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.common.arrays import finite_number
-from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.watch import Budget, Watch
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
-from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.library import Library
-from ff_planner_ros.planning.task.task import Method, PlanningTask, without_search
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.time_budget import TimeBudget
 
 OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
@@ -80,18 +76,3 @@ def _weights(text: str) -> Objective:
         names = ", ".join(OBJECTIVES)
         allowed = f"it must be one of {names}, or two weights such as 1,10 and that of the duration"
         raise InvalidInput(Status.UNSUPPORTED, "--objective", text, allowed) from None
-
-
-def method_named(name: str) -> Method:
-    """Return the planner or a baseline, by its name in `METHODS`."""
-    if name == OPTIMAL:
-        return plan
-    if name == "straight":
-        from ff_planner_ros.baselines.straight_line import straight_line
-
-        return without_search(straight_line)
-    from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
-    from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
-
-    field = load_potential_field(share_directory() / "config" / "baselines.yaml")
-    return without_search(partial(artificial_potential_field, parameters=field))

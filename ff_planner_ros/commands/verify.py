@@ -16,10 +16,11 @@ from ff_planner_ros.analysis.plan_document import (
     planned_scene,
     uncertainty_in,
 )
+from ff_planner_ros.campaign.methods import method_of
 from ff_planner_ros.commands import NO_PLAN, SOLVED
 from ff_planner_ros.commands.monte_carlo import Draw, print_monte_carlo, uncertainty_of
 from ff_planner_ros.commands.printed import print_notes, write_json
-from ff_planner_ros.commands.tasks import method_named, task_of
+from ff_planner_ros.commands.tasks import task_of
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Trajectory
@@ -93,7 +94,7 @@ def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
     """Yield each plan of a JSON file or bag, or of a scenario that is planned first."""
     if source.suffix in (".yaml", ".yml"):
         task, watch = task_of(source, options)
-        planned = perform(task, watch, method_named(options.method))
+        planned = perform(task, watch, method_of(options.method, task.problem))
         usual = withstood(task.settings.robust)
         for number, (one, found) in enumerate(phase_tasks(task, planned), start=1):
             name = f"{source.name}, phase {number}" if planned.then else source.name
