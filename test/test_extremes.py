@@ -15,6 +15,7 @@ from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems import bodies
+from ff_planner_ros.report.plan_words import joint_table
 from ff_planner_ros.robot.model import Robot
 
 
@@ -116,6 +117,23 @@ def test_torques_between_the_points_come_from_who_knows_them(lemur: Robot) -> No
     first, second, *_ = joint_extremes(lemur, motion, [peak, *[np.nan] * 6])
     assert first.torque == peak
     assert second.torque == np.abs(motion.joint_torques[:, 1]).max()
+
+
+@pytest.mark.parametrize(("more", "is_between"), [(0.0, False), (0.1, True)])
+def test_the_time_beside_a_torque_is_one_at_which_it_is_needed(
+    lemur: Robot, more: float, is_between: bool
+) -> None:
+    made = drawn_plan(lemur, 3)
+    torques = np.abs(made.trajectory.joint_torques)
+    peaks = tuple(torques.max(axis=0) + more)
+    metrics = replace(made.metrics, peak_joint_torques=peaks)
+    rows = joint_table(lemur, made.trajectory, metrics).findall(".//tr")[1:]
+    for k, row in enumerate(rows):
+        words = "".join(row[-1].itertext())
+        at = torques[:, k].argmax()
+        assert words.startswith(f"{peaks[k]:.4g} N m (")
+        assert words.endswith(f", at {made.trajectory.time[at]:.2f} s")
+        assert (f" between points; at points {torques[at, k]:.4g} N m" in words) == is_between
 
 
 def test_the_least_clearance_of_bodies_is_that_which_was_certified() -> None:

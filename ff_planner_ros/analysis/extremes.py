@@ -185,8 +185,9 @@ class JointExtremes:
     rate: float  # largest magnitude of the velocity [rad/s]
     rate_time: float  # [s]
     rate_limit: float  # [rad/s]
-    torque: float  # largest magnitude; NaN: not known [N m]
-    torque_time: float  # of the largest at a trajectory point [s]
+    torque: float  # largest magnitude, also between points; NaN: not known [N m]
+    torque_at_points: float  # largest magnitude at a trajectory point [N m]
+    torque_time: float  # of `torque_at_points` [s]
     torque_limit: float  # infinite: none [N m]
 
 
@@ -223,6 +224,7 @@ def joint_extremes(
                 rate_time=float(rate_times[way, k]),
                 rate_limit=float(robot.velocity_limits[k]),
                 torque=_torque(torques[:, k], peak_torques[k : k + 1]),
+                torque_at_points=float(torques[point, k]),
                 torque_time=float(motion.time[point]),
                 torque_limit=float(robot.effort_limits[k]),
             )

@@ -88,8 +88,7 @@ def worst(
     known = [joint for joint in found if np.isfinite(joint.torque)]
     if known:
         strong = max(known, key=lambda joint: (joint.torque / joint.torque_limit, joint.torque))
-        words = f"{strong.name}, {_torque(strong)}, at "
-        yield "most torque beside its limit", _with_time(words, strong.torque_time)
+        yield "most torque beside its limit", _torque(strong, f"{strong.name}, ")
 
 
 def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> Element:
@@ -107,9 +106,7 @@ def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> El
                     if np.isfinite(joint.margin)
                     else "no limits",
                     _with_time(f"{_rate(joint)}, at ", joint.rate_time),
-                    _with_time(f"{_torque(joint)}, at ", joint.torque_time)
-                    if known
-                    else "not known",
+                    _torque(joint) if known else "not known",
                 )
             )
         )
@@ -183,9 +180,14 @@ def _rate(joint: JointExtremes) -> str:
     return f"{np.rad2deg(joint.rate):.3g} deg/s{share}"
 
 
-def _torque(joint: JointExtremes) -> str:
-    share = _share(joint.torque, joint.torque_limit)
-    return f"{joint.torque:.4g} {'N' if joint.slides else 'N m'}{share}"
+def _torque(joint: JointExtremes, name: str = "") -> Element:
+    """Return the largest torque in words; its time is known only if it is one of a point."""
+    unit = "N" if joint.slides else "N m"
+    largest, at_points = f"{joint.torque:.4g} {unit}", f"{joint.torque_at_points:.4g} {unit}"
+    words = f"{name}{largest}{_share(joint.torque, joint.torque_limit)}"
+    if at_points != largest:
+        words += f" between points; at points {at_points}"
+    return _with_time(f"{words}, at ", joint.torque_time)
 
 
 def _share(value: float, limit: float) -> str:
