@@ -1,14 +1,19 @@
 """The laws of the scenario generator, checked with formulas of their own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
 from ff_planner_ros.problems import scenarios
 from ff_planner_ros.problems.paths import roll_out
 from ff_planner_ros.problems.robots import ROBOTS, arm_urdf, bench_robot
 from ff_planner_ros.problems.scenarios import KINDS, SINGULAR_VALUE_BOUND, scenario
+from ff_planner_ros.problems.twin import seen_from
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import generalised_jacobian, smallest_singular_values
 
@@ -126,6 +131,27 @@ def test_the_witnesses_of_twins_are_nearly_the_same_joint_path(kind, robot):
         for drawn in (scenario(kind, robot, 0, turned=turned) for turned in (False, True))
     ]
     assert np.abs(paths[0] - paths[1]).max() < 0.1 * np.ptp(paths[0], axis=0).max()
+
+
+def test_an_obstacle_of_any_shape_is_in_the_same_place_of_the_twin(lemur_capture):
+    box = ObstacleBody(
+        "box",
+        Solid("box", np.array([0.2, 0.3, 0.4])),
+        position=[1.0, 2.0, 3.0],
+        velocity=[0.1, -0.2, 0.3],
+        angular_velocity=[0.4, 0.5, -0.6],
+    )
+    ball = Sphere("ball", [3.0, 2.0, 1.0], 0.1, [0.3, -0.2, 0.1])
+    problem = replace(lemur_capture, obstacles=(ball, box))
+    frame, velocity = pin.SE3(pin.exp3(np.array([0.3, -0.7, 1.1])), np.array([5.0, 6.0, 7.0])), 0.5
+    there, turned = seen_from(problem, frame, np.full(3, velocity)).obstacles
+    assert there.id == "ball"
+    times = np.array([0.0, 4.0])
+    rotations, places = box.poses(times)
+    seen_rotations, seen_places = turned.poses(times)
+    moved = places @ frame.rotation.T + frame.translation + velocity * times[:, None]
+    np.testing.assert_allclose(seen_places, moved, atol=1e-12)
+    np.testing.assert_allclose(seen_rotations, frame.rotation @ rotations, atol=1e-12)
 
 
 def test_the_same_arguments_give_the_same_scenario_and_others_another():

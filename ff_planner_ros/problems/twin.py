@@ -10,6 +10,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.problems.paths import STRAIGHT
 from ff_planner_ros.robot.rotation import euler_from_rotation
@@ -24,8 +25,6 @@ def seen_from(
 ) -> PlanningProblem:
     """Return a problem of the same physics in another inertial frame.
 
-    Obstacles must be spheres; others are dropped.
-
     Args:
         frame: Pose of the problem's frame in the other one, at the plan's first point.
         velocity: Of the problem's frame in the other one. Shape (3,) [m/s]. None: it rests.
@@ -37,6 +36,18 @@ def seen_from(
     def turned(quaternion_xyzw: Array) -> Array:
         quaternion: Array = (pin.Quaternion(rotation) * pin.Quaternion(quaternion_xyzw)).coeffs()
         return quaternion
+
+    def moved(one: Obstacle) -> Obstacle:
+        going = rotation @ one.velocity + drift
+        if isinstance(one, Sphere):
+            return replace(one, center=frame.act(one.center), velocity=going)
+        return replace(
+            one,
+            position=frame.act(one.position),
+            quaternion_xyzw=turned(one.quaternion_xyzw),
+            velocity=going,
+            angular_velocity=rotation @ one.angular_velocity,
+        )
 
     seen = replace(
         problem,
@@ -58,10 +69,7 @@ def seen_from(
             linear_acceleration=rotation @ target.linear_acceleration,
             angular_acceleration=rotation @ target.angular_acceleration,
         ),
-        obstacles=tuple(
-            replace(s, center=frame.act(s.center), velocity=rotation @ s.velocity + drift)
-            for s in problem.spheres
-        ),
+        obstacles=tuple(map(moved, problem.obstacles)),
         duration_range=None
         if window is None
         else replace(window, target_velocity=rotation @ window.target_velocity + drift),
@@ -69,14 +77,14 @@ def seen_from(
     body = problem.target_body
     if body is None:
         return seen
-    moved = replace(
+    body = replace(
         body,
         position=frame.act(body.position),
         quaternion_xyzw=turned(body.quaternion_xyzw),
         linear_velocity=rotation @ body.linear_velocity + drift,
         angular_velocity=rotation @ body.angular_velocity,
     )
-    return with_capture_target(moved, seen)
+    return with_capture_target(body, seen)
 
 
 def same_path(
