@@ -21,6 +21,7 @@ from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.planning.task.whole import whole
 from ff_planner_ros.problems import captured as drawn
+from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.capture import captured, end_effector_motion
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem
@@ -134,8 +135,15 @@ def test_whole_captures_of_the_benchmark_come_true(number: int) -> None:
 def test_what_captures_nothing_is_refused(flown: tuple[PlanningTask, Plan]) -> None:
     task, plan = flown
     still = replace(task.problem, target_body=None, obstacles=(), allowed_collisions=())
-    with pytest.raises(InvalidInput, match="captures a body first"):
+    with pytest.raises(InvalidInput, match=r"target_body is missing: .* captures a body first"):
         fly(replace(task, problem=still, then=()), plan)
+
+
+def test_a_base_that_is_not_free_is_refused_by_its_name(flown: tuple[PlanningTask, Plan]) -> None:
+    task, plan = flown
+    held = replace(task.problem.robot, base=Base.ATTITUDE_HELD)
+    with pytest.raises(InvalidInput, match=r"robot\.base is attitude_held: .* free chaser"):
+        fly(replace(task, problem=replace(task.problem, robot=held)), plan)
 
 
 @pytest.mark.nightly

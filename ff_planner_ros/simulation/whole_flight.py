@@ -50,8 +50,10 @@ def fly(task: PlanningTask, plan: Plan) -> list[Reached]:
         InvalidInput: The first phase captures nothing, or the base is not free.
     """
     body, robot = task.problem.target_body, task.problem.robot
-    if body is None or robot.base is not Base.FREE_FLYER:
-        allowed = "a whole capture is flown by a free chaser that captures a body first"
+    allowed = "a whole capture is flown by a free chaser that captures a body first"
+    if robot.base is not Base.FREE_FLYER:
+        raise InvalidInput(Status.UNSUPPORTED, "robot.base", robot.base.value, allowed)
+    if body is None:
         raise InvalidInput(Status.UNSUPPORTED, "target_body", "missing", allowed)
     flight = _Flight(robot, body, state_at(plan.trajectory, 0))
     reached = list[Reached]()
