@@ -119,6 +119,19 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
+def test_every_page_that_sources_and_settings_name_exists() -> None:
+    directories = ("ff_planner_ros", "benchmark", "config", "launch", "examples")
+    named = {
+        (str(path.relative_to(SOURCE_TREE)), page)
+        for directory in directories
+        for path in (SOURCE_TREE / directory).rglob("*")
+        if path.suffix in {".py", ".yaml"}
+        for page in re.findall(r"docs/[\w./]+\.md", path.read_text("utf-8"))
+    }
+    assert len(named) > 5
+    assert {(path, page) for path, page in named if not (SOURCE_TREE / page).is_file()} == set()
+
+
 def test_every_page_of_docs_can_be_reached_from_the_readme() -> None:
     assert "(docs/index.md)" in text_of(README)
     index = text_of(DOCS / "index.md")

@@ -33,7 +33,9 @@ def command_parser() -> ArgumentParser:
         "contest", "let methods plan the scenarios of a data set, and judge their answers"
     )
     contest.add_argument("directory", type=Path, metavar="DIR", help="of the data set")
-    method_help = "all, or ours, rrt_connect, FILE.py, a command (docs/dataset.md); may be repeated"
+    method_help = (
+        "all, or ours, rrt_connect, FILE.py, a command (docs/how_to/dataset.md); may be repeated"
+    )
     contest.add_argument(
         "--method", action="append", required=True, metavar="METHOD", help=method_help
     )

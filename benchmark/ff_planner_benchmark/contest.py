@@ -91,15 +91,6 @@ def _require_loads(seconds: float, method: str) -> None:
     Method(method, seconds).end("that was all")
 
 
-def _in_turn(
-    directory: Path, seconds: float, task: tuple[str, list[tuple[str, int]]]
-) -> list[Result]:
-    """Return the judged answers of a method to some scenarios of a data set."""
-    method, which = task
-    copies = [own_copy(directory, *one) for one in which]
-    return _judged_in_turn(seconds, (method, copies))
-
-
 def _judged_in_turn(seconds: float, task: tuple[str, list[OwnCopy]]) -> list[Result]:
     """Return a method's judged answers; after its death or a time-out it is started again."""
     method, copies = task

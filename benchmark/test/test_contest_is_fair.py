@@ -12,6 +12,7 @@ import pytest
 
 from ff_planner_benchmark import cli, contest, contest_results, dataset, watched
 from ff_planner_benchmark.entrants import ours
+from ff_planner_benchmark.own_copy import own_copy
 from ff_planner_benchmark.scorer.score import MOST_POINTS, Score, judged, load
 from ff_planner_ros.errors import InvalidInput
 
@@ -40,7 +41,8 @@ def method(tmp_path):
 
 
 def asked(small, method, kinds=("planar",), seconds=SECONDS):
-    return contest._in_turn(small, seconds, (method, [(kind, 0) for kind in kinds]))
+    copies = [own_copy(small, kind, 0) for kind in kinds]
+    return contest._judged_in_turn(seconds, (method, copies))
 
 
 STILL = """

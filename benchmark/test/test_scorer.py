@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import ff_planner_benchmark.scorer as scorer
 from ff_planner_benchmark import contest, contest_results, dataset, method_process
+from ff_planner_benchmark.own_copy import own_copy
 from ff_planner_benchmark.scorer.clearance import clearance
 from ff_planner_benchmark.scorer.flight import flown, joint_motion, momenta, torques
 from ff_planner_benchmark.scorer.score import Score, load, score
@@ -304,8 +305,8 @@ def test_a_foreign_method_is_a_file_that_may_refuse_raise_or_die(plans, tmp_path
     directory, file = plans["planar"][0].parents[2], tmp_path / "foreign.py"
     file.write_text(FOREIGN)
     (tmp_path / "beside.py").write_text("CANNOT = 'cannot'\n")
-    which = [(kind, 0) for kind in ("planar", "ordinary", "bodies")]
-    done = contest._in_turn(directory, 5.0, (str(file), which))
+    copies = [own_copy(directory, kind, 0) for kind in ("planar", "ordinary", "bodies")]
+    done = contest._judged_in_turn(5.0, (str(file), copies))
     assert [one.score.faults for one in done] == [
         ("no plan: no_plan",),
         ("ValueError: cannot",),

@@ -67,7 +67,7 @@ _POINTS = 50
 
 
 @dataclass(frozen=True, eq=False)
-class CapturedBody:
+class CapturedBodyProblem:
     """A task with a held or captured body, and joint motions that solve it."""
 
     robot: str  # of `ROBOTS`
@@ -80,14 +80,14 @@ class CapturedBody:
         return PlanningTask(self.problem, settings, then=self.then)
 
 
-def problems(kind: str, count: int) -> Iterator[CapturedBody]:
+def problems(kind: str, count: int) -> Iterator[CapturedBodyProblem]:
     """Yield the first `count` problems of a kind, the robots in turn; see `problem`."""
     for number in range(count):
         yield problem(kind, number)
 
 
 @cache
-def problem(kind: str, number: int) -> CapturedBody:
+def problem(kind: str, number: int) -> CapturedBodyProblem:
     """Return a problem of one of `KINDS`; kind and number seed the draw."""
     name = ROBOTS[number % len(ROBOTS)]
     robot, rng = bench_robot(name, Geometry.SHAPES), np.random.default_rng([*kind.encode(), number])
@@ -95,7 +95,7 @@ def problem(kind: str, number: int) -> CapturedBody:
     while True:
         drawn = draw(robot, rng)
         if drawn is not None:
-            return CapturedBody(name, *drawn)
+            return CapturedBodyProblem(name, *drawn)
 
 
 Drawn = tuple[PlanningProblem, tuple[Phase, ...], tuple[JointMotion, ...]]
@@ -147,7 +147,7 @@ def _whole(robot: Robot, rng: np.random.Generator) -> Drawn | None:
         return None
     rest = system_state(holding, *(rows[-1] for rows in _way(holding, after, stopping)[:2]))
     stowing = _stowing(holding, rest, rng)
-    if stopping is None or stowing is None:
+    if stowing is None:
         return None
     first, last = (part * float(stopping.time[-1]) for part in _WINDOW)
     then = (
