@@ -95,7 +95,7 @@ def _say_what_was_reached(seconds: float, flown: FlownPlan) -> None:
     print(f"after      {seconds:.3f} s")
     print(f"predicted  end effector at {_words(flown.predicted)}")
     print(f"reached    end effector at {_words(flown.reached)}")
-    print(f"off by     {flown.error.position * 1e3:.2f} mm, {_deg(flown.error.angle)}")
+    print(f"deviation  {flown.error.position * 1e3:.2f} mm, {_deg(flown.error.angle)}")
     if flown.capture is not None:
         apart, turned = flown.capture.position_error, flown.capture.orientation_error
         print(f"grasp      {apart * 1e3:.2f} mm, {_deg(turned)} from the end effector")

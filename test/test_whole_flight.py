@@ -154,7 +154,7 @@ def test_the_demonstration_flies_it_over_ros_and_in_mujoco(
     said = capsys.readouterr().out
     assert "replay of the bag: identical" in said
     for where in ("over ROS", "in MuJoCo"):
-        table = said.partition(f"Off from what was predicted, {where}\n")[2].splitlines()[1:4]
+        table = said.partition(f"Deviations from the prediction, {where}\n")[2].splitlines()[1:4]
         off = np.array([line.split() for line in table], float)[:, 1:].reshape(3, 3, 2)
         end_effector, chaser, grasp = np.swapaxes(off * [1e-3, np.pi / 180.0], 0, 1)
         assert (np.array([end_effector[0], grasp[0]]) < AT_GRASP).all()

@@ -21,7 +21,7 @@ from ff_planner_ros.problems import all_features
 
 _HEADER = (
     *("robot", "problems", "solved", "median [s]", "90 % [s]", "95 % [s]", "worst [s]"),
-    "duration / witness's, median",
+    "duration / reference's, median",
 )
 
 

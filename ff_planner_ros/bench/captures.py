@@ -39,7 +39,7 @@ _HEADER = (
     *("[deg]", "moving apart [mm/s]"),
 )
 _FASTEST_HEADER = (
-    *("from", "problems", "solved", "median [s]", "95 % [s]", "slowest / witness's"),
+    *("from", "problems", "solved", "median [s]", "95 % [s]", "slowest / reference's"),
     "slowest / sweep's",
 )
 # Ranges of durations over the witness's: around it, and down to what no arm can do.

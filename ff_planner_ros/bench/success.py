@@ -136,7 +136,7 @@ def joint_goals_measurement(count: int, settings: PlannerSettings) -> Measuremen
         rows.append((kind, *_summary(group), iterations, largest, median(longer, 2)))
     header = (
         *("kind", "problems", *_HEADER[3:], "iterations", "largest error [m, rad]"),
-        "duration / witness's",
+        "duration / reference's",
     )
     table = Table("Chasers held by wheels, rails, and goals of the joints", header, rows)
     return Measurement(tried, [table], misses(tried, "{0.kind} {0.robot} {0.number}"))

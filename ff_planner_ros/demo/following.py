@@ -23,7 +23,7 @@ REPLANNED = Method("at 5 Hz", "#d55e00", "dashed")
 
 HEADER = (
     *("", "asked", "plans", "delay [ms]", "solve time p50 [ms]", "p99 [ms]", "iterations"),
-    "off by [mm]",
+    "deviation [mm]",
 )
 _STEPS = 10  # of the integration, from point to point of the plan
 

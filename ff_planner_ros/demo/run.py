@@ -124,10 +124,10 @@ def _demonstrate(
     motions = {method: recorded.motions[plan_id] for method, plan_id in ids.items()}
 
     print_table(
-        "Planned, and off by how much in the end",
+        "Plans, and deviations at their end",
         (
             *("objective", "joint path [rad]", "Euler angle [deg]", "clearance [mm]"),
-            *("solve time [s]", "off by [mm]", "off by [deg]"),
+            *("solve time [s]", "deviation [mm]", "deviation [deg]"),
         ),
         [
             _figures(method.name, recorded.metrics[ids[method]], report)

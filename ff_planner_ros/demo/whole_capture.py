@@ -76,9 +76,9 @@ def _demonstrate(directory: Path, stop: StopRequest) -> None:
     replayed = replay(recorded)
     task = recorded.read_request().task.ended_at(*efforts_of(recorded.response))
     phases = report["phases"]
-    print_table("Off from what was predicted, over ROS", _HEADER, _rows(map(_off, phases)))
+    print_table("Deviations from the prediction, over ROS", _HEADER, _rows(map(_off, phases)))
     in_mujoco = ((one.end_effector, one.chaser, one.grasp) for one in fly(task, perform(task)))
-    print_table("Off from what was predicted, in MuJoCo", _HEADER, _rows(in_mujoco))
+    print_table("Deviations from the prediction, in MuJoCo", _HEADER, _rows(in_mujoco))
     took = report["solve_time"]
     print(f"\nplanned in {took:.2f} s; replay of the bag: {replayed.verdict.value}")
     print(f"bag      {bag}")

@@ -221,7 +221,7 @@ def _of_differences(fit: Fit) -> str:
         f"{'fits' if one.is_allowed else 'MOVED'}</td></tr>"
         for one in fit.differences
     ]
-    head = "<tr><th>at its start</th><th>off by</th><th>allowed</th><th></th><th></th></tr>"
+    head = "<tr><th>at its start</th><th>deviation</th><th>allowed</th><th></th><th></th></tr>"
     return f"<table>{head}{''.join(rows)}</table>" if rows else ""
 
 
