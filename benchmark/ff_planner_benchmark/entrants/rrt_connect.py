@@ -1,8 +1,7 @@
 """OMPL's RRT-Connect on the free-floating system: an example of a method from outside.
 
 RRT-Connect finds a joint path, with the chaser where it is along the straight path. Its spline is
-rolled out on the free-floating system, and the end corrected until it meets the goal. A motion that
-then collides is discarded.
+rolled out, and its end corrected until it meets the goal; a motion that collides is discarded.
 """
 
 from __future__ import annotations
