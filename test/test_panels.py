@@ -60,6 +60,7 @@ def rows_of(motion: Trajectory, rows: slice) -> Trajectory:
 def test_joints_have_their_limits(lemur: Robot) -> None:
     robot = replace(lemur, velocity_limits=frozen(np.arange(1.0, 8.0)))
     motion = {PLANNED: drawn_plan(lemur, 1).trajectory}
+    assert joint_rates(robot).title == "joint velocities"
     for k, (angle, rate) in enumerate(
         zip(panels(joint_angles(robot), motion), panels(joint_rates(robot), motion), strict=True)
     ):

@@ -60,7 +60,7 @@ class PotentialFieldParameters:
         minimum=1e-4,
         unit="m",
     )
-    longest_step: float = tunable("Of the integration", minimum=1e-4, unit="s")
+    longest_step: float = tunable("Longest step of the integration", minimum=1e-4, unit="s")
 
     def __post_init__(self) -> None:
         """Check every value against its declaration."""

@@ -31,7 +31,7 @@ _MOST_LISTED = 20
 _DECIMALS = 6
 _OBSTACLE_COLUMNS = ("obstacle", "place [m]", "radius or shape [m]", "velocity [m/s]")
 _NEAREST_COLUMNS = ("least distance [mm]", "at", "from")
-_JOINT_COLUMNS = ("joint", "start", "end", "margin to limits", "largest rate", "largest torque")
+_JOINT_COLUMNS = ("joint", "start", "end", "margin to limits", "largest velocity", "largest torque")
 
 
 def task_words(plan: ReportedPlan) -> Iterator[tuple[str, str]]:

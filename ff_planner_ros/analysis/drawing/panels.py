@@ -155,7 +155,8 @@ def joint_angles(robot: Robot) -> Quantity:
 def joint_rates(robot: Robot) -> Quantity:
     """Return the joint velocities with their limits [deg/s; prismatic: m/s]."""
     limits = robot.velocity_limits
-    return _of_joints(robot, "joint rates", ("deg/s", "m/s"), "joint_velocities", -limits, limits)
+    units = ("deg/s", "m/s")
+    return _of_joints(robot, "joint velocities", units, "joint_velocities", -limits, limits)
 
 
 def joint_torques(robot: Robot) -> Quantity:
