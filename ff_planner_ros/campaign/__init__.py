@@ -1,1 +1,1 @@
-"""Studies: their cases on a Dask cluster, their tables of plans; workers need no ROS."""
+"""Campaigns: cases of a study planned on a Dask cluster, and their tables; workers need no ROS."""

@@ -1,1 +1,1 @@
-"""Generators of problems, each with a path that is known to be free."""
+"""Generators of planning problems; nearly all come with a motion that solves them, the witness."""

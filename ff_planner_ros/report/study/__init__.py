@@ -1,1 +1,1 @@
-"""The report of a study: what became of its cases, pictures over what was varied, and plans."""
+"""The report of a campaign: results of its cases, plots over the varied quantities, and plans."""
