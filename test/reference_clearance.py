@@ -31,7 +31,18 @@ def clearance_rows(
     interest: float,
     quarter_way: bool,
 ) -> tuple[Array, Array, Indices]:
-    """Return what the function of this name in `planning.clearance` does."""
+    """Return distances of segments from spheres below `interest` [m], and their derivatives.
+
+    Args:
+        q: At all points but the first, then half-way in every interval.
+        q_sensitivity: As for `arm_points_with_derivatives`.
+        times: Of all configurations that are evaluated.
+        quarter_way: Also evaluate at a quarter and three quarters of all intervals but the first,
+            by the parabola through both ends and the middle.
+
+    Returns:
+        Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
+    """
     positions, derivatives = arm_points_with_derivatives(robot, q, q_sensitivity)
     if quarter_way:
         positions, derivatives = (
@@ -86,9 +97,7 @@ def _arm_kinematics(robot: Robot, q: Array) -> tuple[Array, Array, Array, Array]
 
 
 def _quarter_way(values: Array) -> Array:
-    """Return values a quarter of the way between points and three quarters, by parabolas.
-
-    But for the first interval, whose beginning is the start.
+    """Return values at a quarter and three quarters of all intervals but the first, by parabolas.
 
     Args:
         values: At all points but the first, then half-way in every interval.
@@ -107,12 +116,12 @@ def search_certificate(
     spheres: Sequence[Sphere],
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return what `search_certificate` does.
+    """Return a lower bound of the clearance of the centre lines along the whole motion [m].
 
-    Between two points the motion is the cubic through both configurations and velocities. In a
-    piece of it no point of the arm moves further than its speed allows, nor does a sphere, so the
-    distance of both is at least the mean of both ends' less half both ways. Pieces whose bound is
-    too low to tell are halved. The bound is within the gap of the truth.
+    Between two points the motion is the cubic through both configurations and velocities. On an
+    interval of it arm and sphere move at most by their speed bounds, so the distance is at least
+    the mean of both ends' less half of both displacements. Intervals whose bound is too low to
+    decide are halved. The bound is within the gap [m] of the truth.
     """
     if not spheres:
         return np.inf
@@ -155,11 +164,11 @@ def search_certificate(
 
 
 def way_and_bend(points: Array, base: Array, cubic: Array) -> tuple[float, float]:
-    """Return what `way_bounds` and `bend_bounds` do, one joint and one link after the other.
+    """Return `way_bounds` and `bend_bounds` of one cubic, one joint and one link after the other.
 
     Args:
         points: Joint origins and end effector. Shape (joints + 1, 3) [m].
-        base: Its origin. Shape (3,) [m].
+        base: Origin of the base. Shape (3,) [m].
         cubic: Coefficients of s, s^2 and s^3. Shape (3, 6 + joints).
     """
     first, second, third = np.abs(cubic)
@@ -180,7 +189,7 @@ def way_and_bend(points: Array, base: Array, cubic: Array) -> tuple[float, float
 
 
 def _cubics(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
-    """Return what `cubics_between` does, by Pinocchio's derivative of a difference."""
+    """Return `cubics_between`, by Pinocchio's derivative of a difference."""
     model, found = robot.model, []
     for k, step in enumerate(steps):
         whole = pin.difference(model, q[k], q[k + 1])
@@ -191,7 +200,7 @@ def _cubics(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
 
 
 def _distances(robot: Robot, q: Array, times: Array, spheres: Sequence[Sphere]) -> Array:
-    """Return how far the arm is from spheres at their times. Shape (points, spheres) [m]."""
+    """Return the distances of the arm from spheres at some times. Shape (points, spheres) [m]."""
     points, *_ = _arm_kinematics(robot, q)
     columns = [to_lines(points, centers_of(one, times)) - one.radius for one in spheres]
     return np.array(columns).T

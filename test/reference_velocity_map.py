@@ -1,14 +1,14 @@
 """The momentum-constrained velocity map of Eqs. (27)-(32) and its exact derivatives.
 
-Given configuration, total momentum and wanted end-effector twist, the joint rates of Eq. (31)
+Given configuration, total momentum and wanted end-effector twist, the joint velocities of Eq. (31)
 and the chaser twist of Eq. (27) are together the solution of
 
     minimise 1/2 |W (theta_dot - z)|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
 
 with H the momentum map (first six rows of the mass matrix), J the end-effector Jacobian, h the
 momentum and w the wanted twist, the last two in the local frames of base and end effector. The
-bias z is zero in the paper, and the joints' weights W are 1. Otherwise its
-part in the null space of J_D becomes null-space motion.
+bias z is zero in the paper, and the joints' weights W are 1: those of prismatic joints differ. The
+part of the bias in the null space of J_D becomes null-space motion.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _SINGULAR_JOINT_RATE = 10.0
 
 
 class VelocitySolution(NamedTuple):
-    """One evaluation of the map, with what its derivatives need.
+    """A tangent velocity, and the quantities that its derivatives need.
 
-    Several of them, `stacked`, are the same arrays with one more axis in front.
+    Several solutions, `stacked`, are the same arrays with one more axis in front.
     """
 
-    v: Array  # base twist in the base frame, joint rates; shape (6 + joints,)
+    v: Array  # base twist in the base frame, joint velocities; shape (6 + joints,)
     q: Array  # configuration; shape (7 + joints,)
     momentum_map: Array  # H; shape (6, 6 + joints)
     jacobian: Array  # J; shape (6, 6 + joints)
@@ -60,9 +60,8 @@ class VelocityMap:
         """Make the scratch space of a robot.
 
         Args:
-            damping: Singular values of the generalised Jacobian that are not much greater are
-                damped: the joint rates stay bounded and the end effector lags behind. Zero for
-                Eq. (31) itself.
+            damping: Singular values of the generalised Jacobian up to about this are damped: joint
+                velocities stay bounded, and the end effector lags behind. Zero for Eq. (31) itself.
         """
         self._robot = robot
         self._damping = damping**2 * np.eye(6)
@@ -82,13 +81,14 @@ class VelocityMap:
         twist_ee_in_inertial: Array,
         bias: Array | None = None,
     ) -> VelocitySolution:
-        """Return the velocity with least joint rates, Eqs. (27) and (31), or nearest to a bias.
+        """Return the velocity of least joint velocities, Eqs. (27) and (31), or nearest to a bias.
 
         Args:
             q: Configuration. Shape (7 + joints,).
-            momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
-            twist_ee_in_inertial: Wanted linear and angular velocity. Shape (6,).
-            bias: Joint rates z; None: zero. Shape (joints,) [rad/s].
+            momentum: Total P and L about the inertial origin, inertial axes. Shape (6,)
+                [N s, N m s].
+            twist_ee_in_inertial: Wanted linear and angular velocity. Shape (6,) [m/s, rad/s].
+            bias: Joint velocities z; None: zero. Shape (joints,) [rad/s].
 
         Raises:
             numpy.linalg.LinAlgError: The generalised Jacobian is exactly singular.
@@ -143,7 +143,7 @@ class VelocityMap:
         [S A^T; A -D] [v; lambda] = [0; b], with S selecting the joints and D the damping.
         Differentiating it needs d(A^T lambda)/dq, d(A v)/dq and db/dq: derivatives of inverse
         dynamics and of forward kinematics, which Pinocchio has in closed form. Eliminating as
-        `solve` does, base first, gives the derivatives of joint rates and base twist. A bias
+        `solve` does, base first, gives the derivatives of joint velocities and base twist. A bias
         changes the multipliers and none of these formulas.
 
         Args:
@@ -240,7 +240,7 @@ def _momentum_derivative(momentum_in_base: Array) -> Array:
 
 
 def _twist_derivative(twist_in_ee: Array, jacobian: Array) -> Array:
-    """Return dw/dq: the end effector turns under the wanted twist. Shape (solutions, 6, v)."""
+    """Return dw/dq: the end effector rotates under the wanted twist. Shape (solutions, 6, v)."""
     turning = jacobian[:, 3:]
     return np.concatenate(
         [skew(twist_in_ee[:, :3]) @ turning, skew(twist_in_ee[:, 3:]) @ turning], axis=1
