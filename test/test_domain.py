@@ -62,6 +62,13 @@ def test_two_processes_that_search_at_the_same_time_never_find_the_same_domain()
     assert found != own
 
 
+def test_a_process_that_claimed_a_domain_ends_without_a_warning() -> None:
+    claim = "from ff_planner_ros.demo.domain import private_environment; private_environment()"
+    command = [sys.executable, "-W", "always::ResourceWarning", "-c", claim]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert ended.stderr == ""
+
+
 def test_the_domain_is_one_that_ros_accepts() -> None:
     environment = private_environment()
     assert 1 <= int(environment["ROS_DOMAIN_ID"]) <= 101

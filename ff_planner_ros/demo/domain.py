@@ -10,8 +10,8 @@ _DOMAINS = range(1, 102)
 _FIRST_PORT, _PORTS_PER_DOMAIN, _UNICAST_OFFSET, _PORTS_PER_PARTICIPANT = 7400, 250, 10, 2
 _PARTICIPANTS_PROBED = 10
 
-# Claims of this process on domains: nobody else can bind an address that is bound.
-_claims: dict[int, socket.socket] = {}
+# Domains that this process claims: nobody else can bind an address that is bound.
+_claimed_here: set[int] = set()
 
 
 def private_environment() -> dict[str, str]:
@@ -42,7 +42,7 @@ def _unused_domain() -> int:
 
 def _claimed(domain: int) -> bool:
     """Claim a domain for this process; tell whether the claim holds."""
-    if domain in _claims:
+    if domain in _claimed_here:
         return True
     claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
@@ -50,7 +50,8 @@ def _claimed(domain: int) -> bool:
     except OSError:
         claim.close()
         return False
-    _claims[domain] = claim
+    claim.detach()  # from Python: the system closes it when the process ends
+    _claimed_here.add(domain)
     return True
 
 
