@@ -125,7 +125,8 @@ def replay(recorded: RecordedRequest) -> Replayed:
     else:
         words = ""
         try:
-            found = differences(before, answer)
+            robot = None if recorded.inputs is None else recorded.inputs.robot
+            found = differences(before, answer, robot)
             verdict = Verdict.WITHIN_TOLERANCE if found else Verdict.IDENTICAL
             if not all(one.is_tolerable for one in found):
                 verdict = Verdict.DIFFERENT
