@@ -87,7 +87,9 @@ def print_replay(bag: Path) -> int:
     planning = sum(one.planning_time for one in replayed)
     total = time.perf_counter() - begun
     print_table(
-        f"Replay of {bag}", ("request", "door", "then", "now", "verdict"), map(_row, replayed)
+        f"Replay of {bag}",
+        ("request", "interface", "recorded", "replayed", "verdict"),
+        map(_row, replayed),
     )
     for line in [
         *_details(replayed),
