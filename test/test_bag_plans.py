@@ -185,7 +185,7 @@ def test_an_answer_that_makes_no_sense_is_told_and_the_others_are_read(tmp_path:
     crooked = response("crooked")
     crooked.plans[0].end_effector_twists = crooked.plans[0].end_effector_twists[:2]
     bag = write(tmp_path / "run", answered(crooked, response("sound")))
-    with pytest.warns(UserWarning, match=r"cannot be understood: .*\(2, 6\), and not \(3, 6\)"):
+    with pytest.warns(UserWarning, match=r"cannot be understood: .*\(2, 6\), not \(3, 6\)"):
         (plan,) = read_plans(bag)
     assert plan.plan_id == "sound"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ from rclpy.parameter import Parameter
 
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.ros.outputs import controller_settings
 from ff_planner_ros.ros.outputs.controller_settings import ControllerSettings
 
 JOINTS = ("shoulder", "elbow")
@@ -26,6 +28,25 @@ DEFAULTS: dict[str, Any] = {
 }
 
 
+class Future:
+    """A future of an answer that came, failed (None) or was lost."""
+
+    def __init__(self, values: list[Any] | None, *, lost: bool = False) -> None:
+        self.values, self.lost = values, lost
+
+    def add_done_callback(self, then: Callable[[Any], None]) -> None:
+        if not self.lost:
+            then(self)
+
+    def exception(self) -> Exception | None:
+        return RuntimeError("damaged") if self.values is None else None
+
+    def result(self) -> Any:
+        if self.values is None:
+            raise RuntimeError("damaged")
+        return SimpleNamespace(values=self.values)
+
+
 def told(own: dict[str, Any], **changes: Any) -> tuple[dict[str, Any], list[str]]:
     """What is learned of a controller, and the warnings."""
     values = DEFAULTS | {name.replace("__", "."): value for name, value in changes.items()}
@@ -35,8 +56,7 @@ def told(own: dict[str, Any], **changes: Any) -> tuple[dict[str, Any], list[str]
         found = [
             Parameter(name, value=values[name]).get_parameter_value() for name in request.names
         ]
-        done = SimpleNamespace(result=lambda: SimpleNamespace(values=found))
-        return SimpleNamespace(add_done_callback=lambda then: then(done))
+        return Future(found)
 
     node.create_client.return_value.call_async = answered
     parameters = replace(load_parameters().controller, from_node="/arm", **own)
@@ -95,3 +115,31 @@ def test_with_the_action_no_end_is_refused_for_the_tolerance_is_left_out() -> No
     assert parameters.of(JOINTS).stopped_velocity_tolerance == 0.01
     handed = replace(parameters, hand_over="action")
     assert handed.of(JOINTS).stopped_velocity_tolerance == 0.0
+
+
+@pytest.mark.parametrize("first", [Future([], lost=True), Future([]), Future(None)])
+def test_a_question_without_a_whole_answer_is_asked_again(
+    first: Future, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, node, learned, asked = [0.0], Mock(), dict[str, Any](), list[list[str]]()
+    monkeypatch.setattr(controller_settings.time, "monotonic", lambda: now[0])
+
+    def answered(request: Any) -> Future:
+        asked.append(request.names)
+        if len(asked) <= 2:
+            return first
+        values = [Parameter(name, value=DEFAULTS[name]) for name in request.names]
+        return Future([one.get_parameter_value() for one in values])
+
+    node.create_client.return_value.call_async = answered
+    parameters = replace(load_parameters().controller, from_node="/arm")
+    settings = ControllerSettings(node, parameters, JOINTS, learned.update)
+    for now[0] in (0.0, 4.9):
+        settings.look()
+        assert (len(asked), settings.read) == (2, None)
+    for now[0] in (5.0, 10.0, 15.0):
+        settings.look()
+        assert len(asked) == 4
+        assert learned["controller.stopped_velocity_tolerance"] == 0.01
+    removed = node.create_client.return_value.remove_pending_request.call_args_list
+    assert [call.args[0] for call in removed[:2]] == [first, first]

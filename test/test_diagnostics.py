@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from robots import random_urdf
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.ros.outputs.clock_health import ClockHealth
-from ff_planner_ros.ros.outputs.controller_health import ControllerHealth
+from ff_planner_ros.ros.outputs.controller_health import ControllerHealth, controller_health
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest, NodeHealth, diagnostics
 from ff_planner_ros.ros.outputs.execution import Event
 from ff_planner_ros.ros.outputs.prediction import TrackingError
@@ -50,7 +54,7 @@ WELL = NodeHealth(
 
 
 SENT = ControllerHealth(
-    action="arm/follow", last=("run.7", Event.STARTED, "now"), furthest=("wrist", 0.002)
+    action="arm/follow", last=("run.7", Event.STARTED, "now"), furthest=("wrist", 0.002, "rad")
 )
 
 
@@ -273,6 +277,16 @@ def test_the_controllers_figures_are_there_for_machines() -> None:
     figures = part(replace(WELL, controller=SENT), "controller")[2]
     told = {"plan id": "run.7", "event": "STARTED", "joint": "wrist", "off by [rad]": "0.002000"}
     assert figures == {"hand-over": "action"} | told
+
+
+def test_what_a_prismatic_joint_is_off_by_is_told_in_metres() -> None:
+    robot = robot_from_urdf_text(random_urdf(2, 1, sliding=(2,)), "bus", "tool")
+    settings: Any = SimpleNamespace(controller="", read=None, complaint="")
+    for joint, unit in (("joint_1", "rad"), ("joint_2", "m"), ("another", "rad")):
+        client = SimpleNamespace(action="arm/follow", is_there=True, furthest=(joint, 0.5))
+        execution: Any = SimpleNamespace(controller=client, last=None)
+        health = controller_health(execution, settings, robot)
+        assert part(replace(WELL, controller=health), "controller")[2][f"off by [{unit}]"]
 
 
 def test_percentiles_are_those_of_a_list_that_everybody_can_sort() -> None:

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from answers import answer_of
 from ff_planner_msgs.msg import PlanAnswer
+from robots import random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.motion.metrics import METRICS, Metrics
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.ros.messages.to_messages import answer_of_error
 from ff_planner_ros.runs.differences import QUANTITIES, differences
 
@@ -133,6 +135,19 @@ def test_infinite_in_both_is_the_same_and_in_one_is_not(lemur_plan: Plan) -> Non
     (found,) = differences(answered(free), answered(lemur_plan))
     assert math.isinf(found.amount)
     assert not found.is_tolerable
+
+
+def test_of_a_prismatic_joint_differences_are_metres_and_newtons(lemur_plan: Plan) -> None:
+    robot = robot_from_urdf_text(random_urdf(7, 1, sliding=(2,)), "bus", "tool")
+    units = {"positions": "m", "velocities": "m/s", "accelerations": "m/s2", "torques": "N"}
+    for name, unit in units.items():
+        for joint, told in ((1, unit), (2, QUANTITIES[f"joint_{name}"].unit)):
+            samples = np.array(getattr(lemur_plan.trajectory, f"joint_{name}"))
+            samples[20, joint] += 0.5
+            motion = replace(lemur_plan.trajectory, **{f"joint_{name}": samples})
+            changed = answered(replace(lemur_plan, trajectory=motion))
+            (found,) = differences(answered(lemur_plan), changed, robot)
+            assert f"joint_{name} by 0.5 {told} at point 20, joint {joint + 1} (" in str(found)
 
 
 def test_how_the_search_came_there_is_told_and_is_no_fault(lemur_plan: Plan) -> None:

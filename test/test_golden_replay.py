@@ -56,7 +56,7 @@ def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
             assert found.verdict in SAME, told
     statuses = [recorded.status for recorded in run.requests]
     if path.name == "node":
-        assert any("do not say when their requests were taken up" in note for note in run.notes)
+        assert any("do not say when the node read their requests" in note for note in run.notes)
         assert [recorded.door for recorded in run.requests].count("action") == 2
         assert statuses.count(Status.SOLVED) == 2
 
@@ -70,7 +70,7 @@ def test_a_node_of_version_0_2_had_the_tasks_that_it_would_have_now() -> None:
         assert recorded.response is not None
         digest = "" if recorded is early else recorded.read_request().task.digest
         assert recorded.response.task_digest == digest
-    assert not any("do not say when their requests were taken up" in note for note in run.notes)
+    assert not any("do not say when the node read their requests" in note for note in run.notes)
     assert [one.door for one in run.requests].count("action") == 1
     tasks = [one.read_request().task for one in (captured, waited, tailed, going_on)]
     problems = [task.problem for task in tasks]

@@ -10,6 +10,7 @@ import pytest
 from ff_planner_msgs.msg import (
     ChaserState,
     Goal,
+    Phase,
     Plan,
     PlanAnswer,
     PlanInputs,
@@ -101,6 +102,9 @@ def test_inputs_are_named_that_the_request_did_not_bring_and_that_counted() -> N
     heard = {"odometry": 1, "joint_states": 2, "obstacles": 3, "obstacle_bodies": 4}
     assert what.stamps_ns == heard
     _, what = found(PlanRequest(goal=Goal(kind=Goal.CAPTURE)), response)
+    assert what.stamps_ns["target_body"] == 5
+    then = [Phase(goal=Goal(kind=Goal.CAPTURE))]
+    _, what = found(PlanRequest(goal=Goal(kind=Goal.AT_REST), then=then), response)
     assert what.stamps_ns["target_body"] == 5
     brought = PlanRequest(
         start_state=[ChaserState()],

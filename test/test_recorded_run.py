@@ -144,6 +144,18 @@ def test_of_two_planners_none_is_rebuilt_where_the_bag_does_not_say_whose_it_is(
     assert {replay(request).verdict for request in world.run().requests} == {Verdict.NOT_REBUILT}
 
 
+def test_requests_with_one_plan_id_are_exported_to_a_file_each(
+    world: World, tmp_path: Path
+) -> None:
+    ids = ("a/1", "a_1", "a_1_2", "a_1")
+    for number, name in enumerate(ids):
+        world.ask(START + number, refused(START + number, name))
+    world.run()
+    assert main(["export", str(tmp_path / "bag"), "--scenarios", str(tmp_path / "out")]) == 0
+    written = sorted(path.name for path in (tmp_path / "out").glob("*.yaml"))
+    assert written == ["a_1.yaml", "a_1_2.yaml", "a_1_2_2.yaml", "a_1_3.yaml"]
+
+
 def test_a_request_without_answer_is_told(world: World) -> None:
     world.ask(START, None)
     (request,) = world.run().requests

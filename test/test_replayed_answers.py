@@ -40,7 +40,7 @@ def refused(status: Status) -> PlanAnswer:
 
 
 def recorded(response: PlanAnswer | None) -> RecordedRequest:
-    inputs: Any = object()
+    inputs: Any = SimpleNamespace(robot=None)
     return RecordedRequest("run.1", "service", PlanRequest(), response, inputs, "", ())
 
 

@@ -84,7 +84,10 @@ def test_an_answer_whose_arrays_do_not_fit_each_other_is_refused_by_name(
         "parameters.yaml": parameters(LINKS),
     }
     bag = write_bag(tmp_path / "bag", attached, answer)
-    with pytest.raises(BagError, match=r"run\.1 on .* cannot be understood: .*\(50, 7\)"):
+    with pytest.raises(
+        BagError,
+        match=r"run\.1 on .* cannot be understood: the shape of poses is \(50, 7\), not \(49, 7\)",
+    ):
         robot_plans(bag)
 
 

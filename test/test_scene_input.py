@@ -65,6 +65,26 @@ def test_each_message_replaces_the_scene_and_keeps_its_stamp_and_source(
     assert (scene.spheres, scene.stamp_ns, scene.source) == ((), 13_000_000_000, "operator")
 
 
+@pytest.mark.parametrize("length", [0, 10, 60])
+def test_a_damaged_message_is_refused_until_the_next_one(
+    scene_input: SceneInput, length: int
+) -> None:
+    whole = serialize_message(_array(0.1, sec=12))
+    scene_input.keep(whole[:length])
+    refusal = _refusal(scene_input)
+    assert (refusal.status, refusal.field) == (Status.OUT_OF_RANGE, "obstacles")
+    assert (refusal.value, refusal.allowed) == ("damaged", "it must be of type ObstacleSphereArray")
+    scene_input.keep(whole)
+    assert len(scene_input.scene().spheres) == 1
+
+
+def test_a_damaged_target_body_is_refused(scene_input: SceneInput) -> None:
+    scene_input.callbacks()["target_body"](b"\0\1\0\0")
+    with pytest.raises(InvalidInput) as refusal:
+        scene_input.target_body(None, 0, 1.0, 1.0)
+    assert (refusal.value.field, refusal.value.value) == ("target_body", "damaged")
+
+
 @pytest.mark.parametrize("serialised", [False, True])
 def test_the_newest_stamp_counts_though_an_older_scene_comes_last(serialised: bool) -> None:
     scene_input = SceneInput(FRAME, lambda: 100 * SECOND)

@@ -62,6 +62,7 @@ class Configured:
             _service=self.service,
             _recorder=Mock(),
             _diagnostics=Mock(),
+            _robot=problem.robot,
             _controller=Mock(read=None, controller="", complaint=""),
             _namesakes=[],
             _clock=ClockWatch(self.node),

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
+from robots import random_urdf
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.parameters.node import STATE_SOURCES
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW
 from ff_planner_ros.ros.inputs.contradictions import of_joints
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, heard_with
@@ -700,8 +701,10 @@ def test_two_publishers_that_agree_and_one_that_jumps_contradict_nobody(
 
 def test_what_becomes_faster_on_the_way_contradicts_nobody() -> None:
     """Half a second from rest to 0.2 rad/s, late or early: 0.01 to 0.09 rad, by the rates alone."""
-    names, rest = ["joint_1"], (np.zeros(1), np.zeros(1))
+    robot, rest = robot_from_urdf_text(random_urdf(1, 1), "bus", "tool"), (np.zeros(1), np.zeros(1))
     for moved in (0.01, 0.09):
-        assert of_joints(rest, (np.array([moved]), np.array([0.2])), 0.5, names) == ""
-    further = of_joints(rest, (np.array([0.13]), np.array([0.2])), 0.5, names)
-    assert further == "joint_1 is 0 and 0.13 rad"
+        assert of_joints(rest, (np.array([moved]), np.array([0.2])), 0.5, robot) == ""
+    further = rest, (np.array([0.13]), np.array([0.2])), 0.5
+    assert of_joints(*further, robot) == "joint_1 is 0 and 0.13 rad"
+    sliding = robot_from_urdf_text(random_urdf(1, 1, sliding=(1,)), "bus", "tool")
+    assert of_joints(*further, sliding) == "joint_1 is 0 and 0.13 m"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from ff_planner_ros.bag.scenes import (
     AskedScene,
     Stamps,
     asked_scene,
+    is_capture,
     received_scenes,
     scene_at_start,
     stamps_of,
@@ -25,7 +27,7 @@ from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.messages.payloads import payload_in
 from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
 from ff_planner_ros.planning.motion.plan import Trajectory, begins_of
-from ff_planner_ros.planning.problem.problem import Limits, carried
+from ff_planner_ros.planning.problem.problem import Limits, carried, with_attached
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.planning.task.following import held_body
@@ -34,6 +36,15 @@ from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 
 _ANGLES = ("chaser_attitude", "chaser_rotation")  # of the chaser, that have limits
+
+
+@dataclass(frozen=True, eq=False)
+class AskedPhase:
+    """A phase of a request, as far as its plan's scene and robot depend on it."""
+
+    captures: bool = False
+    payload: Payload | None = None  # None: that of the phase before, or the captured body
+    scene: Scene = field(default_factory=Scene)  # without obstacles and target body
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +118,13 @@ def robot_plans(bag: Path) -> RobotPlans:
     for exchange in found:
         if exchange.request is None or exchange.response is None or not exchange.response[0].phases:
             continue
-        name, then = exchange.response[0].plan_id, exchange.request[3]
+        answer, asked = exchange.response[0], exchange.request[3]
+        name = answer.plan_id
         scene, robot = scenes.pop(name, Scene()), robots.pop(name)
         del motions[name]
         kept, measured = limits.pop(name), metrics[name]
         for number, phase in enumerate(
-            phases_of(exchange.response[0].phases, robot, scene, then), 1
+            phases_of(answer.phases, robot, scene, asked, answer.duration), 1
         ):
             key = f"{name}, phase {number}"
             motions[key], robots[key], scenes[key] = phase
@@ -121,39 +133,71 @@ def robot_plans(bag: Path) -> RobotPlans:
 
 
 def phases_of(
-    motions: Sequence[Trajectory], robot: Robot, scene: Scene, then: Sequence[Payload | None]
+    motions: Sequence[Trajectory],
+    robot: Robot,
+    scene: Scene,
+    asked: Sequence[AskedPhase],
+    duration: float | None,
 ) -> Iterator[tuple[Trajectory, Robot, Scene]]:
     """Yield motion, robot with payload, and scene of each phase of a sequence.
 
     Args:
         robot: Robot in the first phase.
-        scene: Scene at the first point of the first phase.
-        then: Payload that the request gives each later phase; None: the payload of the phase
-            before, or the captured body.
+        scene: Scene at the first point of the first phase, with the body that a phase captures.
+        asked: Phases of the request; empty: not known.
+        duration: Time from the first point to the last goal [s]; None: not known.
     """
-    body, free = scene.target_body, [one for one in scene.obstacles if one.body is None]
-    touching = [pair.partition("/")[0] for pair in scene.allowed_collisions]
-    for begin, motion, given in zip(begins_of(motions), motions, (None, *then), strict=False):
-        if begin == 0.0:
-            yield motion, robot, scene
-            continue
-        held = given or (None if body is None else held_body(body, robot))
-        if held is not None:
-            robot, body = with_payload(robot, held, touching), None
-        yield motion, robot, Scene(obstacles=carried(free, begin))
+    free, body = [one for one in scene.obstacles if one.body is None], scene.target_body
+    begins, last = begins_of(motions), len(motions) - 1
+    scene = replace(scene, obstacles=free, target_body=None)
+    phases = chain(asked, repeat(AskedPhase()))
+    for number, (begin, motion, phase) in enumerate(zip(begins, motions, phases, strict=False)):
+        if number > 0:
+            held, touching = phase.payload, list[str]()
+            if scene.target_body is not None:  # the phase before captured it
+                held, body = held or held_body(scene.target_body, robot), None
+                touching = [pair.partition("/")[0] for pair in scene.allowed_collisions]
+            if held is not None:
+                robot = with_payload(robot, held, touching)
+            reached: float | None = float(motion.time[-1])
+            if number == last:
+                reached = None if duration is None else duration - begin
+            scene = replace(phase.scene, obstacles=carried(free, begin), capture_time=reached)
+        if phase.captures and body is not None:
+            there = body.after(begin)
+            around = with_attached(scene.obstacles, there)
+            scene = replace(scene, obstacles=around, target=None, target_body=there)
+        yield motion, robot, scene
+
+
+def asked_phases(request: Any) -> list[AskedPhase]:
+    """Return the phases of a decoded request, the first one included; None: the bag lacks it.
+
+    Raises:
+        InvalidInput: A payload is invalid.
+    """
+    if request is None:
+        return []
+    first = AskedPhase(is_capture(request))  # its scene and payload are known otherwise
+    return [
+        first,
+        *(
+            AskedPhase(is_capture(one), payload_in(one), asked_scene(one).scene)
+            for one in value_at(request, "then", ())
+        ),
+    ]
 
 
 def _asked(
     request: Any,
-) -> tuple[AskedScene, Mapping[str, float], Payload | None, Sequence[Payload | None]]:
-    """Return a request's scene, limits of angles (zero: none), payload and later payloads."""
+) -> tuple[AskedScene, Mapping[str, float], Payload | None, Sequence[AskedPhase]]:
+    """Return a request's scene, limits of angles (zero: none), payload and phases."""
     angles = {name: float(value_at(request, f"limits.{name}[0]", 0.0)) for name in _ANGLES}
     try:
-        payload = payload_in(request)
-        then = [payload_in(phase) for phase in value_at(request, "then", ())]
+        payload, phases = payload_in(request), asked_phases(request)
     except InvalidInput:
-        payload, then = None, []  # it was refused
-    return asked_scene(request), angles, payload, then
+        payload, phases = None, []  # it was refused
+    return asked_scene(request), angles, payload, phases
 
 
 def _uncertainty(parameters: Mapping[str, Any]) -> Uncertainty:

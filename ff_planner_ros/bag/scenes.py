@@ -38,7 +38,7 @@ class AskedScene:
 
     scene: Scene  # without obstacles and target body
     obstacles: Obstacles | None  # that the request brings, at their stamp
-    captures: bool  # whether the goal is the capture of a target body
+    captures: bool  # whether a phase captures a target body
     body: TargetBody | None  # that the request brings, at its stamp
 
 
@@ -62,8 +62,9 @@ class Received:
 
 
 def asked_scene(request: Any) -> AskedScene:
-    """Return the scene in a decoded request."""
-    captures = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE
+    """Return the scene in a decoded request, or in one of its later phases."""
+    phases = (request, *value_at(request, "then", ()))
+    captures = any(map(is_capture, phases))
     has_place = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.POSE
     goal = ("target",) if has_place else ()
     names = (*OF_PROBLEM, *goal)
@@ -78,6 +79,11 @@ def asked_scene(request: Any) -> AskedScene:
         captures=captures,
         body=None if body is None or not captures else _body_in(body),
     )
+
+
+def is_capture(phase: Any) -> bool:
+    """Return whether the goal of a decoded request or later phase is a capture."""
+    return bool(value_at(phase, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE)
 
 
 def _told(request: Any, name: str) -> Any:
@@ -100,6 +106,9 @@ def scene_at_start(
     asked: AskedScene | None, stamps: Stamps, start_ns: int, received: Received
 ) -> Scene | None:
     """Return a plan's scene at its first point; None: the bag does not have all of it.
+
+    The body that a later phase captures is part of it: `phases_of` takes it out of the phases
+    before.
 
     Args:
         asked: Scene in the request; None: the bag lacks the request.

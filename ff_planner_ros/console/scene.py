@@ -114,7 +114,7 @@ class SceneView:
                 drawn.arm.points = _joined(_arm(drawn.stage, point)).astype(np.float32)
             self._near.visible = self._words.visible = near is not None
             if near is None:
-                return "the arm's lines are kept clear: a plan's table tells the clearance"
+                return "the robot has centre lines, no shapes: the plan's table has the clearance"
             self._near.points = near.ends[None].astype(np.float32)
             self._words.position = near.ends.mean(axis=0)
             self._words.text = f"{near.distance * 1e3:.1f} mm"

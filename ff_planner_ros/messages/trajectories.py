@@ -19,16 +19,20 @@ def trajectory_in(plan: Any) -> Trajectory:
     """
     joints = plan.joint_trajectory
     points, count = joints.points, len(joints.joint_names)
+
+    def of_joints(name: str) -> Array:
+        return table(f"joint {name}", [getattr(one, name) for one in points], len(points), count)
+
     chaser = poses_in(plan.chaser_path, len(points))
     chaser_twists = twists_in(plan.chaser_twists, len(points))
     ee = poses_in(plan.end_effector_path, len(points))
     ee_twists = twists_in(plan.end_effector_twists, len(points))
     return Trajectory(
         time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
-        joint_positions=table([point.positions for point in points], len(points), count),
-        joint_velocities=table([point.velocities for point in points], len(points), count),
-        joint_accelerations=table([point.accelerations for point in points], len(points), count),
-        joint_torques=table([point.effort for point in points], len(points), count),
+        joint_positions=of_joints("positions"),
+        joint_velocities=of_joints("velocities"),
+        joint_accelerations=of_joints("accelerations"),
+        joint_torques=of_joints("effort"),
         chaser_positions=chaser[:, :3],
         chaser_quaternions_xyzw=chaser[:, 3:],
         chaser_linear_velocities=chaser_twists[:, :3],
@@ -62,20 +66,24 @@ def poses_in(path: Any, points: int) -> Array:
     """Return a path's poses, x y z [m] and quaternion x y z w. Shape (points, 7); NaN if empty."""
     poses = [stamped.pose for stamped in path.poses]
     rows = [[*_xyz(p.position), *_xyz(p.orientation), p.orientation.w] for p in poses]
-    return table(rows, points, 7)
+    return table("poses", rows, points, 7)
 
 
 def twists_in(twists: Any, points: int) -> Array:
     """Return twists, linear first. Shape (points, 6) [m/s, rad/s]; NaN if there are none."""
-    return table([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists], points, 6)
+    rows = [[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists]
+    return table("twists", rows, points, 6)
 
 
 def _xyz(vector: Any) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 
 
-def table(rows: list[Any], points: int, width: int) -> Array:
+def table(name: str, rows: list[Any], points: int, width: int) -> Array:
     """Return rows as an array of shape (points, width); NaN if every row is empty.
+
+    Args:
+        name: What the rows are, for the error.
 
     Raises:
         ValueError: The rows have another number or width.
@@ -84,5 +92,5 @@ def table(rows: list[Any], points: int, width: int) -> Array:
         return np.full((points, width), np.nan)
     table = np.array(rows, dtype=np.float64)
     if table.shape != (points, width):
-        raise ValueError(f"an array of it is {table.shape}, and not {(points, width)}")
+        raise ValueError(f"the shape of {name} is {table.shape}, not {(points, width)}")
     return table

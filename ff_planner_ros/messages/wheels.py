@@ -39,8 +39,8 @@ def wheels_in(plan: Any) -> WheelMotion | None:
     if not len(told):
         return None
     points, count = len(plan.joint_trajectory.points), len(told[0].momenta)
-    momenta = table([one.momenta for one in told], points, count)
-    torques = table([one.torques for one in told], points, count)
+    momenta = table("wheel momenta", [one.momenta for one in told], points, count)
+    torques = table("wheel torques", [one.torques for one in told], points, count)
     return WheelMotion(momenta, torques)
 
 

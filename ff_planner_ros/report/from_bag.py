@@ -16,17 +16,16 @@ from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.publications import publications
 from ff_planner_ros.bag.reader import Bag, open_bag
-from ff_planner_ros.bag.robot_plans import attached_robot, phases_of
+from ff_planner_ros.bag.robot_plans import asked_phases, attached_robot, phases_of
 from ff_planner_ros.bag.scenes import asked_scene
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
-from ff_planner_ros.messages.payloads import payload_in, robot_holding
+from ff_planner_ros.messages.payloads import robot_holding
 from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.messages.wheels import wheels_in
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
-from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import (
     Objective,
     TargetBody,
@@ -57,6 +56,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     solver_report_from_message,
     target_body_from_message,
 )
+from ff_planner_ros.ros.messages.phases import captures
 from ff_planner_ros.runs.installed import (
     PlanExchange,
     as_installed,
@@ -239,16 +239,15 @@ def _phases(
         told = asked_scene(request).scene
         if answer.plans[0].duration:  # earlier versions do not tell: their duration was given
             told = replace(told, capture_time=answer.plans[0].duration)
-        if request.goal.kind == GoalKind.CAPTURE and body_message is not None:
+        if captures(request) and body_message is not None:
             body = target_body_from_message(body_message, body_message.header.frame_id)
             body = body.after(since_stamp(answer.inputs.target_body_stamp, answer))
             told = replace(told, target_body=body)
     obstacles = obstacles_at_start(request, answer, received)
     if obstacles is not None and body is not None:
         obstacles = with_attached(obstacles, body)
-    then = [payload_in(phase) for phase in value_at(request, "then", ())]
     around, drawn = replace(told, obstacles=obstacles or ()), list[ReportedPlan]()
-    of_phases = phases_of(motions, robot, around, then)
+    of_phases = phases_of(motions, robot, around, asked_phases(request), plan.duration)
     for message, (motion, holding, scene) in zip(answer.plans, of_phases, strict=True):
         known = None if obstacles is None else tuple(scene.obstacles)
         wheels = wheels_in(message)

@@ -29,7 +29,15 @@ _ASKED = (
 )
 _FEWEST_TIMES = 10  # of which a histogram tells more than their table
 _COLUMNS = (
-    *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T, h", "duration [s]", "points"),
+    *(
+        "plan id",
+        "interface",
+        "asked [UTC]",
+        "status",
+        "weights L, Θ, T, h",
+        "duration [s]",
+        "points",
+    ),
     *("joint path [rad]", "Euler angle [deg]", "rotation [deg]", "clearance [mm]"),
     *("solve time [s]", "iterations"),
 )

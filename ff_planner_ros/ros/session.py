@@ -64,6 +64,7 @@ class Session:
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
         robot = now.robot.load(self._description, urdf.parent)
+        self._robot = robot
         now.publication.require_joints(robot.joint_names)
         for note in robot.notes:
             node.get_logger().warning(f"robot.urdf: {in_log(note)}")
@@ -273,7 +274,7 @@ class Session:
             unheard=self._unheard(),
             obstacles_are_published=bool(self._publishers.heard(OBSTACLES.name)),
             target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
-            controller=controller_health(self._output.execution, self._controller),
+            controller=controller_health(self._output.execution, self._controller, self._robot),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
             most_waiting=self._service.most_waiting,

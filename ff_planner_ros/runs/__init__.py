@@ -1,1 +1,1 @@
-"""Recorded runs: their content, replay, and what if."""
+"""Requests rebuilt from bags: replayed, or planned again with changes."""

@@ -12,6 +12,7 @@ from ff_planner_msgs.msg import PlanAnswer, PlanMetrics
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRICS
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 
 # On one machine, a plan is the same to the last bit. Another processor has other kernels of linear
@@ -21,6 +22,7 @@ from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 _RAD, _RAD_S, _RAD_S2, _METRE, _METRE_S, _TORQUE = 1e-5, 1e-5, 2e-5, 1e-5, 1e-5, 5e-5
 _XI = 1e-5  # coefficients of a polynomial [m/s^6 and so on]
 _SECOND = 1e-5  # of a duration that the planner chose; a given duration stays the same
+_PEAKS = "metrics.peak_joint_torques"
 _ANY = math.inf  # describes the search, not the plan
 
 
@@ -62,8 +64,9 @@ class Difference:
     """A quantity that is not the same to the last bit."""
 
     quantity: str  # one of `QUANTITIES`
-    amount: float  # the largest difference, in the quantity's unit; infinite: not comparable
+    amount: float  # the largest difference, in its unit; infinite: not comparable
     where: str  # point, joint or entry, in words; may be empty
+    unit: str  # that of the quantity, or of the prismatic joint
 
     @property
     def tolerances(self) -> float:
@@ -81,15 +84,20 @@ class Difference:
     def __str__(self) -> str:
         """Return quantity, amount, place and tolerance in words."""
         kind = QUANTITIES[self.quantity]
-        words = f"{self.quantity} by {self.amount:.3g} {kind.unit}".rstrip()
+        words = f"{self.quantity} by {self.amount:.3g} {self.unit}".rstrip()
         place = f" at {self.where}" if self.where else ""
         return f"{words}{place} (tolerance {kind.tolerance:g})"
 
 
-def differences(recorded: PlanAnswer, replayed: PlanAnswer) -> list[Difference]:
+def differences(
+    recorded: PlanAnswer, replayed: PlanAnswer, robot: Robot | None = None
+) -> list[Difference]:
     """Return the differences of two answers of the same status; empty: the same to the last bit.
 
     Times of planning, texts, and metrics that the recorded answer lacks are not compared.
+
+    Args:
+        robot: Robot of the plans, for the units of its joints; None: all are revolute.
 
     Raises:
         ValueError: Arrays of an answer do not fit each other.
@@ -98,7 +106,7 @@ def differences(recorded: PlanAnswer, replayed: PlanAnswer) -> list[Difference]:
     return [
         found
         for (name, before), (_, now) in pairs
-        if (found := _difference(name, before, now)) is not None
+        if (found := _difference(name, before, now, robot)) is not None
     ]
 
 
@@ -119,12 +127,12 @@ def _values(answer: PlanAnswer) -> Iterator[tuple[str, Array]]:
             yield name, np.array(getattr(part, field), dtype=float)
 
 
-def _difference(name: str, before: Array, now: Array) -> Difference | None:
+def _difference(name: str, before: Array, now: Array, robot: Robot | None) -> Difference | None:
     if name.startswith("metrics.") and np.isnan(before).all() and before.size:
         return None  # an earlier version did not measure it
     if before.shape != now.shape:
         shapes = f"shapes {_shape(before)} before and {_shape(now)} now"
-        return Difference(name, math.inf, shapes)
+        return Difference(name, math.inf, shapes, QUANTITIES[name].unit)
     if before.tobytes() == now.tobytes():
         return None
     apart = _angles(before, now) if name.endswith("quaternions_xyzw") else np.abs(now - before)
@@ -132,7 +140,15 @@ def _difference(name: str, before: Array, now: Array) -> Difference | None:
     apart = np.where(before == now, 0.0, apart) if apart.shape == before.shape else apart
     apart = np.nan_to_num(apart, nan=math.inf, posinf=math.inf)
     place = np.unravel_index(int(apart.argmax()), apart.shape)
-    return Difference(name, float(apart[place]), _words(name, place))
+    return Difference(name, float(apart[place]), _words(name, place), _unit(name, place, robot))
+
+
+def _unit(name: str, place: tuple[np.intp, ...], robot: Robot | None) -> str:
+    unit = QUANTITIES[name].unit
+    of_joint = name.startswith("joint_") or name == _PEAKS
+    if robot is None or not of_joint or not robot.slides(int(place[-1])):
+        return unit
+    return "N" if unit == "N m" else unit.replace("rad", "m")
 
 
 def _angles(before: Array, now: Array) -> Array:
@@ -149,7 +165,7 @@ def _words(name: str, place: tuple[np.intp, ...]) -> str:
         return f"point {place[0]}, joint {place[1] + 1}"
     if name.startswith("wheel_") and len(place) == 2:
         return f"point {place[0]}, wheel {place[1] + 1}"
-    if place and name not in ("xi", "metrics.peak_joint_torques"):
+    if place and name not in ("xi", _PEAKS):
         return f"point {place[0]}"
     return f"entry {place[0]}" if place else ""
 

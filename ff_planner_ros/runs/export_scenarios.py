@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+from itertools import chain, count
 from pathlib import Path
 
 from ff_planner_ros.bag.reader import open_bag
@@ -12,6 +14,8 @@ from ff_planner_ros.runs.recorded_run import recorded_run
 
 def export_scenarios(bag: Path, directory: Path) -> tuple[str, ...]:
     """Write each request that can be rebuilt to a file named by its plan id in a new directory.
+
+    Of requests with one plan id, the files of the later ones end in `_2`, `_3` and so on.
 
     Returns:
         Notes: what is wrong with the bag, what had to be assumed, which requests are left out.
@@ -26,11 +30,18 @@ def export_scenarios(bag: Path, directory: Path) -> tuple[str, ...]:
         directory.mkdir(parents=True)
     except FileExistsError:
         raise BagError(f"{directory} exists: choose another directory") from None
-    notes = list(run.notes)
+    notes, taken = list(run.notes), set[str]()
     for recorded in run.requests:
         try:
             task = recorded.read_request().task
-            write_scenario(task, directory / f"{recorded.name.replace('/', '_')}.yaml")
+            name = _free_name(recorded.name.replace("/", "_"), taken)
+            write_scenario(task, directory / f"{name}.yaml")
+            taken.add(name)
         except FfPlannerError as error:
             notes.append(f"{recorded.name} is left out: {error}")
     return tuple(notes)
+
+
+def _free_name(name: str, taken: Container[str]) -> str:
+    numbered = (f"{name}_{number}" for number in count(2))
+    return next(one for one in chain([name], numbered) if one not in taken)

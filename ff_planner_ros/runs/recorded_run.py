@@ -236,8 +236,8 @@ def _assumed(found: Sequence[PlanExchange]) -> list[str]:
     if not early:
         return []
     words = (
-        f"{early} answers do not say when their requests were taken up (they are of an earlier "
-        "version): that time, the obstacles and the plan that ran are taken from the times at "
+        f"{early} answers do not say when the node read their requests (they are of an earlier "
+        "version): that time, the obstacles and the running plan are derived from the times at "
         "which messages were recorded"
     )
     return [words]

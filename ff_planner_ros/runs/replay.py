@@ -87,7 +87,9 @@ def print_replay(bag: Path) -> int:
     planning = sum(one.planning_time for one in replayed)
     total = time.perf_counter() - begun
     print_table(
-        f"Replay of {bag}", ("request", "door", "then", "now", "verdict"), map(_row, replayed)
+        f"Replay of {bag}",
+        ("request", "interface", "recorded", "replayed", "verdict"),
+        map(_row, replayed),
     )
     for line in [
         *_details(replayed),
@@ -125,7 +127,8 @@ def replay(recorded: RecordedRequest) -> Replayed:
     else:
         words = ""
         try:
-            found = differences(before, answer)
+            robot = None if recorded.inputs is None else recorded.inputs.robot
+            found = differences(before, answer, robot)
             verdict = Verdict.WITHIN_TOLERANCE if found else Verdict.IDENTICAL
             if not all(one.is_tolerable for one in found):
                 verdict = Verdict.DIFFERENT

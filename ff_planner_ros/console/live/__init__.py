@@ -1,1 +1,1 @@
-"""The console on a running node: what it hears, asks for, releases, and shows of it."""
+"""The console of a running node: its inputs and plans, and requests and releases to it."""

@@ -1,1 +1,1 @@
-"""What the node subscribes to: state and scene."""
+"""The subscriptions of the node: the state of the chaser, obstacles and target body."""

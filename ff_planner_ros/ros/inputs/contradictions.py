@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import Obstacle, Sphere, TargetBody, carried
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_odometry import ChaserPart, JointPart
 
@@ -18,15 +19,15 @@ from ff_planner_ros.ros.messages.from_odometry import ChaserPart, JointPart
 _FURTHEST = 0.02
 
 
-def of_states(before: SystemState, after: SystemState, time: float, names: Sequence[str]) -> str:
+def of_states(before: SystemState, after: SystemState, time: float, robot: Robot) -> str:
     """Return in words how two states contradict each other; empty: they agree.
 
     Args:
         time: From the measurement of `before` to that of `after` [s]; may be negative.
-        names: Names of the joints.
+        robot: Robot that the states are of.
     """
     return of_chasers(_chaser(before), _chaser(after), time) or of_joints(
-        _joints(before), _joints(after), time, names
+        _joints(before), _joints(after), time, robot
     )
 
 
@@ -44,12 +45,13 @@ def of_chasers(before: ChaserPart, after: ChaserPart, time: float) -> str:
     return ""
 
 
-def of_joints(before: JointPart, after: JointPart, time: float, names: Sequence[str]) -> str:
+def of_joints(before: JointPart, after: JointPart, time: float, robot: Robot) -> str:
     """Return how two joint states contradict each other, as `of_states` does."""
     off = _beyond(before[0], after[0], before[1], after[1], time)
     if off.max() > _FURTHEST:
         joint = int(off.argmax())
-        return f"{names[joint]} is {before[0][joint]:.4g} and {after[0][joint]:.4g} rad"
+        name, unit = robot.joint_names[joint], robot.unit(joint)
+        return f"{name} is {before[0][joint]:.4g} and {after[0][joint]:.4g} {unit}"
     return ""
 
 

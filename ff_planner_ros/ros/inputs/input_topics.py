@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.ros.messages.phases import captures
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class InputTopic:
 
     def is_used_by(self, request: PlanRequest) -> bool:
         """Return whether the plan for a request is made from this topic's messages."""
-        is_wanted = not self.of_captures or request.goal.kind == GoalKind.CAPTURE
+        is_wanted = not self.of_captures or captures(request)
         return is_wanted and not value_at(request, self.brought_by)
 
 

@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-from rclpy.serialization import deserialize_message
-
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.clock_offset import ClockOffset
@@ -22,6 +20,7 @@ from ff_planner_ros.ros.inputs.topic_memory import (
     HeardMessage,
     ahead_of_now,
     came_lately,
+    deserialised,
     require_same_clock,
     seconds_between,
     stamp_of,
@@ -121,7 +120,9 @@ class NewestMessage(Generic[Seen]):
     def _contradiction(self, before: HeardMessage[Seen], after: HeardMessage[Seen]) -> str:
         """Return how two messages contradict each other; empty: they agree, or are invalid."""
         try:
-            there, here = (self._read(self._plain(one.message)) for one in (before, after))
+            there, here = (
+                self._read(deserialised(one.message, self._topic)) for one in (before, after)
+            )
         except InvalidInput:
             return ""  # it is refused for another reason
         return self._apart(there, here, seconds_between(before, after))
@@ -165,10 +166,6 @@ class NewestMessage(Generic[Seen]):
             return None
         if read is not None and read[0] is kept:
             return read[1]
-        seen = self._read(self._plain(kept.message))
+        seen = self._read(deserialised(kept.message, self._topic))
         self._last_read = kept, seen
         return seen
-
-    def _plain(self, message: Any) -> Any:
-        kind = self._topic.message_type
-        return deserialize_message(message, kind) if isinstance(message, bytes) else message

@@ -82,7 +82,7 @@ class StateInput:
         self._states: TopicMemory[SystemState] = TopicMemory(
             CHASER_STATE,
             lambda message: state_from_message(message, CHASER_STATE.name, robot, inertial_frame),
-            partial(of_states, names=robot.joint_names),
+            partial(of_states, robot=robot),
             now_ns,
             publishers,
         )
@@ -96,7 +96,7 @@ class StateInput:
         self._joints: TopicMemory[JointPart] = TopicMemory(
             JOINT_STATES,
             lambda message: joints_from_joint_state(message, robot),
-            partial(of_joints, names=robot.joint_names),
+            partial(of_joints, robot=robot),
             now_ns,
             publishers,
         )

@@ -253,15 +253,8 @@ class TopicMemory(Generic[Part]):
         return self._contradiction(parts[0], parts[1], seconds_between(before, after))
 
     def _read_now(self, message: Any) -> Part | InvalidInput:
-        if isinstance(message, bytes):
-            from rclpy.serialization import deserialize_message  # a bag's messages are none
-
-            try:
-                message = deserialize_message(message, self._topic.message_type)
-            except RuntimeError:  # what rclpy raises has no narrower public name
-                allowed = f"it must be a {self._topic.message_type.__name__}"
-                return InvalidInput(Status.OUT_OF_RANGE, self._topic.name, "damaged", allowed)
         try:
+            message = deserialised(message, self._topic)
             time_in_ns(self._field, message.header.stamp)
             return self._read(message)
         except InvalidInput as error:
@@ -276,6 +269,23 @@ class TopicMemory(Generic[Part]):
             f"none was received {since}; publish it, or give the request a start_state"
             f"{unheard_words(self._topic.name, self._publishers)}",
         )
+
+
+def deserialised(message: Any, topic: InputTopic) -> Any:
+    """Return a message of a topic that may be serialised.
+
+    Raises:
+        InvalidInput: The message is damaged.
+    """
+    if not isinstance(message, bytes):
+        return message
+    from rclpy.serialization import deserialize_message  # a bag's messages are none
+
+    try:
+        return deserialize_message(message, topic.message_type)
+    except RuntimeError:  # what rclpy raises has no narrower public name
+        allowed = f"it must be of type {topic.message_type.__name__}"
+        raise InvalidInput(Status.OUT_OF_RANGE, topic.name, "damaged", allowed) from None
 
 
 def seconds_between(before: HeardMessage[Any], after: HeardMessage[Any]) -> float:

@@ -1,1 +1,1 @@
-"""What the node publishes: plans, predictions, markers, diagnostics."""
+"""The publications of the node: plans, predictions, markers and diagnostics."""

@@ -48,7 +48,7 @@ class ControllerClient:
         self._settings, self._logger = settings, node.get_logger()
         self._lock = threading.Lock()
         self._handle: Any = None  # of the goal that was accepted last; None: none
-        self.furthest: tuple[str, float] | None = None  # joint off its plan most, and how far [rad]
+        self.furthest: tuple[str, float] | None = None  # joint off its plan most, and by what
         self._client = ActionClient(
             node,
             FollowJointTrajectory,

@@ -8,6 +8,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.outputs.controller_settings import ControllerSettings
 from ff_planner_ros.ros.outputs.execution import Event, Execution
 
@@ -19,20 +20,24 @@ class ControllerHealth:
     action: str = ""  # name of its action; empty: plans go out on the topic alone
     is_there: bool = True  # whether the action can be reached
     last: tuple[str, Event, str] | None = None  # of the last plan: id, event, words
-    furthest: tuple[str, float] | None = None  # joint off its plan most, and how far [rad]
+    # Joint off its plan most, by what, and the unit
+    furthest: tuple[str, float, str] | None = None
     from_node: str = ""  # node whose parameters are read; empty: none
     read: Mapping[str, Any] | None = field(default=None)  # its parameters; None: no answer yet
     complaint: str = ""  # why it takes no plan; empty: no reason is known
 
 
-def controller_health(execution: Execution, settings: ControllerSettings) -> ControllerHealth:
+def controller_health(
+    execution: Execution, settings: ControllerSettings, robot: Robot
+) -> ControllerHealth:
     """Return the current state of the controller."""
     client = execution.controller
+    furthest = None if client is None else client.furthest
     return ControllerHealth(
         action="" if client is None else client.action,
         is_there=client is None or client.is_there,
         last=execution.last,
-        furthest=None if client is None else client.furthest,
+        furthest=None if furthest is None else (*furthest, _unit(furthest[0], robot)),
         from_node=settings.controller,
         read=settings.read,
         complaint=settings.complaint,
@@ -46,8 +51,8 @@ def controller_part(health: ControllerHealth) -> tuple[bytes, str, Mapping[str, 
         plan_id, event, words = health.last
         values |= {"plan id": plan_id, "event": event.name}
     if health.furthest is not None:
-        joint, error = health.furthest
-        values |= {"joint": joint, "off by [rad]": f"{error:.6f}"}
+        joint, error, unit = health.furthest
+        values |= {"joint": joint, f"off by [{unit}]": f"{error:.6f}"}
     values |= {name: str(value) for name, value in sorted((health.read or {}).items())}
     level, message = DiagnosticStatus.OK, "plans go out on the topic joint_trajectory"
     if health.action:
@@ -64,3 +69,9 @@ def controller_part(health: ControllerHealth) -> tuple[bytes, str, Mapping[str, 
     elif health.last is not None and event is Event.ABORTED:
         level = DiagnosticStatus.ERROR
     return level, message, values
+
+
+def _unit(joint: str, robot: Robot) -> str:
+    """Return the unit of a joint's position; a joint that no plan moves counts as revolute."""
+    names = robot.joint_names
+    return robot.unit(names.index(joint)) if joint in names else "rad"

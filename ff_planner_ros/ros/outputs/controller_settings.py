@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -23,10 +25,11 @@ GOAL_TIME, STOPPED = "constraints.goal_time", "constraints.stopped_velocity_tole
 _LIMITS = {"trajectory": "path_tolerance", "goal": "goal_tolerance"}
 # In front of the planner's own names.
 _OWN = "controller."
+_PATIENCE = 5.0  # time after which a question without an answer is asked again [s]
 
 
 class ControllerSettings:
-    """Asks a controller's node for its parameters once the node is there."""
+    """Asks a controller's node for its parameters, until it has answered."""
 
     def __init__(
         self,
@@ -46,7 +49,10 @@ class ControllerSettings:
         self.controller = controller = settings.from_node  # empty: nobody is asked
         # What was read, by name; None: nothing yet
         self.read: Mapping[str, Any] | None = None
-        self._is_asked = False
+        self._next = -math.inf  # when it may be asked again, by the monotonic clock [s]
+        self._answered = set[str]()  # first name of each list of names that was answered
+        self._pending = list[Any]()  # futures of the last questions
+        self._told = set[str]()  # warnings in the log
         self._client = (
             node.create_client(
                 GetParameters,
@@ -66,26 +72,38 @@ class ControllerSettings:
         return f"its joints are {', '.join(joints)}, and plans move {', '.join(self._joints)}"
 
     def look(self) -> None:
-        """Ask, if the controller's node is there and was not asked yet."""
-        client = self._client
-        if client is None or self._is_asked or not client.service_is_ready():
+        """Ask for what has not been answered, if the controller's node is there."""
+        client, now = self._client, time.monotonic()
+        if client is None or now < self._next or not client.service_is_ready():
             return
-        self._is_asked = True
+        self._next = now + _PATIENCE
+        for future in self._pending:
+            client.remove_pending_request(future)
         constraints = [f"constraints.{joint}.{what}" for joint in self._joints for what in _LIMITS]
-        self._ask([NOT_AT_END, INTERFACES, JOINTS, STATES, GOAL_TIME, STOPPED], self._taken)
-        self._ask(constraints, self._compared)
+        own = [NOT_AT_END, INTERFACES, JOINTS, STATES, GOAL_TIME, STOPPED]
+        questions = (own, self._taken), (constraints, self._compared)
+        self._pending = [
+            self._ask(client, names, then)
+            for names, then in questions
+            if names[0] not in self._answered
+        ]
 
     def close(self) -> None:
         """Remove the client from the node."""
         if self._client is not None:
             self._node.destroy_client(self._client)
 
-    def _ask(self, names: list[str], then: Callable[[dict[str, Any]], None]) -> None:
+    def _ask(self, client: Any, names: list[str], then: Callable[[dict[str, Any]], None]) -> Any:
         def answer(future: Any) -> None:
+            error = future.exception()
+            if error is not None:
+                self._warn_once(f"{self.controller} did not tell its parameters: {error}")
+                return
             values = future.result().values
             if len(values) != len(names):  # rclcpp tells nothing if it lacks one of them
-                self._logger.warning(f"{self.controller} has not all of {', '.join(names)}")
+                self._warn_once(f"{self.controller} has not all of {', '.join(names)}")
                 return
+            self._answered.add(names[0])
             then(
                 {
                     name: value
@@ -94,9 +112,14 @@ class ControllerSettings:
                 }
             )
 
-        if self._client is not None:
-            future = self._client.call_async(GetParameters.Request(names=names))
-            future.add_done_callback(answer)
+        future = client.call_async(GetParameters.Request(names=names))
+        future.add_done_callback(answer)
+        return future
+
+    def _warn_once(self, words: str) -> None:
+        if words not in self._told:
+            self._told.add(words)
+            self._logger.warning(words)
 
     def _taken(self, values: dict[str, Any]) -> None:
         told: dict[str, Any] = {}

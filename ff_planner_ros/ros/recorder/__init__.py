@@ -1,1 +1,1 @@
-"""The bag of a running node."""
+"""The recorder, which writes the topics and requests of a running node to a bag."""
