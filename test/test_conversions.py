@@ -34,6 +34,7 @@ from ff_planner_ros.errors import (
     Status,
     retry_after,
 )
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
@@ -47,7 +48,6 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.ros.messages.from_messages import (
-    plan_from_answer,
     problem_from_request,
     spheres_from_message,
     state_from_message,

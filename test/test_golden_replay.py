@@ -14,12 +14,12 @@ from mcap.writer import Writer
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.search.families import is_detour
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.runs import replay as replaying
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run

@@ -17,10 +17,10 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.ros.messages.foreign import TFMessage
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.ros.outputs.execution import Event
 

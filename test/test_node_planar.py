@@ -19,10 +19,10 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.model import Base
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay

@@ -33,12 +33,12 @@ from ff_planner_ros.bag.info import bag_document
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import load_robot
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay

@@ -19,6 +19,7 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.check.check import failures
@@ -33,7 +34,6 @@ from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask, perform, without_search
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 

@@ -36,10 +36,10 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.messages.service_events import recorded_name
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay

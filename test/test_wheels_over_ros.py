@@ -14,6 +14,7 @@ from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.values import default_values, parameters_of
 from ff_planner_ros.planning.motion.plan import Plan
@@ -22,7 +23,7 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, l
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.model import Base
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer, state_from_message
+from ff_planner_ros.ros.messages.from_messages import state_from_message
 from ff_planner_ros.ros.messages.to_messages import answer_with_plan, plan_message, state_message
 from ff_planner_ros.runs.differences import differences
 from ff_planner_ros.runs.offline_bag import record_answer

@@ -70,8 +70,8 @@ def ask_node(options: Namespace) -> int:
     from ff_planner_ros.analysis.summary import plan_rows
     from ff_planner_ros.common.arrays import finite_number
     from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+    from ff_planner_ros.messages.plans import plan_from_answer
     from ff_planner_ros.ros.client import answer_of_node
-    from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 
     request = _request(options)
     patience = finite_number("--timeout", options.timeout, above=0.0)

@@ -9,9 +9,9 @@ from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.console.entries import PLANNED, Entry
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.messages.plans import metrics_from_message, plan_from_answer
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.ros.messages.from_messages import metrics_from_message, plan_from_answer
 
 
 def entry_of_answer(

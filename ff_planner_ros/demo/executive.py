@@ -31,17 +31,14 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.client import RefusedGoals
 from ff_planner_ros.ros.joining import joining_ros
-from ff_planner_ros.ros.messages.from_messages import (
-    plan_from_answer,
-    state_from_message,
-    target_body_from_message,
-)
+from ff_planner_ros.ros.messages.from_messages import state_from_message, target_body_from_message
 from ff_planner_ros.ros.outputs.prediction import (
     FramePose,
     TrackingError,

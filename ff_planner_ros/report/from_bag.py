@@ -22,6 +22,11 @@ from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.messages.payloads import robot_holding
+from ff_planner_ros.messages.plans import (
+    metrics_from_message,
+    plan_from_answer,
+    solver_report_from_message,
+)
 from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.messages.wheels import wheels_in
 from ff_planner_ros.parameters import NodeParameters
@@ -50,12 +55,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import (
     TARGET_BODY,
 )
-from ff_planner_ros.ros.messages.from_messages import (
-    metrics_from_message,
-    plan_from_answer,
-    solver_report_from_message,
-    target_body_from_message,
-)
+from ff_planner_ros.ros.messages.from_messages import target_body_from_message
 from ff_planner_ros.ros.messages.phases import captures
 from ff_planner_ros.runs.installed import (
     PlanExchange,

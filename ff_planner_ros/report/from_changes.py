@@ -10,6 +10,7 @@ from ff_planner_msgs.msg import PlanAnswer
 from ff_planner_ros.analysis.methods import CHANGED, RECORDED
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
@@ -17,7 +18,6 @@ from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.report.from_bag import reported_request
 from ff_planner_ros.report.run_report import Report, ReportedPlan, reported_plan, robot_facts
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.runs.what_if import ChangedAnswer, WhatIf
 
 # A page of more plans is slow to open.

@@ -11,9 +11,9 @@ from ff_planner_msgs.msg import PlanAnswer, PlanMetrics
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.motion.metrics import METRICS
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 
 # On one machine, a plan is the same to the last bit. Another processor has other kernels of linear
 # algebra, which round otherwise, and the search amplifies that: measured with the five kernels of

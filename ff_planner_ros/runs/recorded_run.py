@@ -13,12 +13,12 @@ from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, Status
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.task.library import KnownGuess
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
-from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
 from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges

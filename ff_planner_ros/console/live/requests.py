@@ -20,6 +20,7 @@ from ff_planner_ros.console.live.link import REQUESTER, Link
 from ff_planner_ros.console.live.plans import Plans
 from ff_planner_ros.console.search import best_in_words
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.messages.plans import metrics_from_message
 from ff_planner_ros.messages.service_events import (
     GOAL_EVENTS,
     REQUEST_RECEIVED,
@@ -29,7 +30,6 @@ from ff_planner_ros.messages.service_events import (
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.background import ask
 from ff_planner_ros.ros.client import RefusedGoals, request_of_task
-from ff_planner_ros.ros.messages.from_messages import metrics_from_message
 from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.qos import EVENT_QOS

@@ -105,9 +105,6 @@ def moment_in_another_family(
     """Return the optimum of path and duration near a plan in the most general family.
 
     None: the optimum does not promise a plan, or the family is the plan's own.
-
-    Raises:
-        OutOfTime: By the watch.
     """
     fixed = lasting(problem, duration_of(plan))
     groups = path_families(fixed, settings)

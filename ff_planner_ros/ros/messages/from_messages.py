@@ -12,18 +12,15 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.common.declared import declared_by_name
-from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.common.declared_messages import names_in, values_in
 from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.messages.obstacles import bodies_of, scene_obstacles_of, spheres_of
 from ff_planner_ros.messages.payloads import robot_holding
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
-from ff_planner_ros.messages.trajectories import begin_of, trajectory_of
-from ff_planner_ros.messages.wheels import wheel_momenta_in, wheels_of
+from ff_planner_ros.messages.wheels import wheel_momenta_in
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER
 from ff_planner_ros.planning.problem.posture import end_effector_at
@@ -50,12 +47,9 @@ if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not
         ObstacleArray,
         ObstacleSphereArray,
         Phase,
-        PlanAnswer,
-        PlanMetrics,
         PlanRequest,
         Scene,
     )
-    from ff_planner_msgs.msg import SolverReport as SolverReportMessage
     from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
     from geometry_msgs.msg import Point, Quaternion, Vector3
 
@@ -308,48 +302,6 @@ def scene_from_message(message: Scene, inertial_frame: str) -> tuple[Obstacle, .
     """
     require_frame("scene.header.frame_id", message.header.frame_id, inertial_frame)
     return scene_obstacles_of(message, "scene")
-
-
-def plan_from_answer(answer: PlanAnswer) -> Plan:
-    """Read the plan back out of an answer whose status is SOLVED, all phases as one.
-
-    Its times are rounded to nanoseconds; it holds NaN where the answer leaves something out.
-
-    Raises:
-        ValueError: Arrays of the answer do not fit each other.
-    """
-    message, *others = answer.plans
-    return Plan(
-        joint_names=tuple(message.joint_trajectory.joint_names),
-        trajectory=trajectory_of(answer),
-        xi=np.concatenate([one.xi for one in answer.plans]),
-        orientation_reading="" if others else message.orientation_reading,
-        family="" if others else message.family,
-        metrics=metrics_from_message(answer.metrics[0]),
-        solver=solver_report_from_message(answer.solver),
-        duration=begin_of(answer, len(others)) + answer.plans[-1].duration or None,
-        effort=answer.effort,
-        wheels=wheels_of(answer),
-    )
-
-
-def metrics_from_message(message: PlanMetrics) -> Metrics:
-    """Read the metrics of a plan or of the best attempt."""
-    # A message decoded from a bag of an earlier version lacks what has a default.
-    values: dict[str, Any] = {
-        item.name: value_at(message, item.name, item.default) for item in fields(Metrics)
-    }
-    for name, value in values.items():
-        if not isinstance(value, str | float):
-            values[name] = tuple(value)
-    return Metrics(**values)
-
-
-def solver_report_from_message(message: SolverReportMessage) -> SolverReport:
-    """Read the report on the search from an answer."""
-    # A message decoded from a bag of an earlier version lacks what has a default.
-    told = {one.name: value_at(message, one.name, one.default) for one in fields(SolverReport)}
-    return SolverReport(**told)
 
 
 def require_frame(field: str, frame_id: str, allowed: str) -> None:

@@ -7,9 +7,9 @@ import math
 from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.common.shown import in_log
+from ff_planner_ros.messages.plans import metrics_from_message
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.ros.messages.from_messages import metrics_from_message
 
 
 def solved_in_words(plan: Plan, answer: PlanAnswer) -> str:

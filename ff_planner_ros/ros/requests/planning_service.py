@@ -91,12 +91,8 @@ class PlanningService:
     ) -> None:
         """Open service and action; requests are answered with NOT_ACTIVE until `activate`.
 
-        The node's executor needs four threads: one plans, one waits for the first to make room, one
-        cancels, one answers `~/publish_plan`.
-
-        Args:
-            run_name: Prefix of every plan id, in front of a number.
-            guesses: Warm-start library; None: every search starts cold.
+        The node's executor needs four threads: to plan, to wait for room, to cancel, and to answer
+        `~/publish_plan`. Plan ids begin with `run_name`; without `guesses` searches start cold.
         """
         self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
         self._states, self._scenes, self._output = states, scenes, output
