@@ -39,7 +39,7 @@ _NAMES, _UNITS = ("grasp_force", "grasp_torque"), ("N", "N m")
 class GraspWrench(Requirement):
     """Force and torque through the grasp stay within their limits."""
 
-    name = "grasp wrench"
+    name = "grasp_wrench"
     is_on_demand = True
 
     def refuse_start(
