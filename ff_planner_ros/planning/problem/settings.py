@@ -1,4 +1,4 @@
-"""The planner's tunables; their values live in `config/planner.yaml` and nowhere else."""
+"""The planner's settings, parameters `planner.*`; their values are in `config/planner.yaml`."""
 
 from __future__ import annotations
 
