@@ -74,7 +74,7 @@ ADVICE = {
     "look at the memory of the machine.",
     Status.BUSY: "Wait for the answer of the other request, or set `when_busy: preempt`.",
     Status.CANCELLED: "Nothing: the client cancelled its goal. `on_cancel: best` would have kept "
-    "the best plan until then.",
+    "the best plan found by then.",
     Status.PREEMPTED: "Nothing: a newer request has taken the place of this one. "
     "`when_busy: reject` keeps the older one.",
     Status.NOT_ACTIVE: "Activate the node: `ros2 lifecycle set /ff_planner activate`.",

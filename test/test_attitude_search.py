@@ -233,7 +233,7 @@ def test_a_search_that_is_ended_answers_with_the_shortest_plan():
     needed = plan(replace(problem, objective=LENGTH), SETTINGS).solver.rollouts
     found = plan(problem, SETTINGS, Patience(needed + 20))
     assert found.solver.ended_by == EndedBy.DEADLINE
-    assert found.solver.stop_reason == "the patience is over: the best plan until then"
+    assert found.solver.stop_reason == "the patience is over: the best plan so far"
     assert found.metrics.joint_path_length < 1.2
     with pytest.raises(OutOfTime) as end:
         plan(problem, SETTINGS, Patience(needed - 5))

@@ -140,7 +140,7 @@ def test_a_collision_between_the_points_is_told_as_such(
 ) -> None:
     (failure,) = judged(lemur_capture, sound, settings, min_clearance=-0.0004)
     assert "may touch obstacle" in failure.finding
-    assert "-0.40 mm" in failure.finding
+    assert "all that is certain is a clearance of -0.40 mm" in failure.finding
     assert "more points" in failure.advice
 
 

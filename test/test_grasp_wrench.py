@@ -159,3 +159,19 @@ def test_a_start_that_takes_too_much_is_refused(stop: PlanningProblem) -> None:
         perform(PlanningTask(problem, SETTINGS))
     assert refused.value.field == "joints.acceleration"
     assert refused.value.status is Status.START_OUTSIDE_LIMITS
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+def test_a_start_that_takes_nearly_all_that_is_allowed_is_planned_from(
+    stop: PlanningProblem, kind: int
+) -> None:
+    start = replace(stop.start, joint_accelerations=-0.25 * stop.start.joint_velocities)
+    q, v = configuration(stop.robot, start)
+    frame = payload_frame(stop.robot)
+    assert frame is not None
+    wrench = frame_wrenches(stop.robot, frame, q[None], v[None], start.joint_accelerations[None])
+    limit = float(np.linalg.norm(wrench.reshape(2, 3)[kind])) / 0.9995
+    kept = ("grasp_force", "grasp_torque")[kind]
+    problem = replace(stop, start=start, limits=replace(stop.limits, **{kept: limit}))
+    plan = perform(PlanningTask(problem, SETTINGS))
+    assert peaks_by_hand(problem, plan)[kind] <= limit * (1.0 + 1e-4)

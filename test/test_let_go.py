@@ -96,6 +96,14 @@ def test_what_is_grasped_is_let_go_of_and_nothing_else_is_touched(goal: str) -> 
     assert touched.first_time > 0.0
 
 
+def test_a_robust_plan_lets_go_of_what_is_grasped() -> None:
+    withstood = replace(SETTINGS.robust, sigmas=2.0)
+    plan = perform(PlanningTask(captured(), replace(SETTINGS, robust=withstood)))
+    assert plan.robust is not None
+    assert plan.robust.least_sigmas > 2.0
+    assert plan.metrics.min_clearance > 0.0
+
+
 def test_the_search_asks_nothing_of_what_is_touched_until_it_has_gone_so_far() -> None:
     problem = captured()
     family = path_families(problem, SETTINGS)[0][0]

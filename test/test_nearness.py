@@ -67,6 +67,7 @@ OTHERS = (
     ObstacleBody("moon", Solid("cylinder", np.array([2.0, 3.0])), [40.0, 0.0, 0.0]),
 )
 OBSTACLES = (*SPHERES, *OTHERS)
+BOX = Solid("box", np.array([0.5, 0.5, 0.5]))
 
 
 def drawn(seed: int) -> Array:
@@ -295,3 +296,25 @@ def test_an_allowed_contact_counts_until_the_tool_stays_at_the_goal() -> None:
         Scene(SPHERES, ("link_2/moon",), 0.25, goal, capture_time=5.0),
     ):
         assert np.isfinite(nearness(BODIES, q, TIMES, unknown).distance).all()
+
+
+@pytest.mark.parametrize(
+    "held",
+    [
+        Sphere("rock", [2.3, 0.0, 0.0], 0.25, [0.1, 0.0, 0.0]),
+        ObstacleBody("rock", BOX, [2.3, 0.0, 0.0], velocity=[0.1, 0.0, 0.0]),
+    ],
+)
+def test_an_allowed_contact_of_the_start_counts_once_the_tool_was_away(
+    held: Sphere | ObstacleBody,
+) -> None:
+    """The tip touches what drifts along x, is 0.3 m back at the fourth time, and comes again."""
+    q = np.zeros((6, 9))
+    q[:, 6] = 1.0
+    q[:, 0] = 0.1 * TIMES - np.array([0.0, 0.1, 0.2, 0.3, 0.1, 0.0])
+    scene = Scene((held, SPHERES[1]), ("link_2/rock", "link_1/rock"), 0.25)
+    found = nearness(BODIES, q, TIMES, scene).distance
+    touching = np.zeros(found.shape, bool)
+    touching[:3, 2, [one.id == "rock" for one in (*scene.spheres, *scene.obstacle_bodies)]] = True
+    assert (np.isinf(found) == touching).all()
+    assert found.min() == pytest.approx(-0.05, abs=1e-6)

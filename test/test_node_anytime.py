@@ -82,7 +82,7 @@ def cancelled_for_the_best(client: Client) -> None:
     assert (status, result.status.code) == (GoalStatus.STATUS_SUCCEEDED, Status.SOLVED)
     assert result.solver.ended_by == EndedBy.CANCEL
     assert result.effort > 1
-    assert result.status.message == "the request was cancelled: the best plan until then"
+    assert result.status.message == "the request was cancelled: the best plan so far"
     first = next(f.best[0] for f in goal.feedback if f.best)
     assert result.metrics[0].max_chaser_euler <= first.max_chaser_euler
     request.search.effort = result.effort

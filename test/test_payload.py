@@ -253,6 +253,12 @@ FAULTS: dict[str, tuple[dict[str, Any], Status, str, str]] = {
     "the chaser": ({"link": "chaser"}, Status.OUT_OF_RANGE, "robot.payload.link", "the arm moves"),
     "no mass": ({"mass": 0.0}, Status.OUT_OF_RANGE, "robot.payload.mass", "greater than 0"),
     "no number": ({"mass": math.nan}, Status.NOT_FINITE, "robot.payload.mass", "finite"),
+    "no number in the inertia": (
+        {"inertia": FILE["inertia"] | {"izz": math.nan}},
+        Status.NOT_FINITE,
+        "robot.payload.inertia",
+        "finite",
+    ),
     "no inertia": (
         {"inertia": FILE["inertia"] | {"izz": 9.0}},
         Status.OUT_OF_RANGE,

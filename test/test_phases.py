@@ -506,6 +506,19 @@ def _without_mass(document: dict[str, Any]) -> None:
     del document["phases"][0]["target_body"]["mass"]
 
 
+def _with_mesh_of_second(document: dict[str, Any]) -> None:
+    inertia = dict.fromkeys(("ixx", "iyy", "izz"), 1.0) | dict.fromkeys(("ixy", "ixz", "iyz"), 0.0)
+    held = {"link": "end_effector", "mass": 3.0, "inertia": inertia}
+    shape = {"id": "bus", "shape": {"mesh": {"file": "nowhere.stl"}}, "position": [0.0, 0.0, 0.0]}
+    document["phases"][1]["payload"] = held | {"shapes": [shape]}
+
+
+def _with_urdf_of_second(document: dict[str, Any]) -> None:
+    first, second, *_ = document["phases"]
+    del second["target"]
+    second["target_body"] = first["target_body"] | {"urdf": "nowhere.urdf"}
+
+
 FAULTS: dict[str, tuple[Callable[[dict[str, Any]], object], str, str]] = {
     "no mass": (_without_mass, "phases[0].target_body.mass", "inertia in kg m2"),
     "a goal beside": (
@@ -532,6 +545,17 @@ FAULTS: dict[str, tuple[Callable[[dict[str, Any]], object], str, str]] = {
         "phases[0].duration",
         "greater than 0",
     ),
+    "a file of the first": (
+        lambda d: d["phases"][0]["target_body"].update(urdf="nowhere.urdf"),
+        "phases[0].target_body.urdf",
+        "",
+    ),
+    "a mesh of another": (
+        _with_mesh_of_second,
+        "phases[1].payload.shapes[bus].shape.mesh.file",
+        "no such file",
+    ),
+    "a file of another": (_with_urdf_of_second, "phases[1].target_body.urdf", ""),
     "unknown": (lambda d: d["phases"][0].update(goal=1), "phases[0].goal", "a phase may have"),
     "unknown later": (lambda d: d["phases"][2].update(goal=1), "phases[2].goal", ""),
     "other joints": (

@@ -89,4 +89,4 @@ def test_a_recorded_plan_is_replayed_to_the_last_bit_and_reported(
     assert scene.target is None
     (request,) = report_of_bag(tmp_path / "bag", 5).requests
     assert request.plan is not None
-    assert ("at rest the whole turns" in request.message) == at_rest
+    assert ("with joints at rest the system turns" in request.message) == at_rest

@@ -336,3 +336,9 @@ def test_what_the_smallest_singular_values_have_more_than_a_margin_has_the_right
     direction = np.random.default_rng(0).normal(size=len(x))
     after, before = (rows(x + 1e-6 * sign * direction)[0] for sign in (1.0, -1.0))
     assert (after - before) / 2e-6 == pytest.approx(jacobian @ direction, rel=1e-4, abs=1e-6)
+
+
+def test_the_name_of_every_requirement_is_a_word_and_no_others() -> None:
+    names = [required.name for required in REQUIREMENTS]
+    assert all(name.isidentifier() for name in names), names
+    assert len(set(names)) == len(names)

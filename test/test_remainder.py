@@ -60,7 +60,7 @@ def test_a_search_without_time_answers_with_what_remains(
     assert found.family == "remainder"
     assert found.coefficients.size == 0
     assert found.effort == NONE_AT_ALL
-    assert found.message == "the search ends at step 1: what remains of the running plan"
+    assert found.message == "the search ends at step 1: the remainder of the running plan"
     then = SINCE + AHEAD + found.trajectory.time
     for name, wanted in zip(
         ("positions", "velocities", "accelerations"), motion.at(then), strict=True
@@ -113,7 +113,7 @@ def test_where_no_path_is_near_it_is_the_answer(
     found = perform(task)
     assert found.family == "remainder"
     assert found.effort == 0
-    assert found.message == "good enough: what remains of the running plan"
+    assert found.message == "good enough: the remainder of the running plan"
 
 
 def test_a_plan_that_passed_singular_postures_remains_an_answer() -> None:

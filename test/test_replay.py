@@ -268,7 +268,7 @@ def test_what_a_robust_plan_keeps_and_costs_is_told(run: Run) -> None:
     assert plain is not None
     assert robust is not None
     assert "sigmas" not in plain.status.message
-    assert "sigmas kept back, 3 asked for; joint path +0." in robust.status.message
+    assert "sigmas, 3 required; joint path +0." in robust.status.message
 
 
 def test_every_task_has_the_digest_that_the_node_told(run: Run) -> None:

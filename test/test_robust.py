@@ -290,7 +290,7 @@ def test_the_command_tells_price_and_violations(
     file.write_text(yaml.safe_dump(scenario))
     bag = tmp_path / "bag"
     assert main(["plan", str(file), "--json", str(answer), "--bag", str(bag)]) == 0
-    assert "sigmas kept back, 3 asked for; joint path +" in capsys.readouterr().out
+    assert "sigmas, 3 required; joint path +" in capsys.readouterr().out
     told = json.loads(answer.read_text())["robust"]
     assert told["sigmas"] == 3.0
     assert told["plain_joint_path_length"] > 1.0

@@ -11,8 +11,11 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
+from ff_planner_ros.planning.problem.obstacles import attached, carried
 from ff_planner_ros.planning.problem.problem import (
+    ObstacleBody,
     PlanningProblem,
     Sphere,
     Target,
@@ -20,10 +23,11 @@ from ff_planner_ros.planning.problem.problem import (
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
-from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.rotation import skew
 
@@ -222,6 +226,31 @@ def test_a_target_is_where_it_is_told_to_be_at_the_capture_alone() -> None:
     found = scene.targets(TIMES)
     wanted = [grasp_at(moving_target(1.0), time)[0] for time in TIMES]
     np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_what_is_fixed_to_a_body_goes_on_with_it() -> None:
+    """Later, it is what is fixed to the body as that is then."""
+    tumbler = tumbling.problem("tumbling", 0).target_body
+    assert tumbler is not None
+    panel = AttachedBody("panel", Solid("box", np.array([0.5, 0.3, 0.1])), [0.4, -0.2, 0.9])
+    body = replace(tumbler, obstacles=(*tumbler.obstacles, panel))
+    fixed, expected = carried((*attached(body),), 3.0), (*attached(body.after(3.0)),)
+    assert {type(one) for one in fixed} == {Sphere, ObstacleBody}
+    for one, wanted in zip(fixed, expected, strict=True):
+        for time in (0.0, 2.0):
+            there, then = one.after(time), wanted.after(time)
+            for name in ("center", "position", "quaternion_xyzw", "velocity", "angular_velocity"):
+                if hasattr(one, name):
+                    found = getattr(there, name)
+                    np.testing.assert_allclose(found, getattr(then, name), atol=1e-9)
+
+
+def test_without_a_capture_time_a_target_is_where_it_is_told_at_the_last_moment() -> None:
+    scene = Scene(target=moving_target(1.0))
+    wanted = scene.captured_at(float(TIMES[-1])).targets(TIMES)
+    np.testing.assert_array_equal(scene.targets(TIMES), wanted)
+    with pytest.raises(InvalidInput, match="capture_time is missing"):
+        scene.seen_from(np.zeros(3), np.ones(3))
 
 
 def test_the_scene_of_a_problem_has_its_target_or_its_body_and_when(

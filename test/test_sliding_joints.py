@@ -42,6 +42,7 @@ from ff_planner_ros.planning.problem.problem import (
     Posture,
     Sphere,
 )
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -71,12 +72,14 @@ def planned(family: Parametrisation) -> tuple[PlanningTask, Plan]:
     return task, perform(task)
 
 
-def refused(problem: PlanningProblem, plan: Plan) -> list[str]:
+def refused(
+    problem: PlanningProblem, plan: Plan, settings: PlannerSettings = SETTINGS
+) -> list[str]:
     """What the check finds, in a frame of its own."""
     seen = system_frame(problem.robot, problem.start).plan(plan)
     own = in_own_frame(problem)
-    seen = replace(seen, metrics=measure(own, seen.trajectory, SETTINGS))
-    return [one.finding for one in failures(own, seen, SETTINGS)]
+    seen = replace(seen, metrics=measure(own, seen.trajectory, settings))
+    return [one.finding for one in failures(own, seen, settings)]
 
 
 # The robot.
@@ -309,6 +312,21 @@ def test_what_a_rail_exceeds_is_told_in_its_units() -> None:
     )
     assert "joint rail is 0.004 m outside its limits [-1.0000, " in found
     assert position < 0.5
+    forces = plan.trajectory.joint_torques[:, 0] + 0.01
+    found = refused(problem, scaled(plan, "joint_torques", forces))[0]
+    assert "torque_error is 0.01 N, allowed is 1e-06 N" in found
+
+
+def test_a_rail_may_miss_its_goal_by_what_is_allowed_of_positions() -> None:
+    task, plan = planned(FAMILIES[1])
+    ends, moves = (
+        rows[-1] for rows in (plan.trajectory.joint_positions, plan.trajectory.joint_velocities)
+    )
+    problem = replace(task.problem, posture=Posture(ends + 0.01 * np.eye(7)[0], moves))
+    wide = replace(SETTINGS, position_tolerance=0.02)
+    assert refused(problem, plan, wide) == []
+    (found,) = refused(problem, plan, replace(wide, position_tolerance=0.005))
+    assert "joint rail is further than asked by -0.01 m, allowed is 0.005 m" in found
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ def test_steps_along_a_curved_constraint_are_not_held_up_by_a_price_once_raised(
         )
 
     solution = minimise(linearise, np.array([0.98, 0.2]), 60, 1e-6, 0.0)
-    assert "no step promises more" in solution.stop_reason
+    assert "the predicted decrease is at most" in solution.stop_reason
     assert solution.feasible
     assert solution.x == pytest.approx([-1.001, 0.0], abs=1e-2)
 
@@ -165,7 +165,7 @@ def test_a_step_that_promises_too_little_is_not_taken(progress, iterations):
     assert solution.iterations == iterations
     assert (
         solution.stop_reason
-        == f"good enough: no step promises more than {progress:g} of the objective"
+        == f"good enough: the predicted decrease is at most {progress:g} of the objective"
     )
 
 

@@ -211,9 +211,9 @@ def test_an_obstacle_beside_the_goal_is_found_by_the_tail_that_drifts_into_it(
     error = refused_tail(problem, lemur_plan, STOP, 8.0)
     assert error.status is Status.COLLISION
     assert str(error).startswith(
-        "the plan reaches its goal, but its tail (stop_joints, 8 s) cannot be driven: the link "
-        "from joint_4 to joint_5 is 0.03 m inside obstacle strut at t = 18.00 s, 8.00 s after "
-        "the goal. What may help:"
+        "the plan reaches its goal, but its post-goal segment (stop_joints, 8 s) is not feasible: "
+        "the link from joint_4 to joint_5 is 0.03 m inside obstacle strut at t = 18.00 s, 8.00 s "
+        "after the goal. What may help:"
     )
     assert isinstance(error.attempt, Plan)
     assert error.attempt.metrics.min_clearance < -0.02
@@ -235,7 +235,7 @@ def test_a_joint_limit_in_the_way_of_a_stop_is_found(
     error = refused_tail(problem, lemur_plan, STOP, 6.0)
     assert error.status is Status.LIMIT_VIOLATED
     excess = f"joint {robot.joint_names[joint]} is {0.5 * beyond[joint]:.3g} rad outside its limits"
-    assert f"tail (stop_joints, 6 s) cannot be driven: {excess}" in str(error)
+    assert f"post-goal segment (stop_joints, 6 s) is not feasible: {excess}" in str(error)
     assert "at t = 16.00 s, 6.00 s after the goal" in str(error)
 
 
@@ -264,7 +264,7 @@ def test_a_stop_that_the_motors_cannot_make_is_found(
     problem = replace(lemur_capture, robot=weak)
     error = refused_tail(problem, lemur_plan, STOP, 0.05)
     assert error.status is Status.TORQUE_TOO_HIGH
-    assert "tail (stop_joints, 0.05 s)" in str(error)
+    assert "segment (stop_joints, 0.05 s)" in str(error)
     with_tail(problem, lemur_plan, STOP, 1.0, SETTINGS)
 
 
@@ -277,7 +277,7 @@ def test_holding_until_the_arm_is_stretched_is_found(
     with pytest.raises(NoPlanFound) as refused:
         with_tail(problem, lemur_plan, HOLD, 90.0, settings)
     assert refused.value.status is Status.SINGULAR
-    assert "tail (hold_end_effector, 90 s)" in str(refused.value)
+    assert "segment (hold_end_effector, 90 s)" in str(refused.value)
     told = str(refused.value).partition("dynamic singularity at t = ")[2]
     # That is from the first point on: a hold that lasts a little longer is refused, too.
     after_goal = float(told.partition(" s")[0]) - problem.duration

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.allowed_contact import kept_apart
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies, radii
 from ff_planner_ros.planning.distance.body_distances import sphere_bounds, sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
-from ff_planner_ros.planning.distance.nearness import touching_from
 from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_bounds,
     obstacle_distances,
@@ -86,22 +86,19 @@ def distances(
     """Return the distances of a motion to obstacles, also between its points.
 
     Args:
-        scene: Its allowed collisions at the goal are ignored near the goal. None: there are none.
+        scene: Its allowed contacts, at goal and start, are ignored. None: there are none.
     """
     time, q = _between_points(robot, motion)
-    until = np.full((1, len(obstacles)), len(time))
-    if scene is not None:
-        seen = scene.captured_at(float(motion.time[-1]))
-        until = touching_from(robot, obstacles, seen, arm_points(robot, q)[:, -1], time)
+    seen = Scene() if scene is None else scene.captured_at(float(motion.time[-1]))
+    apart = kept_apart(robot, obstacles, seen, q, time)
     is_body = np.array([not isinstance(one, Sphere) for one in obstacles], bool)
-    until = np.broadcast_to(until, (max(1, len(robot.bodies)), len(obstacles)))
     starts = np.arange(len(robot.bodies)) if robot.bodies else segments(arm_points(robot, q))
     whole, spheres, bodies = with_bodies(robot), spheres_in(obstacles), bodies_in(obstacles)
     rows = max(1, _MOST_DISTANCES // max(1, len(starts) * len(obstacles)))
     found, which = [], []
     for k in range(0, len(time), rows):
         part = slice(k, k + rows)
-        counts = np.arange(len(time))[part, None, None] < until
+        counts = apart.at(np.arange(len(time))[part])
         if robot.bodies:
             distance = _of_bodies(robot, spheres, time[part], q[part], counts[:, :, ~is_body])
         else:

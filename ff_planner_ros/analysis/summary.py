@@ -183,7 +183,7 @@ def _joint_limits(robot: Robot, joint: int) -> str:
 def _body_rows(robot: Robot) -> list[tuple[str, str]]:
     """Return name and value of the collision geometry."""
     if robot.geometry is Geometry.LINES:
-        return [("geometry", "lines: the arm's centre lines are kept clear of spheres")]
+        return [("geometry", "lines: the arm's centre lines are kept clear of obstacles")]
     rows = [("geometry", "shapes, as <collision> has them"), ("bodies", str(len(robot.bodies)))]
     for body in robot.bodies:
         kind, numbers, _ = defining_numbers(body)

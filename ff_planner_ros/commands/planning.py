@@ -243,6 +243,6 @@ def _how_to_plan() -> ArgumentParser:
         "the node's parameters, all or some: they count where the scenario does not say"
     )
     options.add_argument("--parameters", type=Path, metavar="FILE", help=parameters_help)
-    budget_help = "answer after this time with the best until then (default: search to the end)"
+    budget_help = "answer after this time with the best plan so far (default: search to the end)"
     options.add_argument("--time-budget", type=float, metavar="SECONDS", help=budget_help)
     return options

@@ -324,6 +324,7 @@ DIRECTION = Form(numbers, lambda: of_numbers(3), unit_vector, _as_list, slots=tu
 INERTIA = Form(
     _inertia,
     lambda: of_mapping({name: {"type": "number"} for name in _ELEMENTS}),
+    lambda field, value: finite_vector(field, np.ravel(value), 9).reshape(3, 3),
     written=lambda value: dict(zip(_ELEMENTS, _as_list(value[np.triu_indices(3)]), strict=True)),
     slots=_ELEMENTS,
     from_message=_tensor,

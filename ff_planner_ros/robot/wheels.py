@@ -76,7 +76,7 @@ class Wheels:
             raise InvalidInput(Status.WRONG_SIZE, name, f"{len(rows)} axes", allowed)
         axes = np.array([unit_vector(f"{name}[{k}]", row) for k, row in enumerate(rows)])
         if np.linalg.svd(axes, compute_uv=False)[-1] < _LEAST_SPREAD:
-            allowed = "they must not lie in one plane: no wheel turns about what is across it"
+            allowed = "they must not lie in one plane: no wheel turns about its normal"
             raise InvalidInput(Status.OUT_OF_RANGE, name, axes.tolist(), allowed)
         object.__setattr__(self, "axes", frozen(axes))
         for limit in ("momentum", "torque"):

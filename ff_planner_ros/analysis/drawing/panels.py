@@ -130,7 +130,7 @@ def clearance_panel(
     points. It is NaN without obstacles.
 
     Args:
-        scene: Its allowed collisions at the goal are ignored near the goal. None: there are none.
+        scene: Its allowed contacts, at goal and start, are ignored. None: there are none.
     """
     label, curves, marks = "distance to closest obstacle [mm]", {}, list[Mark]()
     for method, motion in motions.items():

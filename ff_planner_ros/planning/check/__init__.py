@@ -1,1 +1,1 @@
-"""Refuses a plan that breaks a requirement; knows neither solver nor search."""
+"""The check of a plan; it knows neither solver nor search."""

@@ -8,18 +8,24 @@ contact distance from its start, seen from the obstacle, or from the base for tw
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.planning.distance.bodies import centers_in_base
-from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
+from ff_planner_ros.planning.distance.body_distances import sphere_distances
+from ff_planner_ros.planning.distance.clearance import arm_points, centers_at
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    obstacle_distances,
+    obstacle_poses,
+    seen_from_chaser,
+)
 from ff_planner_ros.planning.distance.start_room import (
     KEPT,
     LEAST_CLEARANCE,
@@ -28,9 +34,13 @@ from ff_planner_ros.planning.distance.start_room import (
     room_of_pairs,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+
+_FIRST = np.zeros(1, np.intp)
 
 
 class Split(NamedTuple):
@@ -120,13 +130,7 @@ def after_contact(
     """
     first = configuration(problem.robot, problem.start)[0]
     times, q = np.append(0.0, times), np.vstack([first, q])
-    points = arm_points(problem.robot, q)[:, -1]
-    if obstacle is None:
-        seen = centers_in_base(q, points[:, None])[:, 0]
-    else:
-        rotations, origins = obstacle_poses(obstacle, times)
-        seen = np.einsum("tji,tj->ti", rotations, points - origins)
-    ways = np.linalg.norm(seen[1:] - seen[0], axis=1)
+    ways = _ways_from_start(problem.robot, obstacle, times, q)[1:]
     outside = np.flatnonzero(ways > within * problem.contact_distance)
     return int(outside[0]) if outside.size else len(ways)
 
@@ -156,6 +160,84 @@ def may_touch(problem: PlanningProblem, split: Split, q: Array, time: float) -> 
         return split.may_touch
     held = [numbers for one, numbers in split.at_start if after_contact(problem, one, *at)]
     return np.concatenate([np.empty(0, np.intp), *held])
+
+
+class KeptApart(NamedTuple):
+    """Indices of the times at which each part must be apart from each obstacle."""
+
+    since: Indices  # shape (bodies, obstacles); (1, obstacles) for lines
+    until: Indices  # not at this one any more; likewise
+
+    def at(self, numbers: Indices) -> NDArray[np.bool_]:
+        """Tell what must be apart at some times. Shape (times, bodies, obstacles)."""
+        each = numbers[:, None, None]
+        found: NDArray[np.bool_] = (self.since <= each) & (each < self.until)
+        return found
+
+
+def kept_apart(
+    robot: Robot, obstacles: Sequence[Obstacle], scene: Scene, q: Array, times: Array
+) -> KeptApart:
+    """Return when each part must be apart from each obstacle along a planned motion.
+
+    Args:
+        obstacles: Those of the scene, in the order of the columns.
+        scene: In the frame of q.
+        q: The first one is the plan's. Shape (times, 7 + joints).
+        times: Shape (times,) [s].
+    """
+    names = [body.link for body in robot.bodies] or [""]
+    since, until = np.zeros((2, len(names), len(obstacles)), np.intp)
+    until[:] = len(times)
+    pairs = np.ndindex(since.shape) if scene.allowed_collisions else ()
+    for row, column in pairs:
+        one = obstacles[column]
+        if f"{names[row]}/{one.id}" not in scene.allowed_collisions:
+            continue
+        until[row, column] = _at_goal_from(robot, scene, q, times)
+        if _distance(robot, row, one, q[:1], times[:1]) < LEAST_CLEARANCE:
+            ways = _ways_from_start(robot, one, times, q)
+            outside = np.flatnonzero(ways > scene.contact_distance)
+            since[row, column] = outside[0] if outside.size else len(times)
+    return KeptApart(since, until)
+
+
+def _at_goal_from(robot: Robot, scene: Scene, q: Array, times: Array) -> int:
+    """Return the index of the time from which the end effector stays at the scene's target."""
+    goal = scene.targets(times)
+    if goal is None:
+        return len(times)
+    away = np.linalg.norm(arm_points(robot, q)[:, -1] - goal, axis=1) > scene.contact_distance
+    outside = np.flatnonzero(away)
+    return int(outside[-1]) + 1 if outside.size else 0
+
+
+def _distance(robot: Robot, body: int, obstacle: Obstacle, q: Array, times: Array) -> float:
+    """Return the distance of a body, by its number, from an obstacle at one time [m]."""
+    placed, row = placed_bodies(robot, q[:, 7:]), (_FIRST, np.array([body]), _FIRST)
+    if isinstance(obstacle, Sphere):
+        centers = centers_in_base(q, centers_at(times, [obstacle]))
+        found = sphere_distances(robot, placed, centers, np.array([obstacle.radius]), row)
+    else:
+        poses = seen_from_chaser(q, times, [obstacle])
+        found = obstacle_distances(robot, placed, poses, [obstacle], row)
+    return float(found.distance[0])
+
+
+def _ways_from_start(robot: Robot, obstacle: Obstacle | None, times: Array, q: Array) -> Array:
+    """Return how far the end effector is from its first place. Shape (times,) [m].
+
+    Args:
+        obstacle: That it is seen from; None: the base.
+    """
+    points = arm_points(robot, q)[:, -1]
+    if obstacle is None:
+        seen = centers_in_base(q, points[:, None])[:, 0]
+    else:
+        rotations, origins = obstacle_poses(obstacle, times)
+        seen = np.einsum("tji,tj->ti", rotations, points - origins)
+    ways: Array = np.linalg.norm(seen - seen[0], axis=1)
+    return ways
 
 
 def _split(may: list[bool], room: Array, obstacles: tuple[Obstacle | None, ...]) -> Split:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.planning.distance.allowed_contact import kept_apart
 from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import Distances, sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, segments
@@ -25,7 +26,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     poses_at,
     seen_from_chaser,
 )
-from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.settings import MOST_SIGMAS
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -176,7 +177,7 @@ class Nearness:
 
 
 def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
-    """Measure all parts against all obstacles of a scene, but for allowed contacts at the goal.
+    """Measure all parts against all obstacles of a scene, but for allowed contacts.
 
     Args:
         q: Shape (times, 7 + joints).
@@ -198,9 +199,7 @@ def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
     distance, normal = measured(robot, placed, ends, starts, rows, seen[rows[0], rows[2]], radius)
     distance, normal = distance.reshape(shape), normal.reshape(*shape, 3)
     places = np.broadcast_to(centers[:, None], normal.shape)
-    ee_positions = q[:, :3] + np.einsum("tij,tj->ti", base, ends[:, -1])
-    until = touching_from(robot, (*spheres, *others), scene, ee_positions, times)
-    counts = np.arange(len(q))[:, None, None] < until
+    counts = kept_apart(robot, (*spheres, *others), scene, q, times).at(np.arange(len(q)))
     if others:
         around, radii = around_obstacles(others, times)
         found = _to_others(robot, q, times, others, counts[:, :, len(spheres) :])
@@ -292,32 +291,3 @@ def measured(
     way = centers - start - np.clip(fraction, 0.0, 1.0)[:, None] * along
     length = np.linalg.norm(way, axis=1)
     return length - radius[sphere], way / np.maximum(length, _SAME_POINT)[:, None]
-
-
-def touching_from(
-    robot: Robot, obstacles: Sequence[Obstacle], scene: Scene, ee_positions: Array, times: Array
-) -> Array:
-    """Return the index of the time from which on each part may touch each obstacle.
-
-    Args:
-        obstacles: Those of the scene, in the order of the columns.
-        scene: In the frame of the positions.
-        ee_positions: As planned. Shape (times, 3) [m].
-        times: Shape (times,) [s].
-
-    Returns:
-        Number of times: never. Shape (bodies, obstacles); (1, obstacles) for lines.
-    """
-    names = [body.link for body in robot.bodies] or [""]
-    never = np.full((len(names), len(obstacles)), len(times))
-    goal = scene.targets(times)
-    if not scene.allowed_collisions or goal is None:
-        return never
-    away = np.linalg.norm(ee_positions - goal, axis=1) > scene.contact_distance
-    outside = np.flatnonzero(away)
-    first = int(outside[-1]) + 1 if outside.size else 0
-    for row, name in enumerate(names):
-        for column, obstacle in enumerate(obstacles):
-            if f"{name}/{obstacle.id}" in scene.allowed_collisions:
-                never[row, column] = first
-    return never

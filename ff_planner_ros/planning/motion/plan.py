@@ -157,7 +157,7 @@ class RobustReport:
         """Return the back-off and its price in words, given the joint path of the plan [rad]."""
         longer = joint_path_length - self.plain_joint_path_length
         return (
-            f"{self.least_sigmas:.2f} sigmas kept back, {self.sigmas:g} asked for; joint path "
+            f"smallest margin {self.least_sigmas:.2f} sigmas, {self.sigmas:g} required; joint path "
             f"{longer:+.4f} rad beside {self.plain_joint_path_length:.4f} rad of the plain plan"
         )
 
@@ -212,7 +212,9 @@ class Plan:
         """Stop reason, constraint back-off, angular rate at rest and notes, as one text."""
         robust, rate = self.robust, self.turn_rate_at_rest
         kept = [] if robust is None else [robust.told(self.metrics.joint_path_length)]
-        rests = [] if rate is None else [f"at rest the whole turns at {rate:.4g} rad/s"]
+        rests = (
+            [] if rate is None else [f"with joints at rest the system turns at {rate:.4g} rad/s"]
+        )
         return "; ".join([self.solver.stop_reason, *kept, *rests, *self.notes])
 
     def __post_init__(self) -> None:

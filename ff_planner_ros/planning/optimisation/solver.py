@@ -160,7 +160,7 @@ def nearest_feasible(
             x, at_x = x + dx, at_trial
         else:
             radius = _SHRINK * float(np.abs(dx).max())
-    reason = "good enough: the nearest that keeps the constraints to where the solver came"
+    reason = "good enough: the feasible path nearest to where the solver stopped"
     optimality_at_x = partial(_optimality, at_x, _FIRST_PENALTY, np.nan)
     return Solution(x, at_x, optimality_at_x, False, iterations, reason)
 
@@ -219,7 +219,7 @@ def _convergence(
     if step.optimality <= tolerance:
         enough = f"first-order optimality is within {tolerance:g}"
     elif is_interior and predicted <= progress * abs(at_x.objective):
-        enough = f"no step promises more than {progress:g} of the objective"
+        enough = f"the predicted decrease is at most {progress:g} of the objective"
     else:
         return None
     known = max(_SIX_DIGITS * abs(at_x.objective), _LEAST_REDUCTION)

@@ -32,9 +32,7 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A spherical obstacle.
-
-    It rests, moves uniformly, or is fixed to a target body and moves with it.
+    """A sphere that rests, moves uniformly, or is fixed to a target body and moves with it.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
@@ -100,8 +98,12 @@ class Sphere:
         return 2.0 * self.body.fastest_turn**2 * float(np.linalg.norm(self.place_in_body))
 
     def after(self, time: float) -> Sphere:
-        """Return a sphere that is fixed to no body as it will be after a time [s]."""
-        return replace(self, center=self.center + self.way(time))
+        """Return the sphere as it will be after a time [s], with the body that it is fixed to."""
+        there = replace(self, center=self.center + self.way(time))
+        if self.body is None or self.place_in_body is None:
+            return there
+        motion = self.body.motion(self.place_in_body, np.array([time]))
+        return replace(there, velocity=motion.twists[0, :3], body=self.body.after(time))
 
     def way(self, time: float) -> Array:
         """Return the displacement of its centre since the plan's first point. Shape (3,) [m]."""
@@ -227,12 +229,16 @@ class ObstacleBody:
         return np.broadcast_to(twist, (len(times), 6))
 
     def after(self, time: float) -> ObstacleBody:
-        """Return an obstacle that is fixed to no body as it will be after a time [s]."""
+        """Return the obstacle as it will be after a time [s], with the body that it is fixed to."""
         if time == 0.0:
             return self  # to the last bit
         rotations, positions = self.poses(np.array([time]))
         turned = pin.Quaternion(rotations[0]).coeffs() if self.turns else self.quaternion_xyzw
-        return replace(self, position=positions[0], quaternion_xyzw=turned)
+        there = replace(self, position=positions[0], quaternion_xyzw=turned)
+        if self.body is None:
+            return there
+        linear, angular = np.split(self.twists(np.array([time]))[0], 2)
+        return replace(there, velocity=linear, angular_velocity=angular, body=self.body.after(time))
 
 
 def require_foretold(obstacles: Sequence[ObstacleBody], until: float) -> None:
@@ -291,7 +297,7 @@ def simplest(body: ObstacleBody) -> Obstacle:
 
 
 def carried(obstacles: Sequence[Kind], time: float) -> tuple[Kind, ...]:
-    """Return obstacles that are fixed to no body as they will be after a time [s]."""
+    """Return obstacles as they will be after a time [s]."""
     return tuple(one.after(time) if one.moves else one for one in obstacles)
 
 

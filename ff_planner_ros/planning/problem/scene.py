@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody, bodies_in, spheres_in
@@ -70,21 +71,32 @@ class Scene:
         return replace(self, capture_time=duration if told is None else told)
 
     def targets(self, times: Array) -> Array | None:
-        """Return the positions of the target at some times, (times, 3) [m]; None: not known."""
+        """Return the positions of the target, (times, 3) [m]; None: not known.
+
+        Args:
+            times: Without a capture time, up to that of the plan's last point. Shape (times,) [s].
+        """
         if self.target_body is not None:
             return self.target_body.grasp(times).positions
         if self.target is None:
             return None
-        later = times - (self.capture_time or 0.0)
+        later = times - (times[-1] if self.capture_time is None else self.capture_time)
         return self.target.position + np.outer(later, self.target.linear_velocity)
 
     def seen_from(self, origin: Array, velocity: Array) -> Scene:
-        """Return the scene in a frame with this origin [m] at time zero and velocity [m/s]."""
+        """Return the scene in a frame with this origin [m] at time zero and velocity [m/s].
+
+        Raises:
+            InvalidInput: It has a target without a capture time: see `captured_at`.
+        """
         body = None if self.target_body is None else self.target_body.seen_from(origin, velocity)
         free = [_seen_from(one, origin, velocity) for one in self.obstacles if one.body is None]
         target = self.target
         if target is not None:
-            way = origin + (self.capture_time or 0.0) * velocity
+            if self.capture_time is None:
+                allowed = "where a target is depends on it"
+                raise InvalidInput(Status.OUT_OF_RANGE, "capture_time", "missing", allowed)
+            way = origin + self.capture_time * velocity
             target = replace(
                 target,
                 position=target.position - way,

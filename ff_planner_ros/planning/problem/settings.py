@@ -1,4 +1,4 @@
-"""The planner's tunables; their values live in `config/planner.yaml` and nowhere else."""
+"""The planner's settings, parameters `planner.*`; their values are in `config/planner.yaml`."""
 
 from __future__ import annotations
 
@@ -220,14 +220,14 @@ class PlannerSettings:
         strictness=STRICT_IF_LOW,
     )
     position_tolerance: float = tunable(
-        "Allowed final error of the end effector position",
+        "Allowed final error of the end effector position, and of prismatic joints in a posture",
         minimum=1e-12,
         maximum=1.0,
         unit="m",
         strictness=STRICT_IF_LOW,
     )
     orientation_tolerance: float = tunable(
-        "Allowed final error of the end effector orientation",
+        "Allowed final error of the end effector orientation, and of revolute joints in a posture",
         minimum=1e-12,
         maximum=1.0,
         unit="rad",

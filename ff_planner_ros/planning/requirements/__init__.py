@@ -1,4 +1,4 @@
-"""What a plan must keep, the most harmful violation first. A new requirement is one more file."""
+"""Requirements of a plan, the most harmful violation first; a new one is a file and an entry."""
 
 from __future__ import annotations
 

@@ -174,7 +174,7 @@ class Clearance(Requirement):
             yield Failure(
                 Status.COLLISION,
                 f"{link} may touch obstacle {obstacle} near {when}: all that is certain is a "
-                f" clearance of {metrics.min_clearance * 1e3:.2f} mm",
+                f"clearance of {metrics.min_clearance * 1e3:.2f} mm",
                 ("more points", "a larger planner.clearance_margin"),
             )
             return

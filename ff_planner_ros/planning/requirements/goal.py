@@ -56,19 +56,20 @@ class Goal(Requirement):
 
 def _off_posture(samples: Samples, posture: Posture) -> Iterator[Failure]:
     """Yield how far the joints are from a posture, or from rest, at the goal."""
-    motion, goal = samples.trajectory, samples.goal
-    tolerance = samples.settings.orientation_tolerance
+    motion, goal, robot = samples.trajectory, samples.goal, samples.problem.robot
+    turn, way = samples.settings.orientation_tolerance, samples.settings.position_tolerance
+    allowed = np.array([way if robot.slides(k) else turn for k in range(robot.joints)])
     off = [(motion.joint_velocities[goal] - posture.rates, "is faster", "/s")]
     if posture.positions is not None:
         off.append((motion.joint_positions[goal] - posture.positions, "is further", ""))
     for misses, verb, per_time in off:
-        worst = int(np.abs(misses).argmax())
-        unit = samples.problem.robot.unit(worst) + per_time
-        if not abs(misses[worst]) <= tolerance:
+        worst = int((np.abs(misses) / allowed).argmax())
+        unit = robot.unit(worst) + per_time
+        if not abs(misses[worst]) <= allowed[worst]:
             yield Failure(
                 Status.CHECK_FAILED,
-                f"at the goal joint {samples.problem.robot.joint_names[worst]} {verb} than asked "
-                f"by {misses[worst]:.3g} {unit}, allowed is {tolerance:.3g} {unit}",
+                f"at the goal joint {robot.joint_names[worst]} {verb} than asked "
+                f"by {misses[worst]:.3g} {unit}, allowed is {allowed[worst]:.3g} {unit}",
                 (_FOLLOW,),
             )
 

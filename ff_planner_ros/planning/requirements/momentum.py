@@ -31,7 +31,7 @@ class Momentum(Requirement):
     name = "momentum"
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the largest errors of momentum, relative, and of torques [N m]."""
+        """Return the largest errors of momentum, relative, and of torques [N m, N]."""
         problem, trajectory, robot = samples.problem, samples.trajectory, samples.problem.robot
         data = robot.model.createData()
         momentum = total_momenta(robot, data, *samples.q_and_v)
@@ -54,7 +54,9 @@ class Momentum(Requirement):
         """Yield each error that is too large."""
         tolerance = samples.settings.momentum_tolerance
         yield from too_large(metrics, "momentum_error", tolerance, "", _REPORT)
-        yield from too_large(metrics, "torque_error", LIMIT_TOLERANCE, " N m", _REPORT)
+        off = np.abs(samples.trajectory.joint_torques - samples.torques).max(axis=0)
+        unit = samples.problem.robot.effort_unit(int(off.argmax()))
+        yield from too_large(metrics, "torque_error", LIMIT_TOLERANCE, f" {unit}", _REPORT)
 
 
 def _chaser_momentum(robot: Robot, q: Array, v: Array) -> float:

@@ -1,1 +1,1 @@
-"""Margins for uncertainty."""
+"""Robust plans: constraint back-off for model and start errors."""

@@ -167,7 +167,7 @@ def _can_be_kept(asked: _Asked, sigmas: float) -> str:
 def _margins(asked: _Asked, plan: Plan) -> list[Margins]:
     """Return the margins of a plan and its post-goal segment."""
     problem, robot = lasting(asked.problem, plan.duration), asked.problem.robot
-    with suppress(NoPlanFound):  # a tail that cannot be driven is refused afterwards
+    with suppress(NoPlanFound):  # an infeasible tail is refused afterwards
         plan = asked.whole(plan)
     motion = tracked_motion(robot, plan.trajectory)
     scene = scene_of(problem).seen_from(motion.origin, motion.velocity)

@@ -1,1 +1,1 @@
-"""The files of a task."""
+"""Scenario files, which hold a task, and libraries of plans: reading and writing."""

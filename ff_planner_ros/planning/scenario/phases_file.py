@@ -119,7 +119,8 @@ def built(
                     robot.joints
                 )
             if _HELD in given:
-                given[_HELD] = given[_HELD].loaded(directory)
+                with fields_renamed(lambda field: field.removeprefix("robot.")):
+                    given[_HELD] = given[_HELD].loaded(directory)
             if isinstance(posture := given.get("target"), Posture):
                 posture.require_fits(robot, limits.joint_velocities)
             phases.append(Phase(**given))

@@ -23,7 +23,7 @@ from ff_planner_ros.common.declared_parts import changes, part
 from ff_planner_ros.common.forms import DIALECT, TEXT, Schema, a_number, a_word, by_name
 from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.common.yaml_file import read_yaml
-from ff_planner_ros.errors import Faults, InvalidInput, Status
+from ff_planner_ros.errors import Faults, InvalidInput, Status, fields_renamed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.obstacles import InTheWay, with_mesh_read
 from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
@@ -252,7 +252,7 @@ def _read_meshes(read: dict[str, Any], place: str, directory: Path, faults: Faul
     if "target_body" in read:
         body = read["target_body"]
         if isinstance(body, BodyFile):
-            with faults.gathered():
+            with faults.gathered(), fields_renamed(lambda field: place + field):
                 body = body.load(directory)
         if isinstance(body, BodyFile):
             return  # it is a fault

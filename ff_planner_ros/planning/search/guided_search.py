@@ -26,7 +26,7 @@ _COARSE_ITERATIONS, _FINE_ITERATIONS, _ITERATIONS_NEAR_REMAINDER = 15, 2, 4
 # than so many times the family's own first guess.
 _DIRECT, _LONG = 1.2, 1.5
 _ENOUGH = "good enough: at its optimum on few points, and two steps further on all of them"
-_NEAREST = "good enough: the nearest to what remains of the running plan that keeps the constraints"
+_NEAREST = "good enough: the feasible path nearest to the remainder of the running plan"
 # A guess that leads to a plan takes 6 to 70 evaluations of a path; three to four times as many if
 # the duration is free, too.
 _LOOKS, _LOOKS_WITH_DURATION = 120, 480
@@ -53,7 +53,7 @@ class Allowance(PassingOn):
         self._watch.require_time(phase)
         self._left -= phase != CHECKING
         if self.used_up:
-            raise OutOfTime("the first guess has had all the looks that it may have")
+            raise OutOfTime("the initial guess has used up its evaluations")
 
 
 def plans_from(solver: GridSolver, guess: Array) -> Iterator[Plan]:

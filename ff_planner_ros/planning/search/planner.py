@@ -90,7 +90,7 @@ def plan(
         if best.plan is None:
             raise
         is_remainder = best.plan.family == REMAINDER
-        what = "what remains of the running plan" if is_remainder else "the best plan until then"
+        what = "the remainder of the running plan" if is_remainder else "the best plan so far"
         why = f"{end}: {what}"
         report = replace(best.plan.solver, stop_reason=why, ended_by=end.ended_by)
         return replace(best.plan, solver=report)

@@ -136,7 +136,7 @@ def _unchanged(problem: PlanningProblem, settings: PlannerSettings, rest: Remain
             return None
     q, v = motion.q[:: motion.pieces], motion.v[:: motion.pieces]
     by_time = accelerations(robot, q, v, joints.accelerations)
-    report = SolverReport(1, 0, 0, np.inf, "good enough: what remains of the running plan")
+    report = SolverReport(1, 0, 0, np.inf, "good enough: the remainder of the running plan")
     plan = plan_of_motion(problem, settings, q, v, by_time, report)
     plan = replace(plan, family=REMAINDER)
     return None if any(failures(problem, plan, settings)) else plan

@@ -1,1 +1,1 @@
-"""A complete request to the planner, and the way to its answer."""
+"""A planning task with its phases and post-goal segments, and `perform`, which plans it."""

@@ -123,8 +123,8 @@ def _intervals(problem: PlanningProblem, motion: Trajectory, seconds: float) -> 
             Status.OUT_OF_RANGE,
             "post_goal_duration",
             f"{seconds:g} s",
-            f"with its points the plan may have {MAX_POINTS} at most; choose a shorter tail or "
-            "fewer points",
+            f"with its points the plan may have {MAX_POINTS} at most; choose a shorter "
+            "post-goal segment or fewer points",
         )
     return int(wanted)
 
@@ -207,7 +207,7 @@ def _lost_hold(
 
 def _refusal(name: str, status: Status, finding: str, attempt: Plan) -> NoPlanFound:
     message = (
-        f"the plan reaches its goal, but its tail ({name}) cannot be driven: {finding}. What may "
-        "help: another length of the tail, another end_behaviour, another goal"
+        f"the plan reaches its goal, but its post-goal segment ({name}) is not feasible: {finding}"
+        ". What may help: another post_goal_duration, another end_behaviour, another goal"
     )
     return NoPlanFound(status, message, attempt)

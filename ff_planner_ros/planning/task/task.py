@@ -54,7 +54,7 @@ _NANOSECONDS = 1e9
 _ROOM, _FEW = 0.02, 3
 # Index among the tasks of such a phase of the one without more clearance.
 _AS_IT_IS = 1
-# Durations that are tried if the post-goal segment of the chosen one cannot be driven: an eighth of
+# Durations that are tried if the post-goal segment of the chosen one is not feasible: an eighth of
 # the range apart.
 _OTHER_MOMENTS = 9
 

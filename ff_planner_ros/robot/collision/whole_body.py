@@ -61,7 +61,7 @@ def whole_body(
         raise InvalidInput(Status.BAD_ROBOT, "robot.geometry", Geometry.SHAPES, allowed)
     if geometry is Geometry.LINES or not on_arm:
         only_chaser = joints and not on_arm
-        note = "no link of the arm has a <collision>: its lines are kept clear of spheres"
+        note = "no link of the arm has a <collision>: its centre lines are kept clear of obstacles"
         return WholeBody(Geometry.LINES, (), (), (), drawn, (note,) if only_chaser else ())
     robot = ElementTree.fromstring(checked)
     with Meshes(directory) as meshes:

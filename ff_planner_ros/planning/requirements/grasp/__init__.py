@@ -1,1 +1,1 @@
-"""What a grasp can take: the impulse of contact, and the wrench that moves what is held."""
+"""Limits of a grasp: impulse of contact, and wrench through the grasp."""

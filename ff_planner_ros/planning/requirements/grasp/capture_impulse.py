@@ -19,7 +19,7 @@ from ff_planner_ros.robot.impact import impact, largest_impulses
 class CaptureImpulse(Requirement):
     """The impulse of the capture stays within its limit; only the check knows it."""
 
-    name = "capture impulse"
+    name = "capture_impulse"
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings

@@ -39,7 +39,7 @@ _NAMES, _UNITS = ("grasp_force", "grasp_torque"), ("N", "N m")
 class GraspWrench(Requirement):
     """Force and torque through the grasp stay within their limits."""
 
-    name = "grasp wrench"
+    name = "grasp_wrench"
     is_on_demand = True
 
     def refuse_start(
@@ -77,10 +77,12 @@ class GraspWrench(Requirement):
         wrenches = frame_wrenches(robot, frame, motion.q, motion.v, rates)
         norms = _norms(wrenches)
         parts = norms / limits
-        most = eased(np.full(2, 1.0 - margin), parts[0])
-        found = points, kinds = np.nonzero(most - parts < _OF_INTEREST)
-        if not points.size:
+        most = eased(np.ones(2), parts[0])
+        most = most - np.clip(most - parts[0], 0.0, margin)
+        after_start, kinds = np.nonzero(most - parts[1:] < _OF_INTEREST)
+        if not after_start.size:
             return None
+        found = points, _ = after_start + 1, kinds
         near, by_rates = np.unique(points), accelerations_by_x(motion, sensitivity, step)
         of_x = sensitivity.q, sensitivity.v, by_rates
         by_x = np.zeros((len(parts), 6, sensitivity.variables))

@@ -1,1 +1,1 @@
-"""What the joints keep: positions, velocities, accelerations and torques within their limits."""
+"""Limits of joint positions, velocities, accelerations and torques."""
