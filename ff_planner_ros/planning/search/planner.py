@@ -186,12 +186,15 @@ def _plan_in_time(
         except NoPlanFound as refused:
             refusals.append(refused)
             continue
-        if problem.objective.chaser_attitude > 0.0:
-            return _least_attitude(problem, settings, groups[-1], watch, guess, found)
+        weighs_attitude = problem.objective.chaser_attitude > 0.0
+        more = list[_Found]()
         if len(groups) > 1:
-            seeds = _for_family_of_more(problem, settings, found)
-            found = [*found, *_in_family_of_more(problem, settings, groups[-1][0], watch, seeds)]
-        return min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics)).plan
+            shortest = replace(problem, objective=SHORTEST) if weighs_attitude else problem
+            seeds = _for_family_of_more(shortest, settings, found)
+            more += _in_family_of_more(shortest, settings, groups[-1][0], watch, seeds)
+        if weighs_attitude:
+            return _least_attitude(problem, settings, groups[-1], watch, guess, found, more)
+        return _best_of(problem, [*found, *more]).plan
     if too_many:
         why = f"and as its axes lie the arm meets no more than {met} of them at once"
         raise too_many_conditions(problem.target, conditions, why, met)
@@ -205,6 +208,10 @@ class _Found(NamedTuple):
 
     family: PathFamily
     plan: Plan
+
+
+def _best_of(problem: PlanningProblem, found: Sequence[_Found]) -> _Found:
+    return min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics))
 
 
 def _ways_round(
@@ -271,7 +278,7 @@ def _for_family_of_more(
     """
     if any(is_held(problem, settings, one.plan) for one in found):
         return found
-    best = min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics))
+    best = _best_of(problem, found)
     return [best] if is_detour(best.plan, problem.robot.joint_weights) else []
 
 
@@ -306,22 +313,25 @@ def _least_attitude(
     watch: Watch,
     first_guess: Array | None,
     found: Sequence[_Found],
+    more: Sequence[_Found],
 ) -> Plan:
     """Return the best plan by an objective that weighs the attitude, searched from other plans.
 
     Args:
         ways: The most general family that the problem allows.
         found: Plans of minimum joint path.
+        more: Plans of minimum joint path in the most general family, to which those lead.
     """
-    first = min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics))
+    first = _best_of(problem, found)
     family = next((way for way in ways if way is first.family), ways[0])
-    problem = replace(problem, parametrisation=Parametrisation(family.name))
     effort = Effort()
-    for one in found:
+    for one in more or found:  # `more` have the effort of those that led to them
         effort.add(one.plan.solver)
+    begin = _best_of(problem, [*found, *more]).plan
+    problem = replace(problem, parametrisation=Parametrisation(family.name))
     solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
     seeds = [_seed(family, one) for one in (found if family is not first.family else [first])]
-    search = AttitudeSearch(solver, problem.objective, first.plan, seeds)
+    search = AttitudeSearch(solver, problem.objective, begin, seeds)
     if first_guess is not None and len(first_guess) == family.variables:
         search.better_at(first_guess)
     return search.best_plan()
