@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from live_console import (
+    AGE,
     ARGUMENTS,
     LEAD,
     SCENE,
@@ -26,6 +27,7 @@ from ros_processes import (
     running_planner,
 )
 
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.console.changes import lasting_for
 from ff_planner_ros.console.live.open import live_page
 from ff_planner_ros.console.live.plans import WAITS, fit_of
@@ -58,6 +60,12 @@ def console(world: World) -> Iterator[Console]:  # noqa: ARG001 (it must publish
 def other(console: Console) -> Iterator[Console]:  # noqa: ARG001 (the first one)
     with opened_console() as other:
         yield other
+
+
+def stamp_of_state(console: Console) -> int:
+    """When the newest state that a console has heard was measured [ns]; the node hears the same."""
+    knowledge = console.live._link.knowledge
+    return knowledge.states.snapshot(knowledge.now_ns, AGE, AGE).stamp_ns
 
 
 def heard(world: World, plan_id: str) -> bool:
@@ -132,7 +140,8 @@ def test_a_plan_whose_start_the_system_has_left_is_refused_in_the_nodes_words(
     world.aside = 0.05
     try:
         wait_for(lambda: console.shows("MOVED"), "the mark of what has moved")
-        world.client.wait_for_planner()  # which hears the same
+        moved_ns = world.client.now_ns()
+        wait_for(lambda: stamp_of_state(console) > moved_ns + NANOSECONDS, "ten more states")
         refusal = fit_of(made, console.live._link.knowledge).refusal
         assert "position by 0.05 m, more than publication.max_position, 0.02 m" in refusal
         status, words = console.live._link.release(made.plan_id, made.token)

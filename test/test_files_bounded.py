@@ -187,7 +187,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     directory = tmp_path_factory.mktemp("rows")
     grid = {"duration": [2.0, 2.5, -1.0]}
     asked = study(directory, variations={"grid": grid}, methods=[{"name": "ours"}])
-    return [run_case(case).row for case in cases(asked)]
+    return [run_case(case).row | {"solve_time": 0.5} for case in cases(asked)]
 
 
 SCHEMA = plan_schema({"duration": "number"})
@@ -250,6 +250,10 @@ def test_a_table_that_is_none_of_ours_is_refused_before_it_takes_time_or_memory(
     require_refused(run(["campaign", "report", tmp_path]), f"file is {path}: it is damaged (")
 
 
+# Arrow 26 ended its process at this one: statistics of a column contradicted each other.
+CRASHES_ARROW = 224
+
+
 def test_a_damaged_table_is_refused_in_words_or_read(
     rows: list[dict[str, Any]],
     tmp_path: Path,
@@ -261,8 +265,12 @@ def test_a_damaged_table_is_refused_in_words_or_read(
     writer.flush()
     (path,) = part_files(tmp_path)
     whole, chance = path.read_bytes(), random.Random(SEED)
-    for number in range(times(20, 1500)):
-        path.write_bytes(bytes_mutated(whole, chance))
+    tried = {*range(times(20, 500)), CRASHES_ARROW}
+    for number in range(max(tried) + 1):
+        mutant = bytes_mutated(whole, chance)
+        if number not in tried:
+            continue
+        path.write_bytes(mutant)
         code, said = main(["campaign", "report", str(tmp_path)]), capsys.readouterr().err
         assert code in (0, 2), f"mutant {number}: {said}"
         assert not code or f"file is {path}: " in said
