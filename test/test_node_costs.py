@@ -21,8 +21,10 @@ from ros_processes import (
     running_planner,
 )
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.messages.foreign import TFMessage
 
 # Documented are 1 % idle and 5 % with states at 100 Hz; a slow or busy machine may need three times
 # as much.
@@ -49,6 +51,13 @@ def wait_seconds(client: Client, heard: list[Any], seconds: int) -> None:
     """Wait until the node has published diagnostics so many times more."""
     before = len(heard)
     client.wait_until(lambda: len(heard) >= before + seconds, "diagnostics")
+
+
+def ignore(client: Client, topic: str) -> None:
+    """Hear a topic no more."""
+    for one in list(client.node.subscriptions):
+        if one.topic_name == topic:
+            client.node.destroy_subscription(one)
 
 
 @pytest.mark.law("NODE-18")
@@ -81,7 +90,8 @@ def test_the_preview_stops_when_nobody_sees_it_and_goes_on_for_who_comes_later(
 ) -> None:
     scene = Scene(resting_capture())
     with connected_client() as client:
-        heard = client.hear(DiagnosticArray, "/diagnostics")
+        heard, frames = client.hear(DiagnosticArray, "/diagnostics"), client.hear(TFMessage, "/tf")
+        ignore(client, "/markers")
         client.wait_for_planner()
         request = scene.complete_request()
         request.duration = 10.0
@@ -92,6 +102,10 @@ def test_the_preview_stops_when_nobody_sees_it_and_goes_on_for_who_comes_later(
         wait_seconds(client, heard, SECONDS)
         # The plan itself is streamed until it is over.
         assert processor_time(planner) - before <= 2.0 * IDLE * SECONDS
+        before = len(frames)
+        client.hear(MarkerArray, "markers")  # as RViz does, which draws the frames
+        client.wait_until(lambda: len(frames) > before + 50, "the frames of the preview")
+        ignore(client, "/markers")
         states = client.hear(JointState, "planned_joint_states")
         client.wait_until(lambda: len(states) > 20, "the preview")
 

@@ -114,8 +114,11 @@ class Preview:
                 self._timer.reset()
 
     def look_for_viewers(self, recorders: int) -> None:
-        """Play on in a loop if there are more subscribers than recorders."""
-        self._viewers = self._joint_states.get_subscription_count() - recorders
+        """Play on in a loop if there are more subscribers than recorders.
+
+        Viewers that draw frames hear markers and `/tf` alone; `/tf` has other listeners, too.
+        """
+        self._viewers = max(one.get_subscription_count() for one in self.publishers) - recorders
         if self._viewers > 0 and self._timer.is_canceled() and self._repeated_since_ns is not None:
             self._timer.reset()
 
