@@ -15,10 +15,11 @@ from campaigns import study
 from read_page import Page
 from robots import CONFIG
 
+from ff_planner_ros.baselines import METHODS
 from ff_planner_ros.campaign import run
 from ff_planner_ros.campaign.again import command_again, scenario_again
 from ff_planner_ros.campaign.cases import cases, kinds_of_values
-from ff_planner_ros.campaign.methods import METHODS, method_of
+from ff_planner_ros.campaign.methods import method_of
 from ff_planner_ros.campaign.study import Study
 from ff_planner_ros.campaign.table import Writer, plan_schema
 from ff_planner_ros.campaign.work import Outcome, run_case

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.analysis.json_file import json_document
+from ff_planner_ros.baselines import OPTIMAL
 from ff_planner_ros.campaign.changes import SET, TIMES, Change, changed, is_inertia, require_key
-from ff_planner_ros.campaign.methods import OPTIMAL
 from ff_planner_ros.campaign.run import CASES, PARAMETERS, scenario_directory
 from ff_planner_ros.campaign.sources import (
     SCENARIO,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from ff_planner_ros.baselines import APF, FIXED_BASE, OPTIMAL, STRAIGHT, ZERO_MOMENTUM
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
 from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
 from ff_planner_ros.baselines.potential_field import load_parameters
@@ -13,13 +14,9 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import Method, in_frame_of_user, without_search
 
-OPTIMAL, STRAIGHT, APF = "optimal", "straight", "apf"
-FIXED_BASE, ZERO_MOMENTUM = "fixed_base", "zero_momentum"
-METHODS = (OPTIMAL, STRAIGHT, APF, FIXED_BASE, ZERO_MOMENTUM)
-
 
 def method_of(name: str, problem: PlanningProblem) -> Method:
-    """Return a method for one problem, by its name in `METHODS`."""
+    """Return a method for one problem, by its name in `baselines.METHODS`."""
     if name == APF:
         field = load_parameters(share_directory() / "config" / "baselines.yaml")
         return without_search(partial(artificial_potential_field, parameters=field))

@@ -15,7 +15,7 @@ import pyarrow
 import pyarrow.compute
 import pyarrow.parquet
 
-from ff_planner_ros.campaign.methods import METHODS
+from ff_planner_ros.baselines import METHODS
 from ff_planner_ros.common.shown import LONGEST_VALUE, printable, quoted
 from ff_planner_ros.common.text_file import read_bytes
 from ff_planner_ros.errors import InvalidInput, Status
@@ -84,8 +84,9 @@ def require_no_crash(paths: Sequence[Path]) -> None:
     """
     if not paths:
         return
-    command = [sys.executable, "-P", "-m", __name__, *map(str, paths)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-P", "-m", __name__]
+    names = "\0".join(map(str, paths))  # more than a command line may hold
+    done = subprocess.run(command, input=names, capture_output=True, text=True, check=False)
     if done.returncode < 0:
         raise _damaged(paths[len(done.stdout)], ValueError("it crashes what reads it"))
 
@@ -225,7 +226,7 @@ def _damaged(path: Path, error: Exception) -> InvalidInput:
 
 
 if __name__ == "__main__":  # in a process of its own: a mark for each file that did not end it
-    for argument in sys.argv[1:]:
+    for argument in sys.stdin.read().split("\0"):
         with suppress(InvalidInput):
             _opened(Path(argument), _content(Path(argument)))
         print(end=".", flush=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ff_planner_ros.baselines import METHODS, OPTIMAL
 from ff_planner_ros.campaign.changes import Change, Draw
-from ff_planner_ros.campaign.methods import METHODS, OPTIMAL
 from ff_planner_ros.campaign.sources import (
     BODIES,
     KINDS,

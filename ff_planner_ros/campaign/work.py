@@ -14,9 +14,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.baselines import OPTIMAL
 from ff_planner_ros.campaign.cases import Case, kind_of
 from ff_planner_ros.campaign.environment import difference
-from ff_planner_ros.campaign.methods import OPTIMAL, method_of
+from ff_planner_ros.campaign.methods import method_of
 from ff_planner_ros.campaign.sources import task_of
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan

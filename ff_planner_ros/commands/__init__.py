@@ -6,8 +6,5 @@ from ff_planner_ros.common.one_thread import ONE_THREAD
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3  # exit codes
 
-OPTIMAL = "optimal"
-METHODS = (OPTIMAL, "straight", "apf", "fixed_base", "zero_momentum")  # of `plan` and `verify`
-
 for _name, _one in ONE_THREAD.items():  # before a command loads the libraries
     os.environ.setdefault(_name, _one)

@@ -6,7 +6,8 @@ import time
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ff_planner_ros.commands import METHODS, NO_PLAN, OPTIMAL, SOLVED
+from ff_planner_ros.baselines import METHODS, OPTIMAL
+from ff_planner_ros.commands import NO_PLAN, SOLVED
 from ff_planner_ros.commands.options import Add, add_renamed
 from ff_planner_ros.commands.printed import print_table, write_json
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status

@@ -17,6 +17,7 @@ from service_msgs.msg import ServiceEventInfo
 from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.baselines import OPTIMAL
 from ff_planner_ros.common.text_file import read_bytes
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.common.yaml_file import MOST_BYTES
@@ -52,9 +53,6 @@ from ff_planner_ros.ros.messages.to_messages import (
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STATE_QOS
 from ff_planner_ros.ros.recorder.recorder import offered_qos
 from ff_planner_ros.ros.requests.reading import Provenance
-
-# The method of `ff-planner plan`, unless it is a baseline.
-OPTIMAL = "optimal"
 
 
 def record_answer(

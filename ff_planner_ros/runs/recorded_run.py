@@ -11,6 +11,7 @@ from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.robot_plans import attached_robot
+from ff_planner_ros.baselines import OPTIMAL
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.messages.plans import plan_from_answer
@@ -23,7 +24,6 @@ from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
 from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
 from ff_planner_ros.runs.moments import moment
-from ff_planner_ros.runs.offline_bag import OPTIMAL
 from ff_planner_ros.runs.recorded_inputs import Heard, Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 

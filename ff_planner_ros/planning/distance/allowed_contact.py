@@ -189,12 +189,14 @@ def kept_apart(
     names = [body.link for body in robot.bodies] or [""]
     since, until = np.zeros((2, len(names), len(obstacles)), np.intp)
     until[:] = len(times)
-    pairs = np.ndindex(since.shape) if scene.allowed_collisions else ()
-    for row, column in pairs:
+    if not scene.allowed_collisions:
+        return KeptApart(since, until)
+    at_goal_from = _at_goal_from(robot, scene, q, times)
+    for row, column in np.ndindex(since.shape):
         one = obstacles[column]
         if f"{names[row]}/{one.id}" not in scene.allowed_collisions:
             continue
-        until[row, column] = _at_goal_from(robot, scene, q, times)
+        until[row, column] = at_goal_from
         if _distance(robot, row, one, q[:1], times[:1]) < LEAST_CLEARANCE:
             ways = _ways_from_start(robot, one, times, q)
             outside = np.flatnonzero(ways > scene.contact_distance)
