@@ -122,8 +122,8 @@ class NodePanel:
                 words.append(_line(f"state {max(age, 0.0):.2f} s old, drawn in green"))
                 words += self._running(measured)
             words += [_line(f"{part}: {said}", "bad") for part, said in link.warnings.items()]
-            _show(self._state, "".join(words))
             self._show_waiting(entry, bool(lost))
+            _show(self._state, "".join(words))
 
     def _snapshot(self) -> Snapshot | FfPlannerError:
         now = self._link.knowledge
