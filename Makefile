@@ -220,7 +220,7 @@ docs: env $(VENV)/docs
 	@echo 'build/site/index.html is the site.'
 
 # Measures the benchmark anew, and writes its tables and the sentences with its figures. It takes
-# half an hour, on a machine that does nothing else.
+# 40 minutes, on a machine that does nothing else.
 figures: env $(VENV)/extras_everyday
 	$(BIN)/ff-planner bench --json docs/benchmark.json
 	$(BIN)/python test/doc_tables.py
