@@ -10,13 +10,13 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.forward import carried_base
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.momentum import base_twist
+from ff_planner_ros.robot.momentum import base_twist, total_momentum
 
 # Largest distance at the start [m] that is examined, and the time after it [s], in so many samples;
 # beyond these a plan can turn any start round.
@@ -49,7 +49,7 @@ def approached(problem: PlanningProblem, distances: Distances) -> Approached | N
     Joints continue with their start motion, apart from the largest effect of `FASTEST_CHANGE`.
     """
     robot, start = problem.robot, problem.start
-    q_start, _ = configuration(robot, start)
+    q_start, v_start = configuration(robot, start)
     clear = distances(q_start[None], np.zeros(1))[0]
     near = np.flatnonzero(clear < NEAR)
     if not near.size:
@@ -64,11 +64,10 @@ def approached(problem: PlanningProblem, distances: Distances) -> Approached | N
         rates + t * accelerations,
         np.broadcast_to(accelerations, (len(times), robot.joints)).copy(),
     )
-    q = np.array(
-        [configuration(robot, carried_forward(robot, start, s, motion))[0] for s in times.tolist()]
-    )
-    going_on = distances(q, times)[:, near]
     data, none = robot.model.createData(), np.zeros(6)
+    momentum = total_momentum(robot, data, q_start, v_start)
+    q, _ = carried_base(robot, q_start, momentum, motion, times)
+    going_on = distances(q, times)[:, near]
     turned = np.array(
         [
             pin.integrate(
