@@ -136,7 +136,9 @@ def _written(directory: Path, seed: int, each: int | None, workers: int) -> str:
         (directory / "scenarios" / kind).mkdir(parents=True, exist_ok=True)
     (directory / "robots").mkdir(exist_ok=True)
     if workers > 1:
-        with ProcessPoolExecutor(workers, initializer=end_with_parent) as pool:
+        # A fork of a process with threads, or with objects of ROS, may die at any moment.
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(workers, context, end_with_parent) as pool:
             robots = dict(made for made in pool.map(write, wanted, chunksize=5))
     else:
         robots = dict(write(one) for one in wanted)
