@@ -205,16 +205,18 @@ def _carried(
     def velocity(when: float, base: Array) -> Array:
         q = np.concatenate([base, quintics(when)])
         q[3:7] /= np.linalg.norm(q[3:7])
-        by_velocity = pin.computeCentroidalMap(model, data, q)
+        by_velocity, rates = pin.computeCentroidalMap(model, data, q), quintics(when, 1)
         wanted = np.concatenate([linear, angular - np.cross(data.com[0], linear)])
-        of_joints = by_velocity[:, 6:] @ quintics(when, 1)
+        of_joints = by_velocity[:, 6:] @ rates
+        if len(rows) == 6:
+            return np.concatenate([np.linalg.solve(by_velocity[:, :6], wanted - of_joints), rates])
         turned = Rotation.from_quat(q[3:7]).as_matrix()
         # In inertial axes, where a table takes up what leaves the plane.
         to_base = np.kron(np.eye(2), turned)
         of_base = (by_velocity[:, :6] @ to_base.T)[np.ix_(rows, rows)]
         found = np.zeros(6)
         found[rows] = np.linalg.solve(of_base, (wanted - of_joints)[rows])
-        return np.concatenate([to_base.T @ found, quintics(when, 1)])
+        return np.concatenate([to_base.T @ found, rates])
 
     def base_rate(when: float, base: Array) -> Array:
         moving, turning = np.split(velocity(when, base)[:6], 2)

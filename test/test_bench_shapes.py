@@ -142,8 +142,7 @@ def test_robots_situations_and_kinds_of_shapes_are_all_there() -> None:
 
 def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None:
     def numbers(number: int) -> Array:
-        shapes.problem.cache_clear()
-        problem = shapes.problem(number).problem
+        problem = shapes.problem.__wrapped__(number).problem
         places = [one.position for one in problem.obstacle_bodies]
         return np.concatenate([problem.start.joint_positions, *places])
 
