@@ -42,9 +42,12 @@ NIGHTLY = re.compile(
     r".*(ff-planner (bench|campaign|map)|--library|data_set|ten_thousand|two_hundred"
     r"|before_and_after|by_mass|comparisons)"
 )
-# Commands of a page that a tutorial types in CI with nearly the same words: here, at night.
+# Commands of a page that a tutorial types in CI with nearly the same words, or that another test
+# runs there (test_public_interface.py, test_without_ros.py): here, at night.
 REPEATED = {
     "after_the_capture": ".*whole_capture",
+    "benchmark_robot": ".*compare",
+    "without_ros": ".*(plan_in_python|report answer)",
     "analysing_runs": r".*(info \$BAG  |replay|report \$BAG|--csv|--scenarios)",
     "obstacles_and_contacts": ".*bodies",
     "testbeds": ".*planar_capture",
