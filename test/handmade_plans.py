@@ -7,13 +7,15 @@ the planner's but the types.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
-from scipy.interpolate import BPoly
+from scipy.interpolate import BPoly, PPoly
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
@@ -75,9 +77,18 @@ class Made:
     problem: PlanningProblem
     plan: Plan
     time: Array  # dense
-    q: Array
-    v: Array
-    torques: Array
+    q: Array  # dense
+    v: Array  # at the points alone
+    velocity: Callable[[float, Array], Array]  # at a time, of the base's configuration
+
+    @cached_property
+    def torques(self) -> Array:
+        """Dense."""
+        motion = self.plan.trajectory
+        joints = motion.joint_positions, motion.joint_velocities, motion.joint_accelerations
+        quintics = BPoly.from_derivatives(motion.time, np.stack(joints, axis=1))
+        v = [self.velocity(*each) for each in zip(self.time, self.q[:, :7], strict=True)]
+        return _torques(self.problem.robot, self.q, np.array(v), quintics(self.time, 2))
 
     def judged(self, **changes: object) -> list[Failure]:
         """What the check finds when the problem is changed."""
@@ -131,12 +142,9 @@ def made(
     turned = (attitude or Rotation.identity()) * Rotation.from_matrix(to_chaser).inv()
     times = STEP * np.arange(POINTS)
     base = np.concatenate([place, turned.as_quat()])
-    time, q, v = _carried(robot, joints, times, base, twist)
-    samples = BPoly.from_derivatives(
-        times, np.stack([joints.positions, joints.velocities, joints.accelerations], axis=1)
-    )
-    torques = np.array([_torques(robot, *at) for at in zip(q, v, samples(time, 2), strict=True)])
-    trajectory = _trajectory(robot, times, joints, q[::DENSE], v[::DENSE])
+    time, q, velocity = _carried(robot, joints, times, base, twist)
+    v = np.array([velocity(*each) for each in zip(times, q[::DENSE, :7], strict=True)])
+    trajectory = _trajectory(robot, times, joints, q[::DENSE], v)
     duration = float(times[GOAL])
     problem = PlanningProblem(
         robot=robot,
@@ -169,7 +177,7 @@ def made(
         metrics=measure(problem, trajectory, SETTINGS),
         solver=NOBODY,
     )
-    return Made(problem, plan, time, q, v, torques)
+    return Made(problem, plan, time, q, v, velocity)
 
 
 def arm(robot: Robot, q: Array) -> Array:
@@ -190,12 +198,13 @@ def from_lines(points: Array, center: Array) -> Array:
 
 def _carried(
     robot: Robot, joints: Joints, times: Array, base: Array, twist: Array
-) -> tuple[Array, Array, Array]:
-    """Return dense times, configurations and velocities; momentum is that of the start."""
+) -> tuple[Array, Array, Callable[[float, Array], Array]]:
+    """Return dense times, configurations and the velocity; momentum is that of the start."""
     model, data, rows = robot.model, robot.model.createData(), robot.base.rows
     quintics = BPoly.from_derivatives(
         times, np.stack([joints.positions, joints.velocities, joints.accelerations], axis=1)
     )
+    powers = PPoly.from_bernstein_basis(quintics).c  # quick for one time
     q = np.concatenate([base, joints.positions[0]])
     v = np.concatenate([twist, joints.velocities[0]])
     pin.computeCentroidalMomentum(model, data, q, v)
@@ -203,26 +212,29 @@ def _carried(
     angular = data.hg.angular + np.cross(data.com[0], linear)
 
     def velocity(when: float, base: Array) -> Array:
-        q = np.concatenate([base, quintics(when)])
+        piece = min(max(int(np.searchsorted(times, when, "right")) - 1, 0), len(times) - 2)
+        positions, rates = _value_and_rate(powers[:, piece], when - times[piece])
+        q = np.concatenate([base, positions])
         q[3:7] /= np.linalg.norm(q[3:7])
         by_velocity = pin.computeCentroidalMap(model, data, q)
-        wanted = np.concatenate([linear, angular - np.cross(data.com[0], linear)])
-        of_joints = by_velocity[:, 6:] @ quintics(when, 1)
+        wanted = np.concatenate([linear, angular - _cross(data.com[0], linear)])
+        of_joints = by_velocity[:, 6:] @ rates
+        if len(rows) == 6:
+            return np.concatenate([np.linalg.solve(by_velocity[:, :6], wanted - of_joints), rates])
         turned = Rotation.from_quat(q[3:7]).as_matrix()
         # In inertial axes, where a table takes up what leaves the plane.
         to_base = np.kron(np.eye(2), turned)
         of_base = (by_velocity[:, :6] @ to_base.T)[np.ix_(rows, rows)]
         found = np.zeros(6)
         found[rows] = np.linalg.solve(of_base, (wanted - of_joints)[rows])
-        return np.concatenate([to_base.T @ found, quintics(when, 1)])
+        return np.concatenate([to_base.T @ found, rates])
 
     def base_rate(when: float, base: Array) -> Array:
         moving, turning = np.split(velocity(when, base)[:6], 2)
         vector, scalar = base[3:6], base[6]
-        vector_rate = (scalar * turning + np.cross(vector, turning)) / 2
-        return np.concatenate(
-            [Rotation.from_quat(base[3:7]).apply(moving), vector_rate, [-vector @ turning / 2]]
-        )
+        vector_rate = (scalar * turning + _cross(vector, turning)) / 2
+        turned = pin.Quaternion(base[3:7] / np.linalg.norm(base[3:7])).toRotationMatrix()
+        return np.concatenate([turned @ moving, vector_rate, [-vector @ turning / 2]])
 
     time, bases = [times[:1]], [base[None]]
     for begin, end in pairwise(times.tolist()):
@@ -232,17 +244,34 @@ def _carried(
         time.append(part[1:])
     at, poses = np.concatenate(time), np.concatenate(bases)
     poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1)[:, None]
-    q = np.hstack([poses, quintics(at)])
-    return at, q, np.array([velocity(*each) for each in zip(at, poses, strict=True)])
+    return at, np.hstack([poses, quintics(at)]), velocity
+
+
+def _value_and_rate(powers: Array, time: float) -> tuple[Array, Array]:
+    """Return polynomials, their highest powers first, and their rates at a time."""
+    value, rate = powers[0], np.zeros_like(powers[0])
+    for row in powers[1:]:
+        rate = rate * time + value
+        value = value * time + row
+    return value, rate
+
+
+def _cross(one: Array, other: Array) -> Array:
+    (a, b, c), (x, y, z) = one.tolist(), other.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
 def _torques(robot: Robot, q: Array, v: Array, accelerated: Array) -> Array:
-    return free_motion(robot, q, v, accelerated)[1]
+    data, samples = robot.model.createData(), zip(q, v, accelerated, strict=True)
+    return np.array([free_motion(robot, *at, data)[1] for at in samples])
 
 
-def free_motion(robot: Robot, q: Array, v: Array, accelerated: Array) -> tuple[Array, Array]:
+def free_motion(
+    robot: Robot, q: Array, v: Array, accelerated: Array, data: pin.Data | None = None
+) -> tuple[Array, Array]:
     """Return the base's acceleration and the torques while nothing pushes the base."""
-    model, data, rows = robot.model, robot.model.createData(), robot.base.rows
+    model, rows = robot.model, robot.base.rows
+    data = data or model.createData()
     mass = np.array(pin.crba(model, data, q))
     mass = np.triu(mass) + np.triu(mass, 1).T
     bias = np.array(pin.nonLinearEffects(model, data, q, v))
@@ -275,8 +304,7 @@ def _trajectory(robot: Robot, times: Array, joints: Joints, q: Array, v: Array) 
         rows["ev"].append(moving.linear.copy())
         rows["ew"].append(moving.angular.copy())
     arrays = [np.array(each) for each in rows.values()]
-    samples = zip(q, v, joints.accelerations, strict=True)
-    torques = np.array([_torques(robot, *at) for at in samples])
+    torques = _torques(robot, q, v, joints.accelerations)
     return Trajectory(
         times, joints.positions, joints.velocities, joints.accelerations, torques, *arrays
     )

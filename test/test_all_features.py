@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -79,12 +81,14 @@ def _velocity_of_chaser(drawn: all_features.EverythingProblem) -> np.ndarray:
 
 
 @pytest.mark.ci
-def test_the_class_has_all_robots_passing_spheres_and_both_weights_of_the_duration() -> None:
-    drawn = [one.problem for one in all_features.problems(8)]
+def test_the_class_has_all_robots_passing_spheres_and_both_weights_of_the_duration(
+    times: Callable[[int, int], int],
+) -> None:
+    drawn = [one.problem for one in all_features.problems(times(5, 8))]
     assert len({one.robot.joints for one in drawn}) == 3
     assert {one.objective.duration for one in drawn} == {0.0, 0.05}
     passing = [s for one in drawn for s in one.spheres if s.body is None]
-    assert len(passing) >= 6
+    assert len(passing) >= 0.75 * len(drawn)
     fast = [np.linalg.norm(one.start.linear_velocity_chaser_in_inertial) for one in drawn]
     assert min(fast) > 100.0
     assert min(np.linalg.norm(one.start.position_chaser_in_inertial) for one in drawn) > 1e5

@@ -49,7 +49,7 @@ def chasers_own(found: Made) -> float:
     """The largest momentum of the chaser alone, about the inertial origin."""
     model, data = found.problem.robot.model, found.problem.robot.model.createData()
     own = 0.0
-    for q, v in zip(found.q[::40], found.v[::40], strict=True):
+    for q, v in zip(found.q[::40], found.v, strict=True):
         pin.forwardKinematics(model, data, q, v)
         base, twist, inertia = data.oMi[1], data.v[1], model.inertias[1]
         moving = twist.linear + np.cross(twist.angular, inertia.lever)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +26,7 @@ from ff_planner_ros.planning.distance.body_certificate import (
 from ff_planner_ros.planning.distance.body_distances import pair_distances
 from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.collision.bodies import Kind
 from ff_planner_ros.robot.model import Robot
@@ -40,13 +42,19 @@ def require_near(certified: float, least: float, part: float, where: str) -> Non
     assert lowest - CERTIFICATE_GAP <= certified <= least + CERTIFICATE_GAP, where
 
 
-@pytest.mark.sampled
-@pytest.mark.parametrize("part", [EXACT_PART, 0.5])
-@pytest.mark.parametrize("seed", [1, 2, 3, 21, 23])
-def test_the_search_certifies_what_the_check_does(
-    seed: int, part: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Both are below the truth by so much at most; where two are deep in each other, as deep."""
+class Checked(NamedTuple):
+    """A motion with spheres on its way, and the least distances that the check finds of each."""
+
+    robot: Robot
+    motion: FollowedMotion
+    last: int
+    spheres: list[Sphere]
+    of_pairs: Array
+    of_spheres: Array
+
+
+@cache
+def checked(seed: int) -> Checked:
     robot, rng = random_robot(seed), np.random.default_rng(seed)
     motion = random_motion(robot, seed, points=(4, 30)[seed % 2])
     last = len(motion.time) - 1 - seed
@@ -55,27 +63,44 @@ def test_the_search_certifies_what_the_check_does(
         Sphere(str(k), place + k * rng.normal(scale=0.3, size=3), radius, rng.normal(0.0, 0.05, 3))
         for k, (place, radius) in enumerate(zip(centers, radii, strict=True))
     ]
+    of_pairs = [
+        least_pair_distance(robot, motion, np.array([k]), last).found
+        for k in range(len(robot.pairs))
+    ]
+    of_spheres = [
+        least_sphere_distance(robot, motion, spheres, np.array([k]), last).found
+        for k in range(len(robot.bodies) * len(spheres))
+    ]
+    return Checked(robot, motion, last, spheres, np.array(of_pairs), np.array(of_spheres))
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("part", [EXACT_PART, 0.5])
+@pytest.mark.parametrize("seed", [1, 2, 3, 21, 23])
+def test_the_search_certifies_what_the_check_does(
+    seed: int, part: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are below the truth by so much at most; where two are deep in each other, as deep."""
+    robot, motion, last, spheres, of_pairs, of_spheres = checked(seed)
     touching = 0
-    for count, least, found in (
-        (len(robot.pairs), least_pair_distance, search_certificate.search_pair_distance),
+    for each, found in (
+        (of_pairs, search_certificate.search_pair_distance),
         (
-            len(robot.bodies) * len(spheres),
-            lambda *asked: least_sphere_distance(*asked[:2], spheres, *asked[2:]),
+            of_spheres,
             lambda *asked: search_certificate.search_sphere_distance(
                 *asked[:2], spheres, *asked[2:]
             ),
         ),
     ):
-        each = np.array([least(robot, motion, np.array([k]), last).found for k in range(count)])
         apart = np.flatnonzero(each > 0.01)
         assert len(apart) > 3
-        touching += count - len(apart)
+        touching += len(each) - len(apart)
         with monkeypatch.context() as alone:
             alone.setattr(search_certificate, "least_pair_distance", refuse)
             alone.setattr(search_certificate, "least_sphere_distance", refuse)
             certified = found(robot, motion, apart, last, part)
         require_near(certified, each[apart].min(), part, f"seed {seed}")
-        of_all = found(robot, motion, np.arange(count), last, part)
+        of_all = found(robot, motion, np.arange(len(each)), last, part)
         require_near(of_all, each.min(), part, f"seed {seed}")
         assert found(robot, motion, apart[:0], last, part) == np.inf
         assert found(robot, motion, apart, -1, part) == np.inf

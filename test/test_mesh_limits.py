@@ -97,7 +97,7 @@ def test_a_mesh_that_harms_its_reader_is_refused_in_words_and_the_next_one_is_re
     assert body_of(load_robot(tmp_path / "arm.urdf", *ENDS), "link_3").solid.num_points == 8
 
 
-@pytest.mark.ci
+@pytest.mark.nightly  # it takes all of the time that it is given
 def test_a_mesh_that_takes_too_long_is_refused_in_words(tmp_path: Path) -> None:
     """One polygon of eight million corners."""
     corners = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
@@ -127,18 +127,23 @@ LARGE = {
 LARGEST = {
     "a million triangles on a ball": lambda: sphere(708)[:999_999],
     "a face with a million corners": lambda: fan(999_999),
-    "a million triangles apart": lambda: soup(999_999),
 }
-LARGE_AND_LARGEST = [*LARGE, *(pytest.param(name, marks=pytest.mark.ci) for name in LARGEST)]
+SLOWEST = {"a million triangles apart": lambda: soup(999_999)}
+OF_ALL_SIZES = LARGE | LARGEST | SLOWEST
+BY_TIER = [
+    *LARGE,
+    *(pytest.param(name, marks=pytest.mark.ci) for name in LARGEST),
+    *(pytest.param(name, marks=pytest.mark.nightly) for name in SLOWEST),
+]
 
 
 @pytest.mark.law("FILE-02")
-@pytest.mark.parametrize("kind", LARGE_AND_LARGEST)
+@pytest.mark.parametrize("kind", BY_TIER)
 def test_every_mesh_of_the_documented_size_is_read_in_its_processor_time(
     kind: str, tmp_path: Path
 ) -> None:
     """The system would end what reads it after `MAX_SECONDS`."""
-    content = stl((LARGE | LARGEST)[kind]())
+    content = stl(OF_ALL_SIZES[kind]())
     assert len(content) <= MAX_FILE
     (tmp_path / "large.stl").write_bytes(content)
     robot = loaded(tmp_path, '<mesh filename="large.stl"/>')

@@ -29,7 +29,6 @@ def deviations(rows: tuple[ModelError, ...], cause: str) -> list[Deviation]:
     return found
 
 
-@pytest.mark.ci
 def test_every_cause_has_one_row(rows: tuple[ModelError, ...]) -> None:
     assert len({row.cause for row in rows}) == len(rows) == 20
 
@@ -97,7 +96,7 @@ def test_a_chaser_that_turns_faster_is_turned_further_at_the_end(
     assert turned_deg == pytest.approx(0.01 * lemur_capture.duration, rel=0.1)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_the_study_comes_to_the_same_every_time(
     lemur_capture: PlanningProblem, lemur_plan: Plan, rows: tuple[ModelError, ...]
 ) -> None:

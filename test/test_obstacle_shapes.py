@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -23,7 +25,11 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
 from ff_planner_ros.planning.distance import search_certificate
 from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.body_certificate import EXACT_PART, least_obstacle_distance
+from ff_planner_ros.planning.distance.body_certificate import (
+    EXACT_PART,
+    Least,
+    least_obstacle_distance,
+)
 from ff_planner_ros.planning.distance.body_distances import sphere_gradients
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.distance.obstacle_distances import (
@@ -32,7 +38,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_distances,
     seen_from_chaser,
 )
-from ff_planner_ros.planning.motion.followed import followed
+from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.problem.problem import ObstacleBody
 from ff_planner_ros.planning.requirements.obstacle_clearance import obstacle_rows
 from ff_planner_ros.planning.requirements.requirement import Rows
@@ -213,12 +219,18 @@ def test_derivatives_by_base_joints_and_time_are_those_of_differences(
     assert np.quantile(np.abs(of_coal - jacobian)[far].max(axis=1), 0.97) < 1e-3
 
 
-@pytest.mark.law("PLAN-09")
-@pytest.mark.parametrize("part", [EXACT_PART, 0.5])
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
-def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(
-    seed: int, part: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+class Certified(NamedTuple):
+    """A motion among obstacles, what the check certifies of each, and what Coal alone measures."""
+
+    robot: Robot
+    motion: FollowedMotion
+    obstacles: tuple[ObstacleBody, ...]
+    each: list[Least]
+    dense: Array
+
+
+@cache
+def certified_motion(seed: int) -> Certified:
     robot, rng = random_robot(seed), np.random.default_rng(seed)
     if seed == 4:
         robot = with_bodies(replace(robot, bodies=(), pairs=()))
@@ -229,7 +241,6 @@ def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(
     each = [
         least_obstacle_distance(robot, motion, obstacles, np.array([k]), last) for k in range(count)
     ]
-    found = np.array([least.found for least in each])
     # Between the points: the same motion at sixteen times as many, measured by Coal alone.
     finer = followed(robot, motion.q[0], motion.v[0], motion.joints, multiple=16)
     shape = len(finer.q), len(robot.bodies), len(obstacles)
@@ -240,7 +251,19 @@ def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(
         obstacles,
         every_row(*shape),
     ).distance.reshape(len(finer.q), -1)
-    for least, truth in zip(each, dense.min(axis=0), strict=True):
+    return Certified(robot, motion, obstacles, each, dense.min(axis=0))
+
+
+@pytest.mark.law("PLAN-09")
+@pytest.mark.parametrize("part", [EXACT_PART, 0.5])
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(
+    seed: int, part: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, motion, obstacles, each, dense = certified_motion(seed)
+    last, count = len(motion.time) - 1, len(each)
+    found = np.array([least.found for least in each])
+    for least, truth in zip(each, dense, strict=True):
         exact = max(CERTIFICATE_GAP, EXACT_PART * least.found)
         assert least.found - exact <= least.certified <= least.found
         assert least.certified <= truth + 2e-5, f"seed {seed}: {least}, Coal {truth}"

@@ -130,18 +130,25 @@ def names_imported(nodes):
     return found
 
 
+@functools.cache
 def imports_at_run_time(tree):
     """What a module imports, without what only the type checker sees."""
     return names_imported(nodes_at_run_time(tree))
 
 
+@functools.cache
 def imports_when_loaded(tree):
     """What a module imports when it is imported itself: not what its functions do later."""
     return names_imported(nodes_at_run_time(tree, functions=False))
 
 
+BLOCKS = (ast.stmt, ast.ExceptHandler, ast.match_case)  # an expression imports nothing
+
+
 def nodes_at_run_time(tree, functions=True):
     for node in ast.iter_child_nodes(tree):
+        if not isinstance(node, BLOCKS):
+            continue
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             continue
         if not functions and isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):

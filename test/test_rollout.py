@@ -90,8 +90,8 @@ def integrate_paper_equations(case: Case) -> SystemState:
         (0.0, DURATION),
         y_start,
         method="DOP853",
-        rtol=1e-12,
-        atol=1e-12,
+        rtol=1e-11,
+        atol=1e-11,
     )
     y = solved.y[:, -1]
     v = velocities(DURATION, y)

@@ -70,6 +70,12 @@ def planned(scenario: Path, objective: Objective) -> tuple[PlanningProblem, Plan
     return problem, plan(problem, load_parameters().planner)
 
 
+@cache
+def verified(scenario: Path, objective: Objective) -> Verification:
+    problem, answer = planned(scenario, objective)
+    return verify(problem.robot, answer.trajectory)
+
+
 # Of a path that swings the arm far out for a chaser that hardly turns: open loop its wrist
 # multiplies by a hundred thousand what the torques are off.
 VIOLENT = (
@@ -92,8 +98,7 @@ def test_a_violent_plan_comes_true_as_well_as_a_tame_one() -> None:
 @pytest.mark.law("PLAN-22")
 @every_plan
 def test_a_plan_comes_true(scenario: Path, objective: Objective) -> None:
-    problem, answer = planned(scenario, objective)
-    found = verify(problem.robot, answer.trajectory)
+    found = verified(scenario, objective)
     off = found.deviation
     assert found.passed
     assert off.final_position_error <= 1e-3
@@ -104,8 +109,8 @@ def test_a_plan_comes_true(scenario: Path, objective: Objective) -> None:
 
 @every_plan
 def test_the_end_effector_arrives_at_the_target(scenario: Path, objective: Objective) -> None:
-    problem, answer = planned(scenario, objective)
-    execution = verify(problem.robot, answer.trajectory).execution
+    problem, _ = planned(scenario, objective)
+    execution = verified(scenario, objective).execution
     miss = np.linalg.norm(execution.ee_positions[-1] - problem.target.position)
     wanted = Rotation.from_quat(problem.target.quaternion_xyzw)
     turn = wanted.inv() * Rotation.from_quat(execution.ee_quaternions_xyzw[-1])
@@ -116,8 +121,7 @@ def test_the_end_effector_arrives_at_the_target(scenario: Path, objective: Objec
 @pytest.mark.law("PLAN-03")
 @every_plan
 def test_the_momentum_that_is_not_zero_is_conserved(scenario: Path, objective: Objective) -> None:
-    problem, answer = planned(scenario, objective)
-    found = verify(problem.robot, answer.trajectory)
+    found = verified(scenario, objective)
     linear, angular = np.split(found.execution.momentum, 2, axis=1)
     assert np.linalg.norm(linear[0]) > 1.0
     assert np.linalg.norm(angular[0]) > 1.0
@@ -255,7 +259,7 @@ SOUND = Deviation(
 @pytest.mark.parametrize("name", Deviation.__dataclass_fields__)
 @pytest.mark.parametrize("excess", [1.001, np.nan, np.inf])
 def test_each_deviation_beyond_its_tolerance_fails(name: str, excess: float) -> None:
-    execution = verify(*_robot_and_motion()).execution
+    execution = verified(LEMUR_SCENARIO, LENGTH).execution
     assert Verification(execution, SOUND, MOMENTUM_TOLERANCE).passed
     off = replace(SOUND, **{name: excess * getattr(SOUND, name)})
     assert not Verification(execution, off, MOMENTUM_TOLERANCE).passed
@@ -263,13 +267,13 @@ def test_each_deviation_beyond_its_tolerance_fails(name: str, excess: float) -> 
 
 @pytest.mark.parametrize("drift", [1.001 * MOMENTUM_TOLERANCE, np.nan])
 def test_a_momentum_that_changes_fails(drift: float) -> None:
-    execution = verify(*_robot_and_motion()).execution
+    execution = verified(LEMUR_SCENARIO, LENGTH).execution
     assert not Verification(execution, SOUND, drift).passed
 
 
 def test_the_end_is_judged_by_the_end_effector_and_the_way_by_the_chaser() -> None:
-    robot, motion = _robot_and_motion()
-    execution = verify(robot, motion).execution
+    _, motion = _robot_and_motion()
+    execution = verified(LEMUR_SCENARIO, LENGTH).execution
     middle = np.zeros((50, 3))
     middle[25] = [0.3, 0.4, 0.0]
     astray = replace(
@@ -293,8 +297,8 @@ def test_the_sign_of_a_quaternion_does_not_matter() -> None:
         chaser_quaternions_xyzw=signs * motion.chaser_quaternions_xyzw,
         ee_quaternions_xyzw=signs * motion.ee_quaternions_xyzw,
     )
-    one, other = (astuple(verify(robot, m).deviation) for m in (motion, flipped))
-    assert other == pytest.approx(one, abs=1e-10)
+    one = astuple(verified(LEMUR_SCENARIO, LENGTH).deviation)
+    assert astuple(verify(robot, flipped).deviation) == pytest.approx(one, abs=1e-10)
 
 
 def test_a_faster_motion_is_cut_into_more_steps() -> None:

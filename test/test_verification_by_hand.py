@@ -68,9 +68,7 @@ def test_what_the_system_did_is_told_in_the_frame_of_the_plan() -> None:
     ):
         np.testing.assert_allclose(told, wanted, rtol=0.0, atol=2e-5)
     model, data = made_by_hand.problem.robot.model, made_by_hand.problem.robot.model.createData()
-    for q, v, momentum in zip(
-        made_by_hand.q[::DENSE], made_by_hand.v[::DENSE], did.momentum, strict=True
-    ):
+    for q, v, momentum in zip(made_by_hand.q[::DENSE], made_by_hand.v, did.momentum, strict=True):
         pin.computeCentroidalMomentum(model, data, q, v)
         about_origin = data.hg.angular + np.cross(data.com[0], data.hg.linear)
         np.testing.assert_allclose(momentum, np.append(data.hg.linear, about_origin), rtol=1e-6)

@@ -111,7 +111,7 @@ def test_a_motion_beyond_all_bounds_is_told_apart_and_leaves_no_file_behind(
     assert list(tmp_path.iterdir()) == [wrong]  # MuJoCo would write its log here
 
 
-@pytest.mark.ci
+@pytest.mark.nightly  # in CI the page of verification.md has this table
 def test_sensitivity_adds_a_table(answers: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", str(answers / "answer.json"), "--sensitivity"]) == 0
     shown = capsys.readouterr().out

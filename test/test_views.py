@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+import sys
 import venv
 from collections.abc import Iterator
 from importlib import import_module
@@ -132,10 +133,13 @@ def test_reruns_blueprint_names_topics() -> None:
 
 @pytest.mark.ci
 def test_rerun_reads_the_blueprint_that_the_script_writes(tmp_path: Path) -> None:
-    venv.create(tmp_path / "rerun", with_pip=True)
-    binaries = tmp_path / "rerun" / "bin"
-    install = [str(binaries / "pip"), "install", "--quiet", "rerun-sdk>=0.28"]
-    if subprocess.run(install, check=False).returncode:
+    venv.create(tmp_path / "rerun")
+    binaries, uv = tmp_path / "rerun" / "bin", Path(sys.prefix) / "bin" / "uv"
+    for_it = ["--python", str(binaries / "python")]
+    pip = [str(uv), "pip", "install", *for_it]
+    if not uv.exists():
+        pip = [sys.executable, "-m", "pip", *for_it, "install"]
+    if subprocess.run([*pip, "--quiet", "rerun-sdk>=0.28"], check=False).returncode:
         pytest.skip("rerun-sdk cannot be had here")
     made, script = tmp_path / "planner.rbl", VIEWS / "rerun_blueprint.py"
     bag = tmp_path / "run_0.mcap"

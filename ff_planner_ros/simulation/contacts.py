@@ -24,11 +24,13 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
 # Checks between two states of an execution, and in a second, at least. From one state to the next
 # nothing turns by more than 0.01 rad: from check to check a corner 3 m away moves 1.5 mm.
 LOOKS, _LOOKS_A_SECOND = 20, 1000.0
+_AT_ONCE = 1000
 
 # What a geom must not bring along: mass, and contacts beside those that are asked for.
 _BARE: dict[str, Any] = {"mass": 0.0, "contype": 0, "conaffinity": 0}
@@ -112,14 +114,13 @@ class Touch:
 
     def _places(self, times: Array) -> tuple[Array, Array]:
         """Return obstacle positions, (times, obstacles, 3), and quaternions, (..., 4), w first."""
-        turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(times), len(self._scene.obstacles), 1))
+        rotations = np.tile(np.eye(3), (len(times), len(self._scene.obstacles), 1, 1))
         positions = np.empty((len(times), len(self._scene.obstacles), 3))
         spheres = self._scene.spheres
         positions[:, : len(spheres)] = centers_at(times, spheres)
         for number, one in enumerate(self._scene.obstacle_bodies, start=len(spheres)):
-            rotations, positions[:, number] = one.poses(times)
-            turns[:, number] = [np.roll(pin.Quaternion(turn).coeffs(), 1) for turn in rotations]
-        return positions, turns
+            rotations[:, number], positions[:, number] = one.poses(times)
+        return positions, np.roll(quaternion_from_rotation(rotations), 1, axis=-1)
 
     def _seen(
         self, q: Array, positions: Array, turns: Array
@@ -228,16 +229,25 @@ def _carrier(robot: Robot, body: Body) -> pin.Frame:
 def _looks(states: Sequence[Array], times: Array, size: int) -> Iterator[tuple[Array, Array]]:
     """Yield configurations and times to check: on each chord between states, and the last state.
 
-    Chords are off the motion by a few micrometres.
+    Chords are off the motion by a few micrometres. They come many at a time, in order: what is
+    around is placed for all of these at once.
     """
+    chords, moments, count = list[Array](), list[Array](), 0
     for (first, second), (begin, end) in zip(
         pairwise(states), pairwise(times.tolist()), strict=False
     ):
         looks = max(LOOKS, math.ceil((end - begin) * _LOOKS_A_SECOND))
         shares = np.arange(looks) / looks
         chord = np.outer(1.0 - shares, first[:size]) + np.outer(shares, second[:size])
-        yield chord, (1.0 - shares) * begin + shares * end
-    yield states[-1][None, :size], times[len(states) - 1 : len(states)]
+        chords.append(chord)
+        moments.append((1.0 - shares) * begin + shares * end)
+        count += looks
+        if count >= _AT_ONCE:
+            yield np.concatenate(chords), np.concatenate(moments)
+            chords, moments, count = [], [], 0
+    chords.append(states[-1][None, :size])
+    moments.append(times[len(states) - 1 : len(states)])
+    yield np.concatenate(chords), np.concatenate(moments)
 
 
 def _add_geom(

@@ -86,6 +86,7 @@ def save_figures(
         figures["relative_motion"] = two_column_figure(seen, motions)
         figures["capture"] = capture_figure(problem, problem.target_body, motions)
     for name, figure in figures.items():
+        _settle(figure)
         figure.savefig(directory / f"{name}.png", dpi=_DOTS_PER_INCH)
         # Without a date in it: the same plans give the same file.
         figure.savefig(directory / f"{name}.pdf", metadata={"CreationDate": None})
@@ -143,13 +144,16 @@ def joint_figure(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> Fi
     for axes in spare:
         axes.set_visible(False)
     figure.supxlabel("time [s]", fontsize="medium")
-    _with_legend(figure)
-    # Where everything goes is found once, and not anew for every file.
+    _settle(_with_legend(figure))
+    return figure
+
+
+def _settle(figure: Figure) -> None:
+    """Find where everything goes, once and not anew for every file."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-        figure.set_layout_engine("none")
-    return figure
+        figure.set_layout_engine(None)  # or each file is drawn twice
 
 
 def _draw(grid: Sequence[Axes], quantity: Quantity, motions: Mapping[Method, Trajectory]) -> None:

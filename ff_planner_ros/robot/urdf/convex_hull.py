@@ -107,10 +107,12 @@ def _corners(points: Array, boxes: Boxes, scale: Array) -> Array | None:
         if outer is None:
             return None
         points = outer
-    # One direction after the other: all at once would need gigabytes.
-    furthest = [np.argmax(points * scale @ way) for way in _ways(4 * MAX_VERTICES)]
-    if len(set(furthest)) > MAX_VERTICES:
-        return None
+    if len(points) > MAX_VERTICES:
+        # One direction after the other: all at once would need gigabytes.
+        scaled = points * scale
+        furthest = {int(np.argmax(scaled @ way)) for way in _ways(4 * MAX_VERTICES)}
+        if len(furthest) > MAX_VERTICES:
+            return None
     while True:
         corners = np.sort(_hull(points * scale).vertices)
         if len(corners) == len(points):
