@@ -27,7 +27,7 @@ SEED = 20261123
 # tier on a test runs, `@pytest.mark.sampled` that every day a tenth of its cases will do.
 TIERS = ("everyday", "ci", "nightly")
 SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
-MEASURED = 2  # cases of a test whose coverage is measured: others run the same lines
+MEASURED = 3  # cases of a test whose coverage is measured: others run the same lines
 
 _left_out = pytest.StashKey[Counter[str]]()
 _measured = pytest.StashKey[set[str]]()
