@@ -15,11 +15,15 @@ from ff_planner_ros.baselines.beliefs import (
     zero_momentum,
 )
 from ff_planner_ros.baselines.straight_line import straight_line
-from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.campaign.methods import method_of
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import from_trajectory
-from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Posture, Target
 from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.phase import Phase
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 
@@ -191,3 +195,16 @@ def test_a_question_that_the_planner_refuses_is_refused(lemur_capture):
     for method in (fixed_base, zero_momentum):
         with pytest.raises(InvalidInput, match=r"joints\.position"):
             method(replace(lemur_capture, start=start), SETTINGS)
+
+
+@pytest.mark.parametrize("method", ["fixed_base", "zero_momentum"])
+def test_phases_are_refused_at_once(free, method):
+    phases = (Phase(2.0, Posture(at_rest=True)),)
+    stop = replace(free, posture=Posture(at_rest=True))
+    task = PlanningTask(stop, SETTINGS, then=phases)
+    with pytest.raises(InvalidInput, match="with phases it must be optimal, straight") as refused:
+        perform(task, method=method_of(method, task))
+    assert refused.value.status is Status.UNSUPPORTED
+    assert (refused.value.field, refused.value.value) == ("method", method)
+    first = replace(task, then=())
+    assert perform(first, method=method_of(method, first)).duration == stop.duration

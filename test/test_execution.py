@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 from unittest.mock import Mock
 
 import pytest
@@ -28,7 +28,7 @@ LEAD = load_parameters().controller.hand_over_lead
 class Controller:
     """A controller that is told everything and says what the test wants."""
 
-    furthest = None
+    off: ClassVar[dict[str, float]] = {}
 
     def __init__(self, *_: Any) -> None:
         self.sent: list[tuple[str, Any, Any]] = []

@@ -36,7 +36,7 @@ from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import joint_torques_by_x
+from ff_planner_ros.robot.dynamics import joint_torques, joint_torques_by_x
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 SETTINGS = load_parameters().planner
@@ -222,6 +222,26 @@ def test_accelerations_stay_within_their_limits_at_any_time(
     highest = highest_accelerations(found)
     assert highest.max() <= 1.0001 * limit, highest / limit
     assert found.solver.starts == 1
+
+
+@pytest.mark.parametrize("limited", ["accelerations", "torques"])
+def test_a_start_with_a_joint_at_its_limit_is_planned_from(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, limited: str
+) -> None:
+    start = replace(lemur_capture.start, joint_accelerations=0.05 * (-1.0) ** np.arange(7))
+    problem, robot = replace(lemur_capture, start=start), lemur_capture.robot
+    if limited == "torques":
+        sample = *configuration(robot, start), start.joint_accelerations
+        (needed,) = np.abs(joint_torques(robot, *(one[None] for one in sample)))
+        limits = 1.5 * np.array(lemur_plan.metrics.peak_joint_torques)
+        joint = int((needed / limits).argmax())
+        limits[joint], others = needed[joint], np.arange(7) != joint
+        limits[others] = np.maximum(limits, 2.0 * needed)[others]
+        problem = replace(problem, robot=replace(robot, effort_limits=frozen(limits)))
+    else:
+        problem = replace(problem, limits=Limits(joint_accelerations=(0.05 / 1.00009,)))
+    found = plan(problem, SETTINGS)
+    require_sound(problem, found, SETTINGS)
 
 
 def test_the_check_names_joint_time_and_value_of_an_acceleration_that_is_too_high(

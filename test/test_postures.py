@@ -376,3 +376,28 @@ def test_no_time_is_refused_in_which_a_joint_alone_can_be_as_asked() -> None:
     with pytest.raises(NoPlanFound, match="joint joint_1 cannot be at rest that is asked") as error:
         require_time(replace(stopping, duration=0.49))
     assert error.value.status is Status.LIMIT_VIOLATED
+
+
+@pytest.mark.parametrize("base", [Base.FREE_FLYER, Base.ATTITUDE_HELD])
+@pytest.mark.parametrize("longest", [1e5, 1e7, 1e30])
+def test_a_duration_too_long_to_foretell_the_motion_is_refused_at_once(
+    lemur_capture: PlanningProblem, base: Base, longest: float
+) -> None:
+    """A search would integrate millions of steps, in many gigabytes."""
+    start = replace(lemur_capture.start, angular_velocity_chaser_in_inertial=np.zeros(3))
+    problem = replace(
+        lemur_capture,
+        robot=replace(lemur_capture.robot, base=base),
+        start=replace(start, joint_velocities=np.full(7, 0.02)),
+        obstacles=(),
+        posture=Posture(at_rest=True),
+    )
+    for moving, goal in ((start, Posture(start.joint_positions, np.full(7, 0.02))), (None, None)):
+        asked = problem if goal is None else replace(problem, start=moving, posture=goal)
+        for lasts in (
+            replace(asked, duration=longest),
+            replace(asked, duration=longest, duration_range=DurationRange(5.0, longest)),
+        ):
+            with pytest.raises(InvalidInput, match="too far to be foretold; 1000 rad are") as no:
+                perform(PlanningTask(lasts, SETTINGS))
+            assert (no.value.status, no.value.field) == (Status.OUT_OF_RANGE, "duration")

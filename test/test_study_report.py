@@ -24,8 +24,10 @@ from ff_planner_ros.campaign.study import Study
 from ff_planner_ros.campaign.table import Writer, plan_schema
 from ff_planner_ros.campaign.work import Outcome, run_case
 from ff_planner_ros.cli import main
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.metrics import METRICS
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.report.statistics import grouped
 from ff_planner_ros.report.study.case import save_case
 from ff_planner_ros.report.study.columns import quantities, unit_of
@@ -227,7 +229,7 @@ def test_the_command_of_a_case_gives_its_answer_again(method: str, tmp_path: Pat
 
 def test_a_method_without_a_known_name_is_no_planner(lemur_capture: PlanningProblem) -> None:
     with pytest.raises(KeyError, match="thorough"):
-        method_of("thorough", lemur_capture)
+        method_of("thorough", PlanningTask(lemur_capture, load_parameters().planner))
 
 
 def test_a_page_says_where_its_plan_is_another_than_the_tables(grid: Campaign) -> None:

@@ -27,7 +27,7 @@ from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.motion import to_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
-from ff_planner_ros.planning.motion.wheel_motion import wheel_peaks
+from ff_planner_ros.planning.motion.wheel_motion import wheel_peaks, wheels_along
 from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.scene import Scene
@@ -210,6 +210,30 @@ def test_a_plan_keeps_the_limits_of_its_wheels_and_one_without_exceeds_them() ->
     assert [one.status for one in found] == [Status.LIMIT_VIOLATED]
     assert "wheel 2 holds" in found[0].finding
     assert "more than its limit of 4 N m s, at t = " in found[0].finding
+
+
+def test_a_start_at_the_torque_limit_of_a_wheel_is_planned_from() -> None:
+    """A limit that the shortest path would exceed later on."""
+    task, _ = planned()
+    bare = replace(task.problem.robot, wheels=Wheels())
+    free = perform(replace(task, problem=replace(task.problem, robot=bare)))
+    most = np.array(free.metrics.peak_wheel_torques)
+    problem, wheel = task.problem, int(most.argmax())
+    q, v = configuration(bare, problem.start)
+
+    def torques(accelerations: Array) -> Array:
+        sample = q[None], v[None], accelerations[None]
+        found: Array = wheels_along(bare, Wheels(), np.zeros(3), *sample)[1][0]
+        return found
+
+    limit, way = 0.7 * most[wheel], (-1.0) ** np.arange(bare.joints)
+    none, by = torques(0.0 * way)[wheel], (torques(way) - torques(0.0 * way))[wheel]
+    start = replace(problem.start, joint_accelerations=(1.00005 * limit - none) / by * way)
+    limits = 100.0 * most
+    limits[wheel] = limit
+    robot = replace(bare, wheels=Wheels(torque=tuple(limits.tolist())))
+    plan = perform(replace(task, problem=replace(problem, robot=robot, start=start)))
+    assert (plan.metrics.peak_wheel_torques <= 1.0002 * limits).all()
 
 
 @pytest.mark.law("PLAN-15")

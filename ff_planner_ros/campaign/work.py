@@ -67,7 +67,7 @@ def run_case(case: Case) -> Outcome:
         row |= {f"change.{key}": _cell(value) for key, value in values.items()}
         task = task_of(document, urdf, case.defaults)
         row |= {"digest": task.digest, "geometry": task.problem.robot.geometry.value}
-        method = method_of(case.method.method, task.problem)
+        method = method_of(case.method.method, task)
         begun = time.perf_counter()
         try:
             with warnings.catch_warnings():  # where numbers grow beyond bounds, the answer says so

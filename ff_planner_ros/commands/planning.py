@@ -66,7 +66,7 @@ def plan_scenario(options: Namespace) -> int:
     answer: Plan | FfPlannerError
     begun = time.perf_counter()
     try:
-        answer = perform(task, watch, method_of(options.method, task.problem))
+        answer = perform(task, watch, method_of(options.method, task))
     except FfPlannerError as error:
         answer = error
     solve_time = time.perf_counter() - begun

@@ -94,7 +94,7 @@ def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
     """Yield each plan of a JSON file or bag, or of a scenario that is planned first."""
     if source.suffix in (".yaml", ".yml"):
         task, watch = task_of(source, options)
-        planned = perform(task, watch, method_of(options.method, task.problem))
+        planned = perform(task, watch, method_of(options.method, task))
         usual = withstood(task.settings.robust)
         for number, (one, found) in enumerate(phase_tasks(task, planned), start=1):
             name = f"{source.name}, phase {number}" if planned.then else source.name

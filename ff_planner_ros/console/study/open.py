@@ -83,6 +83,6 @@ class StudyPage:
                 notes = () if answer.cancelled or came is None else differences(row, came)
                 done(replace(entry, words=" ".join((entry.words, *notes))))
 
-            return Search(task, told, answered, method_of(row["planned_by"], task.problem))
+            return Search(task, told, answered, method_of(row["planned_by"], task))
 
         return begin

@@ -12,6 +12,7 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.distance.contact import tool_contact
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.problem.target_body import MOST_TURNS
 from ff_planner_ros.planning.requirements import REQUIREMENTS, requirements_of
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -25,7 +26,8 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
     """Refuse a start that violates a requirement by itself, and a goal that no posture reaches.
 
     Raises:
-        InvalidInput: The start violates a requirement, or a plug-in has the name of one of ours.
+        InvalidInput: The start violates a requirement, a plug-in has the name of one of ours, or
+            within the duration the system turns too far.
         NoPlanFound: The goal is out of reach or inside an obstacle.
     """
     robot = problem.robot
@@ -40,6 +42,7 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
     momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
     if problem.posture is None:
         _require_reachable_goal(problem, q_start, momentum)
+    _require_foretold(problem, v_start)
 
 
 def require_time(problem: PlanningProblem) -> None:
@@ -78,6 +81,20 @@ def require_time(problem: PlanningProblem) -> None:
             "is asked for by then, within the limits of its velocity and acceleration alone; "
             "choose a longer duration",
         )
+
+
+def _require_foretold(problem: PlanningProblem, v_start: Array) -> None:
+    """Refuse a duration in which the velocities at start or goal lead too far to be integrated."""
+    posture, joints = problem.posture, np.abs(v_start[6:])
+    if posture is not None:
+        joints = np.maximum(joints, np.abs(posture.rates))
+    turns = float(np.linalg.norm(v_start[3:6]) + joints.sum()) * problem.duration
+    if turns > MOST_TURNS:
+        allowed = (
+            f"chaser and joints would turn by {turns:.3g} rad at the velocities of start and goal, "
+            f"too far to be foretold; {MOST_TURNS:g} rad are allowed"
+        )
+        raise InvalidInput(Status.OUT_OF_RANGE, "duration", f"{problem.duration:g} s", allowed)
 
 
 def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: Array) -> None:

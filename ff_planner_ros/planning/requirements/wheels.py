@@ -101,8 +101,12 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return None
         loads = loads_with_derivatives(problem, wheels, motion, sensitivity)
-        of_momenta = _kept(loads.momenta, loads.momenta_by_x, wheels.momentum_limits, margin)
-        of_torques = _kept(loads.torques, loads.torques_by_x, wheels.torque_limits, margin)
+        parts = loads.momenta / wheels.momentum_limits
+        most = eased(np.ones(parts.shape[1]), np.abs(parts[0]))
+        most = most - np.clip(most - np.abs(parts[0]), 0.0, margin)
+        of_momenta = _kept(parts, loads.momenta_by_x, wheels.momentum_limits, most)
+        parts, most = loads.torques / wheels.torque_limits, np.full(len(most), 1.0 - margin)
+        of_torques = _kept(parts, loads.torques_by_x, wheels.torque_limits, most)
         return Rows(
             np.concatenate([of_momenta.values, of_torques.values]),
             np.concatenate([of_momenta.jacobian, of_torques.jacobian]),
@@ -232,9 +236,6 @@ def _is_limited(wheels: Wheels) -> bool:
     return wheels.momentum is not None or wheels.torque is not None
 
 
-def _kept(values: Array, by_x: Array, limits: Array, margin: float) -> Rows:
+def _kept(parts: Array, by_x: Array, limits: Array, most: Array) -> Rows:
     """Return rows for the loads at all points but the first, as fractions of their limits."""
-    parts = values / limits
-    upper = eased(np.ones(len(limits)), np.abs(parts[0]))
-    upper = upper - np.clip(upper - np.abs(parts[0]), 0.0, margin)
-    return within(parts[1:], by_x[1:] / limits[:, None], -upper, upper, _OF_INTEREST)
+    return within(parts[1:], by_x[1:] / limits[:, None], -most, most, _OF_INTEREST)

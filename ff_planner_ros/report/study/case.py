@@ -95,9 +95,7 @@ def _report(row: Row, directory: Path, scenario: Path) -> Report:
     try:
         task = load_task(scenario, defaults_of(directory))
         facts += robot_facts(task.problem.robot)
-        answer: Plan | NoPlanFound = perform(
-            task, _Deadline(), method_of(row["planned_by"], task.problem)
-        )
+        answer: Plan | NoPlanFound = perform(task, _Deadline(), method_of(row["planned_by"], task))
     except NoPlanFound as error:
         answer = error
     except FfPlannerError as error:  # it cannot even be read

@@ -48,7 +48,7 @@ class ControllerClient:
         self._settings, self._logger = settings, node.get_logger()
         self._lock = threading.Lock()
         self._handle: Any = None  # of the goal that was accepted last; None: none
-        self.furthest: tuple[str, float] | None = None  # joint off its plan most, and by what
+        self.off: dict[str, float] = {}  # by what each joint is off its plan [rad, m]
         self._client = ActionClient(
             node,
             FollowJointTrajectory,
@@ -91,7 +91,7 @@ class ControllerClient:
                 ended(Ended("the controller refused it: its log says why"))
                 return
             with self._lock:
-                self._handle, self.furthest = handle, None
+                self._handle, self.off = handle, {}
             accepted()
             handle.get_result_async().add_done_callback(
                 lambda result: ended(ended_by(result.result()))
@@ -111,10 +111,8 @@ class ControllerClient:
         self._client.destroy()
 
     def _keep(self, feedback: Any) -> None:
-        errors = [abs(error) for error in feedback.error.positions]
-        if errors:
-            joint = errors.index(max(errors))
-            self.furthest = feedback.joint_names[joint], errors[joint]
+        errors = map(abs, feedback.error.positions)
+        self.off = dict(zip(feedback.joint_names, errors, strict=False))
 
 
 def goal_of(trajectory: JointTrajectory, settings: ControllerParameters) -> Any:

@@ -32,12 +32,11 @@ def controller_health(
 ) -> ControllerHealth:
     """Return the current state of the controller."""
     client = execution.controller
-    furthest = None if client is None else client.furthest
     return ControllerHealth(
         action="" if client is None else client.action,
         is_there=client is None or client.is_there,
         last=execution.last,
-        furthest=None if furthest is None else (*furthest, _unit(furthest[0], robot)),
+        furthest=None if client is None else _furthest(client.off, robot),
         from_node=settings.controller,
         read=settings.read,
         complaint=settings.complaint,
@@ -71,7 +70,18 @@ def controller_part(health: ControllerHealth) -> tuple[bytes, str, Mapping[str, 
     return level, message, values
 
 
-def _unit(joint: str, robot: Robot) -> str:
-    """Return the unit of a joint's position; a joint that no plan moves counts as revolute."""
-    names = robot.joint_names
-    return robot.unit(names.index(joint)) if joint in names else "rad"
+def _furthest(off: Mapping[str, float], robot: Robot) -> tuple[str, float, str] | None:
+    """Return the joint off its plan most, prismatic ones by their weight, by what, and the unit.
+
+    A joint that no plan moves counts as revolute.
+    """
+    names, weights = robot.joint_names, robot.joint_weights
+    numbers = {name: names.index(name) for name in off if name in names}
+
+    def weighted(name: str) -> float:
+        return off[name] * (weights[numbers[name]] if name in numbers else 1.0)
+
+    if not off:
+        return None
+    joint = max(off, key=weighted)
+    return joint, off[joint], robot.unit(numbers[joint]) if joint in numbers else "rad"

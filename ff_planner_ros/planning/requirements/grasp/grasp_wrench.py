@@ -22,7 +22,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     Requirement,
     Rows,
     Samples,
-    eased,
 )
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import frame_wrenches, frame_wrenches_by_x
@@ -77,8 +76,7 @@ class GraspWrench(Requirement):
         wrenches = frame_wrenches(robot, frame, motion.q, motion.v, rates)
         norms = _norms(wrenches)
         parts = norms / limits
-        most = eased(np.ones(2), parts[0])
-        most = most - np.clip(most - parts[0], 0.0, margin)
+        most = 1.0 - margin
         after_start, kinds = np.nonzero(most - parts[1:] < _OF_INTEREST)
         if not after_start.size:
             return None

@@ -71,8 +71,7 @@ class JointAccelerations(Requirement):
         step = problem.duration / (len(motion.q) - 1)
         parts = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step) / limits
         by_x = accelerations_by_x(motion, sensitivity, step) / limits[:, None]
-        most = eased(np.ones(len(limits)), np.abs(parts[0]))
-        most = most - np.clip(most - np.abs(parts[0]), 0.0, margin)
+        most = np.full(len(limits), 1.0 - margin)
         return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:

@@ -80,8 +80,7 @@ class Torques(Requirement):
         robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
         accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
         parts = joint_torques(robot, motion.q, motion.v, accelerated) / robot.effort_limits
-        limits = 1.0 - np.clip(1.0 - np.abs(parts[0]), 0.0, margin)
-        parts = parts[1:]
+        limits, parts = np.full(robot.joints, 1.0 - margin), parts[1:]
         (near,) = np.nonzero((np.abs(parts) > limits - _OF_INTEREST).any(axis=1))
         if not near.size:
             return None
