@@ -243,6 +243,16 @@ def test_a_goal_of_the_joints_that_is_none_is_refused_by_name(
     assert refused(tmp_path / "s.yaml").field == field
 
 
+def test_a_posture_just_beyond_a_limit_is_told_with_all_its_digits() -> None:
+    robot = asking(Posture(FOLDED)).robot
+    limit = float(robot.upper_position_limits[0])
+    beyond = float(np.nextafter(limit, np.inf))
+    with pytest.raises(InvalidInput) as found:
+        Posture(np.array([beyond, *FOLDED[1:]])).require_fits(robot, keeps_rates=True)
+    assert f"{beyond!r} rad" in str(found.value)
+    assert f"to {limit!r} rad" in str(found.value)
+
+
 def test_what_needs_a_place_of_the_goal_is_refused_with_a_goal_of_the_joints() -> None:
     corridor = Approach(direction=np.array([1.0, 0.0, 0.0]), distance=0.1)
     with pytest.raises(InvalidInput, match=r"approach .*the goal has no place"):
@@ -366,14 +376,14 @@ def test_no_time_is_refused_in_which_a_joint_alone_can_be_as_asked() -> None:
         enough = replace(asked, duration=speeds_up + slows_down)
         require_time(enough)
         with pytest.raises(
-            NoPlanFound, match="s is too short: joint joint_1 cannot be in the post"
+            NoPlanFound, match="s is too short for joint joint_1 to reach the posture"
         ):
             require_time(replace(asked, duration=0.99 * enough.duration))
     stopping = replace(problem, posture=Posture(at_rest=True), limits=limits, obstacles=())
     rates = np.append(0.1, np.zeros(robot.joints - 1))
     stopping = replace(stopping, start=replace(problem.start, joint_velocities=rates))
     require_time(replace(stopping, duration=0.5))
-    with pytest.raises(NoPlanFound, match="joint joint_1 cannot be at rest that is asked") as error:
+    with pytest.raises(NoPlanFound, match="joint joint_1 to come to rest within") as error:
         require_time(replace(stopping, duration=0.49))
     assert error.value.status is Status.LIMIT_VIOLATED
 

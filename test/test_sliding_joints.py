@@ -455,7 +455,7 @@ def test_a_rail_that_is_too_slow_leaves_no_plan() -> None:
     with pytest.raises(NoPlanFound) as error:
         perform(PlanningTask(asked, replace(SETTINGS, starts=2)))
     assert error.value.status is Status.LIMIT_VIOLATED
-    assert "s is too short: joint rail cannot be in the posture that is asked" in str(error.value)
+    assert "s is too short for joint rail to reach the posture asked for" in str(error.value)
 
 
 def test_a_robot_without_slides_has_weights_of_one() -> None:

@@ -74,12 +74,11 @@ def require_time(problem: PlanningProblem) -> None:
             lacks = np.maximum(lacks, np.abs(way) / rates / duration)
     joint = int(lacks.argmax())
     if lacks[joint] > 1.0:
-        asked = "at rest" if posture.positions is None else "in the posture"
+        reached = "come to rest" if posture.positions is None else "reach the posture asked for"
         raise NoPlanFound(
             Status.LIMIT_VIOLATED,
-            f"{duration:g} s is too short: joint {robot.joint_names[joint]} cannot be {asked} that "
-            "is asked for by then, within the limits of its velocity and acceleration alone; "
-            "choose a longer duration",
+            f"{duration:g} s is too short for joint {robot.joint_names[joint]} to {reached} within "
+            "the limits of its velocity and acceleration alone; choose a longer duration",
         )
 
 

@@ -95,11 +95,12 @@ class Posture:
         ):
             for joint in np.flatnonzero((values < low) | (values > high)):
                 unit = robot.unit(int(joint)) + per_time
+                value, least, largest = (float(one[joint]) for one in (values, low, high))
                 raise InvalidInput(
                     Status.OUT_OF_RANGE,
                     f"target.joints.{name}[{robot.joint_names[joint]}]",
-                    f"{values[joint]:.6g} {unit}",
-                    f"the joint's limits are {low[joint]:.6g} to {high[joint]:.6g} {unit}",
+                    f"{value!r} {unit}",
+                    f"the joint's limits are {least!r} to {largest!r} {unit}",
                 )
 
 

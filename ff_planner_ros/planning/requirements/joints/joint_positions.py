@@ -32,7 +32,6 @@ from ff_planner_ros.robot.model import Robot
 _MARGIN = 1e-5
 # A joint that stops further from its limit than this [rad] after the last point stops soon enough.
 _STOP_OF_INTEREST = 1e-3
-_OTHERWISE = ("another goal orientation, start posture or duration", "more planner.starts")
 
 
 class JointPositions(Requirement):
@@ -107,6 +106,8 @@ class JointPositions(Requirement):
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint furthest outside, or one that cannot stop inside after the last point."""
         robot = samples.problem.robot
+        goal = "goal orientation" if samples.problem.posture is None else "goal posture"
+        advice = f"another {goal}, start posture or duration", "more planner.starts"
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
         if metrics.min_joint_margin < 0.0:
             distances, times = _distances(robot, samples.followed.joints)
@@ -118,13 +119,13 @@ class JointPositions(Requirement):
                     f"joint {robot.joint_names[joint]} is {-distances[side, joint]:.3g} {unit} "
                     f"outside its limits [{lower[joint]:.4f}, {upper[joint]:.4f}] {unit} at "
                     f"{samples.at(times[side, joint])}",
-                    _OTHERWISE,
+                    advice,
                 )
                 return
-        yield from _runs_out(robot, samples.followed.joints)
+        yield from _runs_out(robot, samples.followed.joints, advice)
 
 
-def _runs_out(robot: Robot, joints: JointMotion) -> Iterator[Failure]:
+def _runs_out(robot: Robot, joints: JointMotion, advice: tuple[str, ...]) -> Iterator[Failure]:
     """Yield the joint that no other plan can stop before its limit, where this one ends."""
     lower, upper = robot.lower_position_limits, robot.upper_position_limits
     left = _left_at_end(joints, lower, upper)
@@ -137,7 +138,7 @@ def _runs_out(robot: Robot, joints: JointMotion) -> Iterator[Failure]:
             f"{unit}/s at the last point, {joints.positions[-1, joint]:.4f} {unit}, and cannot "
             f"stop before its limit of {(lower, upper)[side][joint]:.4f} {unit}: no other plan "
             "can start there",
-            _OTHERWISE,
+            advice,
         )
 
 
