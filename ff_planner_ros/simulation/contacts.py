@@ -30,6 +30,7 @@ from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 # Checks between two states of an execution, and in a second, at least. From one state to the next
 # nothing turns by more than 0.01 rad: from check to check a corner 3 m away moves 1.5 mm.
 LOOKS, _LOOKS_A_SECOND = 20, 1000.0
+# Checks for which obstacles are placed at once: more would save no time, but take memory.
 _AT_ONCE = 1000
 
 # What a geom must not bring along: mass, and contacts beside those that are asked for.
@@ -229,8 +230,8 @@ def _carrier(robot: Robot, body: Body) -> pin.Frame:
 def _looks(states: Sequence[Array], times: Array, size: int) -> Iterator[tuple[Array, Array]]:
     """Yield configurations and times to check: on each chord between states, and the last state.
 
-    Chords are off the motion by a few micrometres. They come many at a time, in order: what is
-    around is placed for all of these at once.
+    Chords are off the motion by a few micrometres. They come many at a time, in order: obstacles
+    are placed for all of these times at once.
     """
     chords, moments, count = list[Array](), list[Array](), 0
     for (first, second), (begin, end) in zip(

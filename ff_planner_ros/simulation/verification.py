@@ -42,9 +42,10 @@ MOMENTUM_TOLERANCE = 1e-6
 # hundredth of the tolerances. At least eight steps, because the motion varies between two points.
 STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 8
 # Factors by which steps are refined while momentum or deviation exceed their tolerances: an arm of
-# many joints, or with a heavy payload, diverges from its plan faster than it moves. If a refinement
-# changes the deviation by less than this share of its tolerance, that is the plan's, not RK4's.
+# many joints, or with a heavy payload, diverges from its plan faster than it moves.
 _FINER = (1, 2, 4, 8)
+# A deviation that a refinement changes by less than this share of its tolerance is an error of the
+# plan, not of RK4.
 _CONVERGED = 0.01
 _STANDSTILL = 1e-6  # [m/s]
 # Of a whole execution: ten thousand points of a sound plan need less. It takes ten seconds.
@@ -247,6 +248,7 @@ def _is_allowed(found: Deviation) -> bool:
 
 
 def _has_converged(found: Deviation, coarser: Deviation | None) -> bool:
+    """Tell whether a deviation is that of twice as long steps, but for a share of the tolerance."""
     if coarser is None:
         return False
     values = zip(astuple(found), astuple(coarser), astuple(ALLOWED), strict=True)

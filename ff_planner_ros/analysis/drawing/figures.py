@@ -144,8 +144,7 @@ def joint_figure(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> Fi
     for axes in spare:
         axes.set_visible(False)
     figure.supxlabel("time [s]", fontsize="medium")
-    _settle(_with_legend(figure))
-    return figure
+    return _with_legend(figure)
 
 
 def _settle(figure: Figure) -> None:
