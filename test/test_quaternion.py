@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
+import pinocchio as pin
 import pytest
+from managed_node import holdings
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.quaternion import (
     canonical_quaternion,
+    eigen_quaternion,
     quaternion_from_rotation,
     quaternion_from_rotation_vector,
     quaternion_inverse,
@@ -48,6 +53,21 @@ def test_quaternions_of_matrices() -> None:
 
 def expected_signs(of: Rotation) -> Array:
     return np.asarray(Rotation.from_matrix(of.as_matrix()).as_quat(), np.float64)
+
+
+def test_eigens_quaternion_to_the_last_bit() -> None:
+    for rotation in attitudes().as_matrix():
+        for one in (rotation, rotation.T):
+            assert np.array_equal(eigen_quaternion(one), pin.Quaternion(one).coeffs())
+
+
+def test_eigens_quaternion_keeps_no_memory() -> None:
+    rotation = attitudes().as_matrix()[7]
+    eigen_quaternion(rotation)
+    before = holdings(os.getpid()).memory
+    for _ in range(50_000):
+        eigen_quaternion(rotation)
+    assert holdings(os.getpid()).memory - before < 1_000  # [kB]; 3,900 by pin.Quaternion(rotation)
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-200, 1e-9, 0.999e-3, 1.001e-3, 1.0, np.pi, 7.0, 1e3])

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import (
@@ -30,6 +29,7 @@ from ff_planner_ros.problems.tumbling_witness import (
 )
 from ff_planner_ros.problems.witnessed import spheres_beside
 from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 
@@ -117,7 +117,7 @@ def _drawn(
         start=start,
         target=Target(
             position=goal.translation,
-            quaternion_xyzw=pin.Quaternion(goal.rotation).coeffs(),
+            quaternion_xyzw=eigen_quaternion(goal.rotation),
             orientation=orientation,
         ),
         duration=duration,

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.bench.measurement import Measurement, timed_plans
 from ff_planner_ros.common.share import share_directory
@@ -35,6 +34,7 @@ from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 
 # Added spheres fill a cube of this size around the chaser [m], this far from the arm on its way.
 _CUBE, _APART = 8.0, 0.05
@@ -179,7 +179,7 @@ def prices_of_many(settings: PlannerSettings, count: int) -> Iterator[Price]:
 
 def _box_inside(sphere: Sphere) -> ObstacleBody:
     """Return the cube inscribed in a sphere, with an orientation seeded by the sphere's id."""
-    turn = pin.Quaternion(random_turn(np.random.default_rng([*sphere.id.encode()]))).coeffs()
+    turn = eigen_quaternion(random_turn(np.random.default_rng([*sphere.id.encode()])))
     solid = Solid("box", np.full(3, 2.0 * sphere.radius / np.sqrt(3.0)))
     return ObstacleBody(sphere.id, solid, sphere.center, turn, sphere.velocity)
 
@@ -206,7 +206,7 @@ def _scattered(
     way, rng = Swept(with_bodies(problem.robot), q), np.random.default_rng(0)
     found = list[ObstacleBody]()
     while len(found) < count - len(problem.obstacles):
-        turn = pin.Quaternion(random_turn(rng)).coeffs()
+        turn = eigen_quaternion(random_turn(rng))
         solid = Solid("box", rng.uniform(0.1, 0.4, 3))
         center = rng.uniform(-_CUBE / 2, _CUBE / 2, 3)
         box = ObstacleBody(f"box{len(found)}", solid, center, turn)

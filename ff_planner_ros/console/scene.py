@@ -63,7 +63,10 @@ class SceneView:
         self._drawn = list[_Drawn]()
         self._ghosts = dict[tuple[int, int], viser.FrameHandle]()  # by stage and point
         server.scene.set_up_direction("+z")
-        # Shadows would make pictures 14 times as slow where a browser has no graphics card.
+        # Where a browser has no graphics card, shadows would make pictures 14 times as slow, and an
+        # environment map the first one 2 s late.
+        server.scene.configure_environment_map(None)
+        server.scene.add_light_hemisphere("/light", intensity=2.5, ground_color=(140, 140, 140))
         server.scene.configure_default_lights(enabled=True, cast_shadow=False)
         server.scene.world_axes.visible = True
         server.scene.world_axes.axes_length = 0.2

@@ -45,6 +45,7 @@ from ff_planner_ros.problems.witnessed import (
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.wheels import Wheels
 
@@ -141,7 +142,7 @@ def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
     return PlanningProblem(
         robot=robot,
         start=start,
-        target=Target(tip.translation.copy(), pin.Quaternion(tip.rotation).coeffs()),
+        target=Target(tip.translation.copy(), eigen_quaternion(tip.rotation)),
         duration=_LASTS,
         points=50,
         obstacles=spheres,

@@ -42,6 +42,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import generalised_jacobian
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 # Largest twist of the chaser at the start [m/s, rad/s].
@@ -173,7 +174,7 @@ def draw_motion(robot: Robot, reach: float, rng: np.random.Generator) -> Plannin
         start=start,
         target=Target(
             position=ee.translation + _unit(rng) * reach * rng.uniform(0.15, 0.35),
-            quaternion_xyzw=pin.Quaternion(ee.rotation @ turn).coeffs(),
+            quaternion_xyzw=eigen_quaternion(ee.rotation @ turn),
         ),
         duration=rng.uniform(8.0, 15.0),
         points=_POINTS,

@@ -50,6 +50,7 @@ from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 ROBOTS = ("lemur", "arm6", "arm7", "canadarm2", "arm10")
@@ -326,8 +327,8 @@ class _Draw:
             place = to + (_COME - far) * out
             closely = _track(body, solid, turn, place, -out, self.times)
             if closely.gap(self.closely) > CLEAR:
-                name, quaternion = f"part_{len(chosen) + 1}", pin.Quaternion(turn).normalized()
-                chosen.append(AttachedBody(name, solid, place, quaternion.coeffs()))
+                quaternion = pin.Quaternion(eigen_quaternion(turn)).normalized().coeffs()
+                chosen.append(AttachedBody(f"part_{len(chosen) + 1}", solid, place, quaternion))
         return tuple(chosen)
 
 

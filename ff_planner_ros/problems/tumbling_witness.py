@@ -26,6 +26,7 @@ from ff_planner_ros.robot.momentum import (
     smallest_singular_values,
     total_momentum,
 )
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 # The witness stays away from joint limits [rad], and below so much of rates and torques.
@@ -56,10 +57,10 @@ class Grip:
         to_inertial = tip.rotation @ self.to_ee
         return TargetBody(
             position=tip.translation + tip.rotation @ self.center,
-            quaternion_xyzw=pin.Quaternion(to_inertial).coeffs(),
+            quaternion_xyzw=eigen_quaternion(to_inertial),
             inertia=self.inertia,
             grasp_position=-self.to_ee.T @ self.center,
-            grasp_quaternion_xyzw=pin.Quaternion(self.to_ee.T).coeffs(),
+            grasp_quaternion_xyzw=eigen_quaternion(self.to_ee.T),
             linear_velocity=tip.rotation @ self.drift,
             angular_velocity=to_inertial @ self.rate,
         )

@@ -13,6 +13,7 @@ from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.problems.paths import STRAIGHT
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 _SAMPLES = np.linspace(0.0, 1.0, 50)
@@ -32,9 +33,10 @@ def seen_from(
     start, target, rotation = problem.start, problem.target, frame.rotation
     drift = np.zeros(3) if velocity is None else velocity
     window = problem.duration_range
+    by = pin.Quaternion(eigen_quaternion(rotation))
 
     def turned(quaternion_xyzw: Array) -> Array:
-        quaternion: Array = (pin.Quaternion(rotation) * pin.Quaternion(quaternion_xyzw)).coeffs()
+        quaternion: Array = (by * pin.Quaternion(quaternion_xyzw)).coeffs()
         return quaternion
 
     def moved(one: Obstacle) -> Obstacle:

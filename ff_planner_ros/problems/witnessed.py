@@ -34,6 +34,7 @@ from ff_planner_ros.robot.momentum import (
     smallest_singular_values,
     total_momentum,
 )
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 # Smallest singular value of a singular start at most; the planner's threshold is 0.02.
@@ -161,7 +162,7 @@ def drawn_with_witness(
         start=start,
         target=Target(
             position=goal.translation.copy(),
-            quaternion_xyzw=pin.Quaternion(goal.rotation).coeffs(),
+            quaternion_xyzw=eigen_quaternion(goal.rotation),
             orientation=orientation,
             free_axis_in_ee=axis if orientation is Orientation.ABOUT_AXIS else None,
         ),

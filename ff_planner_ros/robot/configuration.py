@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 
@@ -30,7 +31,7 @@ def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:
     q = np.concatenate(
         [
             state.position_chaser_in_inertial + base_from_chaser,
-            pin.Quaternion(rotation_base_to_inertial).coeffs(),
+            eigen_quaternion(rotation_base_to_inertial),
             state.joint_positions,
         ]
     )
@@ -51,9 +52,9 @@ def system_state(robot: Robot, q: Array, v: Array) -> SystemState:
     omega = rotation_base_to_inertial @ v[3:6]
     return SystemState(
         position_chaser_in_inertial=q[:3] + chaser_from_base,
-        quaternion_chaser_to_inertial_xyzw=pin.Quaternion(
+        quaternion_chaser_to_inertial_xyzw=eigen_quaternion(
             rotation_base_to_inertial @ robot.rotation_chaser_to_base
-        ).coeffs(),
+        ),
         linear_velocity_chaser_in_inertial=rotation_base_to_inertial @ v[:3]
         + pin.skew(omega) @ chaser_from_base,
         angular_velocity_chaser_in_inertial=omega,

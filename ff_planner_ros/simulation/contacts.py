@@ -24,7 +24,7 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import quaternion_from_rotation
+from ff_planner_ros.robot.quaternion import eigen_quaternion, quaternion_from_rotation
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
 # Checks between two states of an execution, and in a second, at least. From one state to the next
@@ -260,7 +260,7 @@ def _add_geom(
 ) -> None:
     place = {
         "pos": placement.translation.tolist(),
-        "quat": np.roll(pin.Quaternion(placement.rotation).coeffs(), 1).tolist(),
+        "quat": np.roll(eigen_quaternion(placement.rotation), 1).tolist(),
     }
     kinds = mujoco.mjtGeom
     if isinstance(solid, coal.Sphere):

@@ -20,6 +20,7 @@ from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.impact import Impact, impact
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum, with_wheel_momenta
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.capture import end_effector_motion
 
@@ -63,7 +64,7 @@ class FreeFloatingSystem:
         return replace(
             body,
             position=there.translation,
-            quaternion_xyzw=pin.Quaternion(there.rotation).coeffs(),
+            quaternion_xyzw=eigen_quaternion(there.rotation),
             linear_velocity=twist[:3] + np.cross(twist[3:], lever),
             angular_velocity=twist[3:],
         )

@@ -15,7 +15,11 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.quaternion import quaternion_from_rotation_vector, unit_quaternion
+from ff_planner_ros.robot.quaternion import (
+    eigen_quaternion,
+    quaternion_from_rotation_vector,
+    unit_quaternion,
+)
 from ff_planner_ros.robot.rotation import cross
 
 
@@ -85,7 +89,7 @@ def turned_by_momentum(
     begin, middle, end = omega[:-1:2], omega[1::2], omega[2::2]
     whole = step / 6 * (begin + 4 * middle + end) + step**2 / 12 * cross(begin, end)
     turns = quaternion_from_rotation_vector(np.vstack([np.zeros(3), whole]))
-    turns[0] = pin.Quaternion(rotation).coeffs()
+    turns[0] = eigen_quaternion(rotation)
     return unit_quaternion(np.array(list(accumulate(turns.tolist(), _product))))
 
 

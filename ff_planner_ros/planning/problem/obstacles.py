@@ -27,7 +27,7 @@ from ff_planner_ros.planning.problem.target_body import (
     TargetBody,
 )
 from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
-from ff_planner_ros.robot.quaternion import rotation_from_quaternion
+from ff_planner_ros.robot.quaternion import eigen_quaternion, rotation_from_quaternion
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +233,7 @@ class ObstacleBody:
         if time == 0.0:
             return self  # to the last bit
         rotations, positions = self.poses(np.array([time]))
-        turned = pin.Quaternion(rotations[0]).coeffs() if self.turns else self.quaternion_xyzw
+        turned = eigen_quaternion(rotations[0]) if self.turns else self.quaternion_xyzw
         there = replace(self, position=positions[0], quaternion_xyzw=turned)
         if self.body is None:
             return there
@@ -337,7 +337,7 @@ def _attached_body(one: AttachedBody, body: TargetBody) -> ObstacleBody:
         one.id,
         one.shape,
         motion.positions[0],
-        pin.Quaternion(motion.rotations[0] @ place.rotation).coeffs(),
+        eigen_quaternion(motion.rotations[0] @ place.rotation),
         motion.twists[0, :3],
         motion.twists[0, 3:],
         body,

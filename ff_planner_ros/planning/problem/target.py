@@ -25,6 +25,7 @@ from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR, MAX_TILT, flattened, in_plane
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.state import SystemState
 
@@ -37,7 +38,7 @@ TILT_OF_ROUNDING = 1e-9
 def _euler_degrees(field: str, value: object) -> Array:
     """Return the quaternion of three angles: R = Rz Ry Rx."""
     euler = np.deg2rad(finite_vector(field, numbers(field, value), 3))
-    return frozen(pin.Quaternion(rotation_from_euler(euler)).coeffs())
+    return frozen(eigen_quaternion(rotation_from_euler(euler)))
 
 
 EULER_DEGREES = Form(_euler_degrees, lambda: of_numbers(3))
@@ -170,7 +171,8 @@ def target_on_the_table(robot: Robot, start: SystemState, target: Target) -> Tar
     if target.free_axis_in_ee is not None:
         target = _without_free_axis(tip.rotation @ target.free_axis_in_ee, target)
     if target.orientation is Orientation.FIXED:
-        wanted = pin.Quaternion(target.quaternion_xyzw) * pin.Quaternion(tip.rotation.T)
+        to_ee = pin.Quaternion(eigen_quaternion(tip.rotation.T))
+        wanted = pin.Quaternion(target.quaternion_xyzw) * to_ee
         heading, tilt = flattened(wanted.coeffs())
         upside_down = abs(heading[3]) + abs(heading[2]) == 0.0
         if tilt > MAX_TILT or upside_down:
@@ -179,10 +181,10 @@ def target_on_the_table(robot: Robot, start: SystemState, target: Target) -> Tar
                 "target.quaternion_xyzw",
                 target.quaternion_xyzw.tolist(),
                 "with robot.base planar the end effector turns about z only: its start attitude, "
-                f"{np.round(pin.Quaternion(tip.rotation).coeffs(), 6).tolist()}, turned about z",
+                f"{np.round(eigen_quaternion(tip.rotation), 6).tolist()}, turned about z",
             )
         if tilt > TILT_OF_ROUNDING:
-            turned = pin.Quaternion(heading) * pin.Quaternion(tip.rotation)
+            turned = pin.Quaternion(heading) * pin.Quaternion(eigen_quaternion(tip.rotation))
             target = replace(target, quaternion_xyzw=turned.normalized().coeffs())
     place = np.append(target.position[:2], tip.translation[2])
     vectors: dict[str, Any] = {

@@ -30,6 +30,7 @@ from ff_planner_ros.planning.problem.torque_free import (
     fastest_turn,
     possible_inertia,
 )
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.urdf.payload import HeldShape
 
@@ -272,7 +273,7 @@ class TargetBody:
         grasp = self.grasp(np.array([time]))
         return Target(
             position=grasp.positions[0],
-            quaternion_xyzw=pin.Quaternion(grasp.rotations[0]).coeffs(),
+            quaternion_xyzw=eigen_quaternion(grasp.rotations[0]),
             linear_velocity=grasp.twists[0, :3],
             angular_velocity=grasp.twists[0, 3:],
             linear_acceleration=grasp.accelerations[0, :3],
@@ -296,7 +297,7 @@ class TargetBody:
         return replace(
             self,
             position=self.position + time * self.linear_velocity,
-            quaternion_xyzw=pin.Quaternion(motion.rotations[0]).coeffs(),
+            quaternion_xyzw=eigen_quaternion(motion.rotations[0]),
             angular_velocity=back * motion.twists[0, 3:],
         )
 

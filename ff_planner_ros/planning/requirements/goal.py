@@ -19,6 +19,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     too_large,
 )
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 
 # A motion leaves its path where steps are long, or where a singularity lies between two.
 _FOLLOW = "more points, or a nearer goal if it is at the edge of the workspace"
@@ -114,7 +115,8 @@ def _turn_to(target: Target, rotation: Array) -> Array:
 
 def beside(target: Target, way: Array, turn: Array) -> Target:
     """Return a target moved by a translation [m] and a rotation vector [rad], inertial axes."""
-    turned = pin.Quaternion(pin.exp3(turn)) * pin.Quaternion(target.quaternion_xyzw)
+    by = pin.Quaternion(eigen_quaternion(pin.exp3(turn)))
+    turned = by * pin.Quaternion(target.quaternion_xyzw)
     return replace(
         target, position=target.position + way, quaternion_xyzw=turned.normalized().coeffs()
     )

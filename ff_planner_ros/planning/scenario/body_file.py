@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import pinocchio as pin
-
 from ff_planner_ros.common.declared import (
     DeclaredField,
     DeclaredFields,
@@ -24,6 +22,7 @@ from ff_planner_ros.errors import Faults
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.robot.collision.urdf_body import urdf_body
 from ff_planner_ros.robot.model import read_urdf
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 
 _KEY = "urdf"
 _WITHOUT = part(TargetBody)
@@ -64,7 +63,7 @@ def with_urdf(
             one.name,
             one.solid,
             one.place.translation,
-            pin.Quaternion(one.place.rotation).coeffs(),
+            eigen_quaternion(one.place.rotation),
         )
         for one in body.solids
     ]

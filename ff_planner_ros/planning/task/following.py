@@ -22,6 +22,7 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.impact import impact
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload, with_payload
 
@@ -125,7 +126,7 @@ def held_body(body: TargetBody, robot: Robot) -> Payload:
     for one in body.obstacles if robot.geometry is Geometry.SHAPES else ():
         if isinstance(one, AttachedBody):
             turn = to_body.T @ pin.Quaternion(one.quaternion_xyzw).toRotationMatrix()
-            quaternion = pin.Quaternion(turn).normalized().coeffs()
+            quaternion = pin.Quaternion(eigen_quaternion(turn)).normalized().coeffs()
             place = (one.position - body.grasp_position) @ to_body
             shapes.append(HeldShape(one.id, one.shape, place, quaternion))
         else:
