@@ -11,9 +11,9 @@ from managed_node import holdings
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.quaternion import (
     canonical_quaternion,
-    eigen_quaternion,
     quaternion_from_rotation,
     quaternion_from_rotation_vector,
     quaternion_inverse,

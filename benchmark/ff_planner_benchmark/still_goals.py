@@ -28,8 +28,8 @@ from ff_planner_ros.problems.tumbling_witness import (
     witness_to_grip,
 )
 from ff_planner_ros.problems.witnessed import spheres_beside
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 

@@ -34,7 +34,7 @@ from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
-from ff_planner_ros.robot.quaternion import eigen_quaternion
+from ff_planner_ros.robot.configuration import eigen_quaternion
 
 # Added spheres fill a cube of this size around the chaser [m], this far from the arm on its way.
 _CUBE, _APART = 8.0, 0.05

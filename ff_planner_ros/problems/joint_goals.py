@@ -42,10 +42,9 @@ from ff_planner_ros.problems.witnessed import (
     random_posture,
     spheres_beside,
 )
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.wheels import Wheels
 

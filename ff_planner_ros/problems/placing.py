@@ -16,7 +16,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import ObstacleBody
 from ff_planner_ros.problems.bodies import Swept, distance
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
-from ff_planner_ros.robot.quaternion import eigen_quaternion
+from ff_planner_ros.robot.configuration import eigen_quaternion
 
 # Kinds that are drawn in turn: a plate is a box of 5 mm.
 KINDS = ("box", "cylinder", "plate", "capsule", "cone", "mesh")

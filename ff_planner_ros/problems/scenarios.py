@@ -38,11 +38,10 @@ from ff_planner_ros.problems.paths import (
 )
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.twin import same_path, seen_back, seen_from
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import generalised_jacobian
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 # Largest twist of the chaser at the start [m/s, rad/s].

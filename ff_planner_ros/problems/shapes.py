@@ -47,10 +47,9 @@ from ff_planner_ros.problems.tumbling_witness import FROM_LIMITS, Grip, Witness,
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.collision.solids import Solid
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 ROBOTS = ("lemur", "arm6", "arm7", "canadarm2", "arm10")

@@ -17,7 +17,7 @@ from ff_planner_ros.planning.motion.forward import carried_base
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.problem.target_body import TargetBody
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.dynamics import accelerations, joint_torques
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import (
@@ -26,7 +26,6 @@ from ff_planner_ros.robot.momentum import (
     smallest_singular_values,
     total_momentum,
 )
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 # The witness stays away from joint limits [rad], and below so much of rates and torques.

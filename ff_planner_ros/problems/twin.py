@@ -13,7 +13,7 @@ from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.problems.paths import STRAIGHT
-from ff_planner_ros.robot.quaternion import eigen_quaternion
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 _SAMPLES = np.linspace(0.0, 1.0, 50)

@@ -27,14 +27,13 @@ from ff_planner_ros.planning.problem.problem import (
     Target,
 )
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import (
     generalised_jacobian,
     smallest_singular_values,
     total_momentum,
 )
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 # Smallest singular value of a singular start at most; the planner's threshold is 0.02.

@@ -15,8 +15,16 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
+
+
+def eigen_quaternion(rotation: Array) -> Array:
+    """Return the unit quaternion of one rotation matrix, with the sign that Eigen gives it.
+
+    `pin.Quaternion(rotation)` would be the same, and its 80 bytes would never be freed.
+    """
+    quaternion: Array = pin.SE3ToXYZQUAT(pin.SE3(rotation, np.zeros(3)))[3:]
+    return quaternion
 
 
 def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:

@@ -7,7 +7,6 @@ In place of SciPy's `Rotation`, which takes half a second to load. Quaternions h
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.rotation import cross
@@ -27,15 +26,6 @@ def rotation_from_quaternion(quaternions: Array) -> Array:
         [2.0 * (xz - yw), 2.0 * (yz + xw), -xx - yy + zz + ww],
     ]
     return np.array(rows).transpose(*range(2, unit.ndim + 1), 0, 1)
-
-
-def eigen_quaternion(rotation: Array) -> Array:
-    """Return the unit quaternion of one rotation matrix, with the sign that Eigen gives it.
-
-    `pin.Quaternion(rotation)` would be the same, and its 80 bytes would never be freed.
-    """
-    quaternion: Array = pin.SE3ToXYZQUAT(pin.SE3(rotation, np.zeros(3)))[3:]
-    return quaternion
 
 
 def quaternion_from_rotation(rotations: Array) -> Array:

@@ -23,8 +23,9 @@ from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import eigen_quaternion, quaternion_from_rotation
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
 # Checks between two states of an execution, and in a second, at least. From one state to the next

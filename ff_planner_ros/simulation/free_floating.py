@@ -16,11 +16,10 @@ from ff_planner_ros.planning.motion.forward import carried_forward, driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, steady_motion
 from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.planning.problem.target_body import TargetBody
-from ff_planner_ros.robot.configuration import configuration, system_state
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion, system_state
 from ff_planner_ros.robot.impact import Impact, impact
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum, with_wheel_momenta
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.capture import end_effector_motion
 

@@ -9,14 +9,11 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.dynamics import inverse_dynamics
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import (
-    eigen_quaternion,
-    quaternion_from_rotation,
-    rotation_from_quaternion,
-)
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.state import SystemState
 

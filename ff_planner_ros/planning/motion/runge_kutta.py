@@ -15,11 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.quaternion import (
-    eigen_quaternion,
-    quaternion_from_rotation_vector,
-    unit_quaternion,
-)
+from ff_planner_ros.robot.configuration import eigen_quaternion
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation_vector, unit_quaternion
 from ff_planner_ros.robot.rotation import cross
 
 

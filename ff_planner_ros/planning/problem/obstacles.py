@@ -27,7 +27,8 @@ from ff_planner_ros.planning.problem.target_body import (
     TargetBody,
 )
 from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
-from ff_planner_ros.robot.quaternion import eigen_quaternion, rotation_from_quaternion
+from ff_planner_ros.robot.configuration import eigen_quaternion
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,10 +22,9 @@ from ff_planner_ros.common.forms import (
 from ff_planner_ros.common.plain_values import numbers
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR, MAX_TILT, flattened, in_plane
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.state import SystemState
 

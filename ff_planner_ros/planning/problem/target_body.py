@@ -30,7 +30,7 @@ from ff_planner_ros.planning.problem.torque_free import (
     fastest_turn,
     possible_inertia,
 )
-from ff_planner_ros.robot.quaternion import eigen_quaternion
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.urdf.payload import HeldShape
 

@@ -18,8 +18,8 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     too_large,
 )
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 
 # A motion leaves its path where steps are long, or where a singularity lies between two.
 _FOLLOW = "more points, or a nearer goal if it is at the edge of the workspace"

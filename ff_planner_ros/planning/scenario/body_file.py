@@ -21,8 +21,8 @@ from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.errors import Faults
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.robot.collision.urdf_body import urdf_body
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import read_urdf
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 
 _KEY = "urdf"
 _WITHOUT = part(TargetBody)

@@ -20,9 +20,9 @@ from ff_planner_ros.planning.task.phase import require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.impact import impact
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import eigen_quaternion
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload, with_payload
 
