@@ -7,7 +7,6 @@ and clearance are recomputed by forward kinematics and dynamics from the samples
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from ff_planner_ros.robot.wheels import momenta_of
 
 def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
     """Return the metrics of a trajectory, computed from its samples alone."""
-    samples = _samples(problem, settings, trajectory)
+    samples = Samples(problem, settings, trajectory)
     to_goal = slice(samples.goal + 1)
     required: dict[str, Any] = {}
     for requirement in requirements_of(problem):
@@ -50,7 +49,7 @@ def wheels_told(
     robot, wheels, start = problem.robot, problem.robot.wheels, problem.start
     if wheels is None:
         return None
-    samples = _samples(problem, settings, trajectory)
+    samples = Samples(problem, settings, trajectory)
     q, v = samples.q_and_v
     stored = momenta_of(wheels, start)
     rows = wheels_along(robot, wheels, stored, q, v, trajectory.joint_accelerations)
@@ -67,19 +66,11 @@ def named_failures(
     problem: PlanningProblem, plan: Plan, settings: PlannerSettings
 ) -> Iterator[tuple[str, Failure]]:
     """Yield `failures` with the names of their requirements."""
-    samples = _samples(problem, settings, plan.trajectory)
+    samples = Samples(problem, settings, plan.trajectory)
     for required in requirements_of(problem):
         if not (plan.may_be_singular and required.name == SingularValues.name):
             for failure in required.failures(samples, plan.metrics):
                 yield required.name, failure
-
-
-@lru_cache(maxsize=2)
-def _samples(
-    problem: PlanningProblem, settings: PlannerSettings, trajectory: Trajectory
-) -> Samples:
-    """Return the samples of a trajectory, cached between `measure` and `failures`."""
-    return Samples(problem, settings, trajectory)
 
 
 def refusal(

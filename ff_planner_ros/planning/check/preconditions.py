@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.distance.contact import tool_contact
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -113,9 +114,10 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
             f"{contact.first.split('#')[0]}/{contact.second} in allowed_collisions.pairs if it is "
             "grasped",
         )
-    for sphere in () if robot.bodies else problem.spheres:
-        center = sphere.center + sphere.way(problem.duration)
-        depth = sphere.radius - float(np.linalg.norm(target - center))
+    spheres = () if robot.bodies else problem.spheres
+    centers = centers_at(np.array([problem.duration]), spheres)[0]
+    depths = np.array([one.radius for one in spheres]) - np.linalg.norm(target - centers, axis=1)
+    for sphere, depth in zip(spheres, depths, strict=True):
         if depth >= 0.0:
             raise NoPlanFound(
                 Status.COLLISION,

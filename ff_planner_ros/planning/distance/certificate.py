@@ -11,7 +11,14 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.allowed_contact import split_obstacles, split_spheres
-from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
+from ff_planner_ros.planning.distance.clearance import (
+    arm_points,
+    centers_at,
+    clearances,
+    highest_speeds,
+    may_be_nearest,
+    segments,
+)
 from ff_planner_ros.planning.distance.start_room import (
     KEPT,
     room_of_bodies,
@@ -88,14 +95,17 @@ def certified_clearance(
     steps = np.diff(times)
     positions = arm_points(robot, q) if positions is None else positions
     starts = segments(positions)
+    cubics = cubics_between(robot, q, v, steps)
+    arm = slides(robot), positions[0], q[0], cubics
+    way = way_bounds(*arm)
+    moved = way.max() + steps.max() * highest_speeds(spheres)
+    spheres = may_be_nearest(positions, times, starts, spheres, moved)
     centers = centers_at(times, spheres)
     by_sphere = clearances(positions, times, starts, spheres, centers).distance.min(axis=1)
-    cubics = cubics_between(robot, q, v, steps)
-    speeds = np.array([sphere.highest_speed for sphere in spheres])
+    speeds = highest_speeds(spheres)
     changes = np.array([sphere.highest_acceleration for sphere in spheres])
     # Of arm and sphere together, in each interval. Shape (points - 1, spheres).
-    arm = slides(robot), positions[0], q[0], cubics
-    ways = way_bounds(*arm)[:, None] + steps[:, None] * speeds
+    ways = way[:, None] + steps[:, None] * speeds
     bends = bend_bounds(*arm)[:, None] + steps[:, None] ** 2 * changes
     # Nothing is faster than on the whole way from point to point by more than half of the bend.
     whole = np.diff(positions[:, :, None] - centers[:, None], axis=0)

@@ -79,6 +79,43 @@ def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
     return moved
 
 
+def highest_speeds(spheres: Sequence[Sphere]) -> Array:
+    """Return upper bounds of the speeds of the spheres' centres. Shape (spheres,) [m/s]."""
+    _, velocities, _ = sphere_arrays(spheres)
+    speeds: Array = np.linalg.norm(velocities, axis=1)
+    for k, sphere in enumerate(spheres):
+        if sphere.body is not None:
+            speeds[k] = sphere.highest_speed
+    return speeds
+
+
+def may_be_nearest(
+    positions: Array,
+    times: Array,
+    starts: Indices,
+    spheres: Sequence[Sphere],
+    moved: Array | float = 0.0,
+) -> list[Sphere]:
+    """Return the spheres that are not surely further from the arm than another one.
+
+    A sphere is left out whose distance from the box around all `positions` exceeds a distance of
+    the arm from a sphere.
+
+    Args:
+        moved: How far arm and each sphere may move, together, from where they are at the times.
+            Shape (spheres,) [m].
+    """
+    _, _, radii = sphere_arrays(spheres)
+    ends = [0, len(times) // 2, -1]
+    within = clearances(positions[ends], times[ends], starts, spheres).distance.min()
+    fixed_to_bodies = any(sphere.body is not None for sphere in spheres)
+    centers = centers_at(times if fixed_to_bodies else times[[0, -1]], spheres)
+    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
+    apart = np.maximum(low - centers.max(axis=0), centers.min(axis=0) - high)
+    least = np.linalg.norm(np.maximum(apart, 0.0), axis=1) - radii - moved
+    return [one for one, far in zip(spheres, least > within + _SAME_POINT, strict=True) if not far]
+
+
 def velocities_at(times: Array, spheres: Sequence[Sphere]) -> Array:
     """Return the velocities of the spheres' centres. Shape (points, spheres, 3) [m/s]."""
     velocities = np.empty((len(times), len(spheres), 3))

@@ -24,6 +24,7 @@ from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     clearance_rows,
     clearances,
+    may_be_nearest,
     penalty,
     segments,
 )
@@ -234,14 +235,15 @@ class _Nearest(NamedTuple):
 
 def _nearest(problem: PlanningProblem, motion: FollowedMotion, arm: Array) -> _Nearest:
     robot, starts = problem.robot, segments(arm)
-    distance = clearances(arm, motion.time, starts, problem.spheres).distance
+    spheres = may_be_nearest(arm, motion.time, starts, problem.spheres)
+    distance = clearances(arm, motion.time, starts, spheres).distance
     time, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
     start, ends = int(starts[segment]), (*robot.joint_names, robot.tip_link)
     return _Nearest(
         distance=float(distance[time, segment, sphere]),
         segment=start,
         line=f"{ends[start]}-{ends[start + 1]}",
-        obstacle=problem.spheres[sphere].id,
+        obstacle=spheres[sphere].id,
         time=float(motion.time[time]),
     )
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -25,6 +25,7 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.dynamics import joint_torques
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import momentum_maps
 
 # A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
@@ -50,6 +51,41 @@ class Rows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Tracked:
+    """Quantities derived from a trajectory alone, whatever is asked of it."""
+
+    robot: Robot
+    trajectory: Trajectory
+
+    @cached_property
+    def q_and_v(self) -> tuple[Array, Array]:
+        """Configurations and tangent velocities. (points, 7 + joints), (points, 6 + joints)."""
+        return from_trajectory(self.robot, self.trajectory)
+
+    @cached_property
+    def followed(self) -> FollowedMotion:
+        """Motion of the system, between the points too, when a controller tracks the joints."""
+        q, v = self.q_and_v
+        return followed(self.robot, q[0], v[0], joint_motion(self.trajectory))
+
+    @cached_property
+    def arm(self) -> Array:
+        """Joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
+        return arm_points(self.robot, self.q_and_v[0])
+
+    @cached_property
+    def torques(self) -> Array:
+        """Joint torques by inverse dynamics, without external forces. (points, joints) [N m, N]."""
+        accelerations = self.trajectory.joint_accelerations
+        return joint_torques(self.robot, *self.q_and_v, accelerations, self.maps)
+
+    @cached_property
+    def maps(self) -> Array:
+        """Matrices of `momentum_maps` at the points. Shape (points, 6, 6 + joints)."""
+        return momentum_maps(self.robot, self.robot.model.createData(), self.q_and_v[0])
+
+
+@dataclass(frozen=True, eq=False)
 class Samples:
     """A plan's trajectory points, and quantities derived from them that requirements share."""
 
@@ -58,37 +94,38 @@ class Samples:
     trajectory: Trajectory  # points after the problem's duration are the post-goal segment
 
     @cached_property
+    def _tracked(self) -> Tracked:
+        return _tracked(self.problem.robot, self.trajectory)
+
+    @property
     def q_and_v(self) -> tuple[Array, Array]:
-        """Configurations and tangent velocities. (points, 7 + joints), (points, 6 + joints)."""
-        return from_trajectory(self.problem.robot, self.trajectory)
+        """As of `Tracked`."""
+        return self._tracked.q_and_v
 
     @property
     def q(self) -> Array:
         """Configurations. Shape (points, 7 + joints)."""
         return self.q_and_v[0]
 
-    @cached_property
+    @property
     def followed(self) -> FollowedMotion:
-        """Motion of the system, between the points too, when a controller tracks the joints."""
-        q, v = self.q_and_v
-        return followed(self.problem.robot, q[0], v[0], joint_motion(self.trajectory))
+        """As of `Tracked`."""
+        return self._tracked.followed
 
-    @cached_property
+    @property
     def arm(self) -> Array:
-        """Joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
-        return arm_points(self.problem.robot, self.q)
+        """As of `Tracked`."""
+        return self._tracked.arm
 
-    @cached_property
+    @property
     def torques(self) -> Array:
-        """Joint torques by inverse dynamics, without external forces. (points, joints) [N m, N]."""
-        accelerations = self.trajectory.joint_accelerations
-        return joint_torques(self.problem.robot, *self.q_and_v, accelerations, self.maps)
+        """As of `Tracked`."""
+        return self._tracked.torques
 
-    @cached_property
+    @property
     def maps(self) -> Array:
-        """Matrices of `momentum_maps` at the points. Shape (points, 6, 6 + joints)."""
-        robot = self.problem.robot
-        return momentum_maps(robot, robot.model.createData(), self.q)
+        """As of `Tracked`."""
+        return self._tracked.maps
 
     @cached_property
     def goal(self) -> int:
@@ -113,6 +150,11 @@ class Samples:
             return f"t = {time:.2f} s, {time - duration:.2f} s after the goal"
         words = f"t = {time:.2f} s of {duration:g} s"
         return f"the goal, {words}" if time == goal else words
+
+
+@lru_cache(maxsize=2)  # what a search measures for its objective is judged soon after
+def _tracked(robot: Robot, trajectory: Trajectory) -> Tracked:
+    return Tracked(robot, trajectory)
 
 
 class Requirement:
