@@ -17,6 +17,7 @@ from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.plan import SolverReport
 from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
 from ff_planner_ros.planning.search.candidate import plan_of_motion
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems import shapes
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out
 from ff_planner_ros.problems.shapes import LINES_EVERY, ROBOTS, SITUATIONS, ShapesProblem
@@ -201,3 +202,9 @@ def test_what_is_compared_is_nearly_the_same() -> None:
     edge = float(box.solid.sizes[0])
     assert np.abs(hull.solid.corners).max() <= edge / 2
     assert 0.8 < hull_volume(hull.solid.corners) / edge**3 < 1.0
+
+
+def test_among_edges_lines_too_are_planned_from_the_first_guess() -> None:
+    """Where a line slides along an edge, multipliers converge slowly: no reason for another."""
+    found = plan(shapes.problem(41).problem, load_parameters().planner)
+    assert found.solver.starts == 1

@@ -136,20 +136,20 @@ def _own(solver: GridSolver) -> Array:
 def _coarse_optimum(solver: GridSolver, guess: Array) -> PathSolution | None:
     """Return the optimum of a guess or, if that is long, the better of it and the family's own."""
     solver.effort.starts += 1
-    coarse, geometry = solver.grids[0], solver.problem.robot.geometry
+    coarse, problem = solver.grids[0], solver.problem
     at_guess = solver.evaluate(coarse, guess)
     grid = _near(coarse, _COARSE_ITERATIONS)
     if at_guess.equalities.size:  # the first step must have room to get to the goal
         grid = grid.with_stage(radius=coarse.stage.radius)
     found = solver.solve(grid, guess, at_start=at_guess)
-    if not is_promising(found, geometry):
+    if not is_promising(found, problem):
         return None
     if not _is_long(solver, found.at_x):
         return found
     solver.effort.starts += 1
     other = solver.solve(coarse, _own(solver))
     is_better = other.at_x.objective < found.at_x.objective
-    return other if is_better and is_promising(other, geometry) else found
+    return other if is_better and is_promising(other, problem) else found
 
 
 def _near(grid: Grid, iterations: int) -> Grid:

@@ -7,6 +7,7 @@ from itertools import chain, islice
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution, rank
 from ff_planner_ros.robot.collision.geometry import Geometry
 
@@ -45,13 +46,13 @@ def plans(solver: GridSolver, first_guess: Array | None) -> Iterator[Plan]:
 
 def _coarse_paths(solver: GridSolver, first_guess: Array | None) -> Iterator[PathSolution]:
     """Yield paths on the coarsest grid that are worth solving on finer grids."""
-    starts, geometry = solver.settings.starts, solver.problem.robot.geometry
+    starts = solver.settings.starts
     given = [] if first_guess is None else [first_guess]
     postponed: list[PathSolution] = []
     for number, guess in enumerate(islice(chain(given, solver.initial_guesses()), starts), start=1):
         solver.effort.starts += 1
         coarse = solver.solve_coarsely(guess)
-        if is_promising(coarse, geometry):
+        if is_promising(coarse, solver.problem):
             yield coarse
             continue
         if coarse.at_x.is_defined:
@@ -62,10 +63,10 @@ def _coarse_paths(solver: GridSolver, first_guess: Array | None) -> Iterator[Pat
             yield best
 
 
-def is_promising(coarse: PathSolution, geometry: Geometry) -> bool:
+def is_promising(coarse: PathSolution, problem: PlanningProblem) -> bool:
     """Tell whether a solution on the coarsest grid is worth solving on finer grids."""
     if coarse.feasible:
-        has_edges = geometry is Geometry.SHAPES
+        has_edges = problem.robot.geometry is Geometry.SHAPES or problem.obstacle_bodies
         most = _PROMISING_OPTIMALITY_OF_BODIES if has_edges else _PROMISING_OPTIMALITY
         return coarse.optimality <= most
     return coarse.at_x.violation <= PROMISING_VIOLATION
