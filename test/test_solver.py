@@ -398,3 +398,35 @@ def test_a_step_is_that_of_all_max_terms_however_few_are_within_reach_at_first()
         reached = float((terms + by_x @ step.dx).max())
         assert reached == pytest.approx(truth.fun, abs=2e-3)
         assert step.objective == pytest.approx(reached, abs=1e-9)
+
+
+def test_equalities_out_of_reach_are_told_by_arithmetic_where_a_linear_program_says_so():
+    """The least radius with a solution is that of a linear program; near it nothing is told."""
+    rng, told = np.random.default_rng(11), 0
+    for number in range(200):
+        count, n = int(rng.integers(1, 7)), int(rng.integers(8, 30))
+        rows, off = rng.normal(size=(count, n)), rng.normal(size=count)
+        # The least r with |d| <= r and rows d = -off, over (d, r).
+        beyond = np.block([[np.eye(n), -np.ones((n, 1))], [-np.eye(n), -np.ones((n, 1))]])
+        least = linprog(
+            np.append(np.zeros(n), 1.0),
+            beyond,
+            np.zeros(2 * n),
+            np.column_stack([rows, np.zeros(count)]),
+            -off,
+            (None, None),
+        ).fun
+        none = np.empty(0), np.empty((0, n))
+        program = Linearisation(0.0, np.zeros(n), np.eye(n), *none, *none, off, rows)
+        assert not qp._is_out_of_reach(program, 1.0001 * least), number
+        assert qp.solve_qp(program, 1.01 * least, 10.0).is_elastic is False, number
+        assert qp.solve_qp(program, 0.99 * least, 10.0).is_elastic, number
+        told += qp._is_out_of_reach(program, 0.8 * least)
+    assert told >= 190
+
+
+def test_equalities_that_contradict_each_other_are_no_error():
+    rows, off = np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([1.0, -1.0])
+    program = Linearisation(0.0, np.zeros(2), np.eye(2), *NO_ROWS, *NO_ROWS, off, rows)
+    assert not qp._is_out_of_reach(program, 10.0)
+    assert qp.solve_qp(program, 10.0, 10.0).is_elastic

@@ -31,6 +31,9 @@ _REGULARISATION, _LINEAR = 1e-4, 1e-4
 # The working set begins with the constraints and max terms that a step can reach by this part of
 # the largest change in the trust region.
 _WITHIN_REACH = 0.03
+# Of 2,000 programs with equalities, six rounds left 28 undecided; no weight is above 1e6 times the
+# least.
+_REWEIGHTED, _LEAST, _ROUNDING = 6, 1e-6, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +53,37 @@ class Step:
 
 def solve_qp(at_x: Linearisation, radius: float, penalty: float) -> Step:
     """Return the step that minimises the model of the merit function in the trust region."""
-    step = _solve_by_working_set(at_x, radius, penalty)
+    step = None if _is_out_of_reach(at_x, radius) else _solve_by_working_set(at_x, radius, penalty)
     if step is not None:
         return step
     step = _solve_by_working_set(elastic_mode(at_x), radius, penalty)
     if step is None:  # nothing but slack is asked for
         raise RuntimeError("a program without equalities has a solution")
     return replace(step, is_elastic=True)
+
+
+def _is_out_of_reach(at_x: Linearisation, radius: float) -> bool:
+    """Tell whether the equalities surely have no solution in the trust region.
+
+    By Farkas' lemma they have none if |y' h| exceeds the radius times the 1-norm of E' y for any y.
+    Iteratively reweighted least squares looks for it, and for a solution. The interior-point method
+    would end such a program after up to 250 iterations, where others take 15.
+    """
+    off, by_x = at_x.equalities, _equalities_jacobian(at_x)
+    weights = np.ones(by_x.shape[1])
+    for _ in range(_REWEIGHTED if off.size else 0):
+        weighted = by_x * weights
+        try:
+            y = np.linalg.solve(weighted @ by_x.T, off)
+        except np.linalg.LinAlgError:
+            return False
+        along = np.abs(by_x.T @ y)
+        if (weights * along).max() <= radius:
+            return False
+        if y @ off > (1.0 + _ROUNDING) * radius * along.sum():
+            return True
+        weights = 1.0 / np.maximum(along, _LEAST * along.max())
+    return False
 
 
 def elastic_mode(at_x: Linearisation) -> Linearisation:
