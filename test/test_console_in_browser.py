@@ -106,7 +106,8 @@ def test_a_goal_moved_by_numbers_is_planned_for(console: Callable[..., Console])
     inputs = page.page.locator("input")
 
     def showing(value: str) -> Any:
-        page.page.wait_for_timeout(500)
+        is_there = "value => [...document.querySelectorAll('input')].some(x => x.value === value)"
+        page.page.wait_for_function(is_there, arg=value)
         count = inputs.count()
         return next(one for k in range(count) if (one := inputs.nth(k)).input_value() == value)
 
