@@ -145,14 +145,24 @@ struct TurnDerivatives {
   std::vector<Matrix3X> rates;            // of the base's rate, at the points
   std::vector<Columns6> by_joints;        // of both momenta at fixed velocities, at the points
 
+  // is_held: wheels hold the base's attitude, which nothing changes.
   TurnDerivatives(const BaseTurn& base, const std::vector<SystemMomentum>& at,
-                  const RowMajor& joint_rates, const JointRows& rows, double step,
-                  double duration) {
+                  const RowMajor& joint_rates, const JointRows& rows, double step, double duration,
+                  bool is_held) {
     const Rotations rotations{rows.has_duration(), duration};
-    turns.push_back(Matrix3X::Zero(3, rows.variables()));
     const auto by_joints_at = [&](int half_step, const Vector3& base_rate) {
       return at[half_step].by_joints(base_rate, joint_rates.row(half_step));
     };
+    const Matrix3X unchanged = Matrix3X::Zero(3, rows.variables());
+    if (is_held) {
+      half_way.assign(base.steps.size(), unchanged);
+      turns.assign(base.steps.size() + 1, unchanged);
+      rates = turns;
+      for (size_t i = 0; i < at.size(); i += 2)
+        by_joints.push_back(by_joints_at(static_cast<int>(i), Vector3::Zero()));
+      return;
+    }
+    turns.push_back(unchanged);
     for (const TurnStep& now : base.steps) {
       const int i = 2 * static_cast<int>(half_way.size());
       const Matrix3X& begin = turns.back();

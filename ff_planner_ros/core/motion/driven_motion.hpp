@@ -65,7 +65,8 @@ class DrivenMotion {
                    Sensitivity to) const {
     const int n = static_cast<int>(rates_.cols()), variables = rows.variables(), size = 6 + n;
     const int points = static_cast<int>(turn_.steps.size()) + 1;
-    const TurnDerivatives of(turn_, momenta_, rates_, rows, step_, duration_);
+    const TurnDerivatives of(turn_, momenta_, rates_, rows, step_, duration_,
+                             start_.base == Base::kHeld);
     for (int i = 0; i < points; ++i) {
       write_step(rows, 2 * i, rotation_at(i), of.turns[i], to.q.middleRows(i * size, size));
       if (i + 1 < points)
