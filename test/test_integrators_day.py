@@ -100,9 +100,11 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
         assert at.wait_for(again, Event.ABORTED).error_code == -4
         client.wait_until(lambda: at.told("PATH_TOLERANCE_VIOLATED"), "the diagnostics")
         request.start_time = time_message(0)  # as soon as may be
-        request.start_state = [SCENE.state(client.now_ns())]
-        nothing = client.plan(request)
-        assert Status(nothing.status.code) is Status.NO_ACTIVE_PLAN
+        status = Status.STATE_TOO_OLD
+        while status is Status.STATE_TOO_OLD:  # on a busy machine it is by the time it is read
+            request.start_state = [SCENE.state(client.now_ns())]
+            status = Status(client.plan(request).status.code)
+        assert status is Status.NO_ACTIVE_PLAN
         assert at.planner.stop() == 0
     # 8. afterwards
     assert main(["replay", str(at.planner.bag)]) == 0

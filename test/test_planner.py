@@ -13,9 +13,11 @@ from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.paths.path_family import Motion
 from ff_planner_ros.planning.problem.problem import Limits, Objective, Parametrisation, Sphere
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.planning.search import guided_search
+from ff_planner_ros.planning.search import guided_search, planner
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.state import SystemState
 
@@ -395,3 +397,18 @@ def test_null_space_motion_at_the_start_is_carried_in(capture, settings):
     answer = plan(replace(capture, start=start, objective=LENGTH), settings)
     assert answer.trajectory.joint_velocities[0] == pytest.approx(rates, abs=1e-9)
     assert answer.metrics.min_clearance >= 0.0
+
+
+def test_a_path_that_is_singular_on_fewer_points_leads_to_splines_too(capture, settings, shortest):
+    """Its plan's own points are followed, where the few samples of a seed meet a singularity."""
+
+    class SingularOnFew:
+        def motion(self, x, _points):
+            no = np.empty(0)
+            return Motion(x=x, q=no, v=no, q_half_way=no, goal_error=no, singular_at=1.0)
+
+    splines = joint_splines(capture, settings)
+    found = planner._Found(SingularOnFew(), shortest)
+    seed = planner._seed(capture.robot, splines, found)
+    along = splines.motion(seed, len(shortest.trajectory.time)).q[:, 7:]
+    assert along == pytest.approx(shortest.trajectory.joint_positions, abs=0.01)

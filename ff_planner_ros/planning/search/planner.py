@@ -11,6 +11,7 @@ from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.check import out_of_time, refusal
 from ff_planner_ros.planning.check.preconditions import require_plannable, require_time
+from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.steered import steered
 from ff_planner_ros.planning.motion.watch import PassingOn, Watch
@@ -38,6 +39,7 @@ from ff_planner_ros.planning.search.warm_start import (
     plan_near_guess,
     plan_near_remainder,
 )
+from ff_planner_ros.robot.model import Robot
 
 # Decision variables of a path, or the remainder of a running plan.
 FirstGuess: TypeAlias = Array | Remainder
@@ -295,15 +297,19 @@ def _in_family_of_more(
         effort = Effort()
         effort.add(one.plan.solver)
         solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
-        for plan in plans_from(solver, _seed(family, one)):
+        for plan in plans_from(solver, _seed(problem.robot, family, one)):
             yield _Found(family, plan)
 
 
-def _seed(family: PathFamily, found: _Found) -> Array:
+def _seed(robot: Robot, family: PathFamily, found: _Found) -> Array:
     """Return the path of a family that is nearest to a plan."""
     if family is found.family:
         return found.plan.coefficients
-    return family.near(found.family.motion(found.plan.coefficients, SAMPLES).q)
+    motion = found.family.motion(found.plan.coefficients, SAMPLES)
+    if motion.singular_at is None:
+        return family.near(motion.q)
+    # What passes a singularity on the plan's points may meet it on fewer.
+    return family.near(from_trajectory(robot, found.plan.trajectory)[0])
 
 
 def _least_attitude(
@@ -330,7 +336,10 @@ def _least_attitude(
     begin = _best_of(problem, [*found, *more]).plan
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
-    seeds = [_seed(family, one) for one in (found if family is not first.family else [first])]
+    seeds = [
+        _seed(problem.robot, family, one)
+        for one in (found if family is not first.family else [first])
+    ]
     search = AttitudeSearch(solver, problem.objective, begin, seeds)
     if first_guess is not None and len(first_guess) == family.variables:
         search.better_at(first_guess)
