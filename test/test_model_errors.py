@@ -11,8 +11,9 @@ import pytest
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.simulation.deviation import Deviation
 from ff_planner_ros.simulation.model_errors import ModelError, model_errors
-from ff_planner_ros.simulation.verification import Deviation, verify
+from ff_planner_ros.simulation.verification import verify
 
 pytestmark = pytest.mark.ci
 

@@ -20,14 +20,12 @@ from ff_planner_ros.simulation import verification
 from ff_planner_ros.simulation.capture import Capture
 from ff_planner_ros.simulation.contacts import Contact
 from ff_planner_ros.simulation.corridor import Corridor
+from ff_planner_ros.simulation.deviation import POSITION_TOLERANCE, Deviation, deviation
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.verification import (
     MOMENTUM_TOLERANCE,
     MOST_STEPS,
-    POSITION_TOLERANCE,
-    Deviation,
     Verification,
-    deviation,
     steps_per_point,
     verify,
 )
@@ -101,6 +99,18 @@ def test_the_chaser_counts_at_every_point_and_the_end_effector_at_the_last(
             off = deviation(replace(did, **{name: values}), motion)
             counts = name.startswith("chaser") or point == POINTS - 1
             assert getattr(off, key) == pytest.approx(angle if counts else 0.0, abs=1e-4)
+
+
+def test_deviations_of_parts_are_added_times_their_number() -> None:
+    made_by_hand, found = tumbling()
+    motion, did = made_by_hand.plan.trajectory, found.execution
+    moved = np.zeros((POINTS, 3))
+    moved[[0, 1, POINTS - 1], 2] = 0.3, 0.2, 0.1  # one part ends at the second point
+    places = {"chaser_positions": did.chaser_positions + moved}
+    places["ee_positions"] = did.ee_positions + moved
+    off = deviation(replace(did, **places), motion, [1, POINTS - 1])
+    assert off.final_position_error == pytest.approx(2.0 * (0.2 + 0.1), abs=1e-4)
+    assert off.max_chaser_position_error == pytest.approx(2.0 * (0.3 + 0.1), abs=1e-4)
 
 
 def verdict(**changes: object) -> Verification:

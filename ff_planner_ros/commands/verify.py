@@ -34,14 +34,13 @@ from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
 from ff_planner_ros.simulation.corridor import Corridor
+from ff_planner_ros.simulation.deviation import ALLOWED, Deviation
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
 from ff_planner_ros.simulation.monte_carlo import require_runs
 from ff_planner_ros.simulation.verification import (
-    ALLOWED,
     MOMENTUM_TOLERANCE,
     TORQUE_TOLERANCE,
-    Deviation,
     Verification,
     verify,
 )
@@ -155,6 +154,11 @@ def print_verdict(
             ("allowed", *_cells(ALLOWED, 4), f"{MOMENTUM_TOLERANCE:.1e}"),
         ],
     )
+    if found.parts > 1:
+        print(
+            f"executed in {found.parts} parts, each from the plan: without feedback this motion is "
+            f"unstable; deviations are those of all parts, added, times {found.parts}"
+        )
     if found.capture is not None:
         print_table(
             f"{name}, the target a second free body: end effector and grasp at capture",

@@ -35,10 +35,10 @@ def miss_by_torques_alone(robot: Robot, motion: Trajectory) -> float | None:
     """
     try:
         from ff_planner_ros.planning.motion.motion import state_at
+        from ff_planner_ros.simulation.deviation import deviation
         from ff_planner_ros.simulation.engine import Engine
         from ff_planner_ros.simulation.execution import execute
         from ff_planner_ros.simulation.feed_forward import feed_forward
-        from ff_planner_ros.simulation.verification import deviation
     except FfPlannerError:
         return None
     engine, start = Engine(robot), state_at(motion, 0)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.feed_forward import FeedForward
+
+_NOWHERE: Mapping[int, SystemState] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +44,26 @@ def execute(engine: Engine, start: SystemState, command: FeedForward) -> Executi
     return execution_of(engine, states_after_steps(engine, start, command), command)
 
 
-def states_after_steps(engine: Engine, start: SystemState, command: FeedForward) -> list[Array]:
+def states_after_steps(
+    engine: Engine,
+    start: SystemState,
+    command: FeedForward,
+    begins: Mapping[int, SystemState] = _NOWHERE,
+) -> list[Array]:
     """Return the engine's states at the start and after every step of RK4, while they are finite.
 
     MuJoCo's own steps hold the torques constant and are of second order in a free body's rotation.
     Here the quaternion is integrated as four numbers, and the method keeps its fourth order.
+
+    Args:
+        begins: States from which the motion begins anew after so many steps.
     """
     state = engine.state(start)
     states = [state]
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(0, len(command.time) - 1, 2):
+            if k // 2 in begins:
+                state = engine.state(begins[k // 2])
             state = _step(engine, state, command.time[k : k + 3], command.torques[k : k + 3])
             if not np.isfinite(state).all():
                 break

@@ -13,15 +13,11 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.simulation.deviation import Deviation, deviation
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute
 from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward, torque_spline
-from ff_planner_ros.simulation.verification import (
-    Deviation,
-    beside_center_of_mass,
-    deviation,
-    steps_per_point,
-)
+from ff_planner_ros.simulation.verification import beside_center_of_mass, steps_per_point
 
 SHARES = (0.01, 0.05, 0.10)  # of masses, inertias and friction
 

@@ -22,6 +22,7 @@ from ff_planner_ros.planning.problem.uncertainty import Uncertainty, draws
 from ff_planner_ros.planning.robust.margins import CLEARANCE
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.simulation.deviation import deviation
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import Execution, execute
 from ff_planner_ros.simulation.feed_forward import feed_forward
@@ -35,11 +36,7 @@ from ff_planner_ros.simulation.monte_carlo import (
     require_runs,
     violations,
 )
-from ff_planner_ros.simulation.verification import (
-    beside_center_of_mass,
-    deviation,
-    steps_per_point,
-)
+from ff_planner_ros.simulation.verification import beside_center_of_mass, steps_per_point
 
 
 def torque_monte_carlo(
