@@ -156,8 +156,8 @@ def print_verdict(
     )
     if found.parts > 1:
         print(
-            f"executed in {found.parts} parts, each from the plan: without feedback this motion is "
-            f"unstable; deviations are those of all parts, added, times {found.parts}"
+            f"executed in {found.parts} parts, each from a state of the plan: without feedback "
+            f"this motion is unstable; deviations are the sum over the parts, times {found.parts}"
         )
     if found.capture is not None:
         print_table(

@@ -40,10 +40,8 @@ def is_allowed(found: Deviation) -> bool:
     return all(value <= most for value, most in zip(astuple(found), astuple(ALLOWED), strict=True))
 
 
-def has_converged(found: Deviation, coarser: Deviation | None) -> bool:
+def has_converged(found: Deviation, coarser: Deviation) -> bool:
     """Tell whether a deviation is that of twice as long steps, but for a share of the tolerance."""
-    if coarser is None:
-        return False
     values = zip(astuple(found), astuple(coarser), astuple(ALLOWED), strict=True)
     return all(abs(one - other) <= _CONVERGED * most for one, other, most in values)
 

@@ -72,8 +72,7 @@ class Verification:
     # Largest difference, over three axes and all points, between the torque that holds the base
     # and the plan's wheel torque [N m]; None: no wheels hold the base
     holding_torque_error: float | None = None
-    # That the plan was executed in, each from a state of the plan; see `verify`
-    parts: int = 1
+    parts: int = 1  # that the plan was executed in, each from a state of the plan; see `verify`
 
     @property
     def came_true(self) -> bool:
@@ -98,10 +97,10 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
     All contacts of the executed motion are found, of the robot's bodies, or of its centre lines
     with obstacles. A target body is a second free body.
 
-    Without feedback an arm of many joints, or with a heavy payload, may be unstable: the least
-    error grows tenfold every two seconds, in any engine. A plan that is lost in this way is
-    executed in parts that each begin on the plan. Their deviations are added, times the number of
-    parts: to as much as a constant error of the torques would add up to over the whole plan.
+    Without feedback an arm of many joints, or with a heavy payload, may be unstable: the smallest
+    error grows exponentially, in any engine. Such a motion is executed in parts that each begin on
+    the plan. The sum of the parts' deviations is multiplied by the number of parts, so that a
+    constant error of the torques counts as much as in an execution of the whole plan.
 
     Args:
         scene: In the plan's inertial frame, at the plan's first point.
@@ -189,14 +188,14 @@ def _is_unstable(execution: Execution, planned: Trajectory) -> bool:
 
 
 def _executed_in_parts(robot: Robot, engine: Engine, planned: Trajectory, whole: _Run) -> _Run:
-    """Return the worse of two executions in parts that come true; else that of the whole plan.
+    """Return the worse of two executions in parts, if both reproduce the plan, or else `whole`.
 
-    No error hides at the end of a part: there the other execution is within one.
+    An error just before the end of a part hardly counts; in the other execution, that part goes on.
     """
+    steps = whole.command.steps_per_point
     for pair in _PARTS:
         if len(planned.time) <= 2 * max(pair):
             break
-        steps = whole.command.steps_per_point
         found = [_run(robot, engine, planned, steps, parts) for parts in pair]
         if all(map(_is_reproduced, found)):
             return max(found, key=lambda one: one.deviation.final_position_error)
