@@ -37,6 +37,8 @@ Planner: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | 
 _SOON, _LATER = (0.0, 0.02, 0.08), (0.3, 1.0, 4.0, math.inf)
 # Iteration limit on all points if only the duration has a weight.
 _ENOUGH = 20
+# Initial guesses of a shorter duration where only the duration has a weight.
+_GUESSES_ANEW = 3
 # Relative accuracy of the shortest duration.
 _KNOWN = 0.01
 
@@ -115,6 +117,8 @@ def plan_at_best_moment(
         problem.objective.only_duration and moment is not None and moment.is_certain
     ):
         best = _shorten(asked, best)
+    if problem.objective.only_duration and problem.posture is None:
+        best = _anew(asked, best)
     return replace(best, solver=effort.report(best.solver))
 
 
@@ -232,4 +236,19 @@ def _shorten(asked: _Asked, best: Plan) -> Plan:
         if not isinstance(found, Plan) or asked.worth(found) >= asked.worth(best):
             break
         best = found
+    return best
+
+
+def _anew(asked: _Asked, best: Plan) -> Plan:
+    """Return the last of ever shorter plans, each found without any path that is known.
+
+    The search with a free duration sees coarse grids only, and ends in whatever minimum is near.
+    """
+    window, starts = asked.problem.durations, min(_GUESSES_ANEW, asked.settings.starts)
+    while duration_of(best) > window.minimum:
+        duration = max((1.0 - SOONER) * duration_of(best), window.minimum)
+        found = asked.at(duration, asked.problem.parametrisation, None, starts)
+        if not isinstance(found, Plan):
+            break
+        best = _shorten(asked, found)
     return best
