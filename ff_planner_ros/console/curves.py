@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from threading import Lock, Timer
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,9 @@ VELOCITIES, TORQUES = "joint velocities [% of limit]", "joint torques [% of limi
 NAMES = (CLEARANCE, ATTITUDE, VELOCITIES, TORQUES)
 _EULER = ("roll", "pitch", "yaw")
 _HEIGHT, _PANEL = 190, 400  # [pixels]
+# The line follows the slider this much later [s]: without a graphics card, drawing curves anew at
+# each of its steps would take a third of the pictures of the scene.
+_BEHIND = 0.1
 _AIR = 0.06  # above and below the curves, in parts of their span
 
 
@@ -111,6 +115,8 @@ class CurvesView:
         self._stages: Sequence[Stage] = ()
         self._curves: Curves | None = None
         self._time = 0.0
+        self._lock = Lock()  # of curves and plot: the line has a thread of its own
+        self._timer: Timer | None = None  # None: the line is where it should be
         self._gui = server.gui
         self.panel = server.gui.add_panel()
         with self.panel.add_tab("Curves"):
@@ -126,12 +132,24 @@ class CurvesView:
         self._draw()
 
     def move_to(self, time: float) -> None:
-        """Move the line to a time [s]."""
+        """Move the line to a time [s], soon."""
         self._time = time
-        if self._curves is not None:
-            self._plot.data = _data(self._curves, time)
+        if self._timer is None and self._curves is not None:
+            self._timer = Timer(_BEHIND, self._move_line)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def _move_line(self) -> None:
+        self._timer = None  # first of all: whoever comes later begins another
+        with self._lock:
+            if self._curves is not None:
+                self._plot.data = _data(self._curves, self._time)
 
     def _draw(self) -> None:
+        with self._lock:
+            self._draw_anew()
+
+    def _draw_anew(self) -> None:
         curves = self._curves = curves_of(str(self._choice.value), self._stages)
         self._plot.visible = curves is not None
         self._words.visible = curves is None
