@@ -29,6 +29,7 @@ from ff_planner_msgs.srv import PublishPlan
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
 from rclpy.executors import MultiThreadedExecutor
 from robots import random_state
 from ros_processes import DEADLINE, FRAME, private_domain
@@ -91,10 +92,16 @@ def _world(
     states: Callable[[], ChaserState] = ChaserState,
     publication: tuple[PlanStatus, ...] = (PUBLISHED,),
     published: Callable[[], PublishedPlan] = PublishedPlan,
+    ages_of_body: tuple[float, ...] = (),
 ) -> Iterator[World]:
-    """Start an executive, a planner with these answers, the last one for ever, and a controller."""
+    """Start an executive, a planner with these answers, the last one for ever, and a controller.
+
+    Args:
+        ages_of_body: Of the target body of each answer, when it is given [s]; then there is none.
+    """
     coming = chain(answers, repeat(answers[-1])) if answers else iter(())
     of_publication = chain(publication, repeat(publication[-1]))
+    ages = chain(ages_of_body, repeat(None))
     # For a while the controllers of tests before, which were killed, seem to listen where one does.
     arguments = [] if controller else ["--ros-args", "-r", "__ns:=/without_controller"]
     with private_domain(), closing(MissionExecutive(check, patience, arguments)) as executive:
@@ -130,7 +137,11 @@ def _world(
             world.answered.append(next(coming))
             status = PlanStatus(code=world.answered[-1], message=f"for {world.answered[-1].name}")
             handle.succeed()
-            return PlanTrajectory.Result(answer=PlanAnswer(status=status, plan_id="run.1"))
+            made = PlanAnswer(status=status, plan_id="run.1")
+            if (age := next(ages)) is not None:
+                measured = node.get_clock().now() - Duration(seconds=age)
+                made.inputs.target_body_stamp = measured.to_msg()
+            return PlanTrajectory.Result(answer=made)
 
         def cancel(_: Any) -> CancelResponse:
             world.cancelled.set()
@@ -176,6 +187,14 @@ def test_it_asks_again_while_the_system_starts(refusal: Status) -> None:
         assert world.plan().status.code == Status.SOLVED
         assert world.answered == [refusal, refusal, Status.SOLVED]
         assert world.reports == [PROGRESS] * 3
+
+
+def test_it_asks_again_where_the_body_is_that_of_an_earlier_run() -> None:
+    with _world(Status.SOLVED, ages_of_body=(3600.0, 3600.0, 0.0)) as world:
+        made = world.plan()
+        assert world.answered == [Status.SOLVED] * 3
+        age = world.node.get_clock().now().nanoseconds - nanoseconds(made.inputs.target_body_stamp)
+        assert age < 3600 * NANOSECONDS
 
 
 @pytest.mark.parametrize("refusal", [Status.COLLISION, Status.WRONG_FRAME, Status.INTERNAL_ERROR])

@@ -99,6 +99,7 @@ class MissionExecutive:
         with joining_ros():
             rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
             self._node = rclpy.create_node(NAME)
+        self._since_ns = self._node.get_clock().now().nanoseconds
         self._node.create_subscription(ChaserState, "chaser_state", self._keep, STATE_QOS)
         self._bodies: list[TargetBody] = []
         self._node.create_subscription(TargetBody, "target_body", self._bodies.append, STATE_QOS)
@@ -123,6 +124,9 @@ class MissionExecutive:
     def plan(self, request: PlanRequest, report: Callable[[PlanProgress], None]) -> PlanAnswer:
         """Request a plan, as soon as the planner is there and has received a state.
 
+        A target body that was measured before this executive came may be that of an earlier run,
+        which the planner carries forward for a while: the plan is requested again.
+
         Args:
             report: Called with the progress of the search.
 
@@ -135,7 +139,13 @@ class MissionExecutive:
         deadline = time.monotonic() + self._patience
         while not self._planner.wait_for_server(timeout_sec=_CHECK_INTERVAL):
             self._go_on_until(deadline, "the action plan_trajectory_action")
-        return self._once_it_can(lambda: self._answer(request, report, deadline), deadline)
+        while True:
+            answer = self._once_it_can(lambda: self._answer(request, report, deadline), deadline)
+            body_ns = nanoseconds(answer.inputs.target_body_stamp)
+            if not body_ns or body_ns >= self._since_ns:
+                return answer
+            self._go_on_until(deadline, "a plan of a target body that is measured now")
+            time.sleep(_ASK_AGAIN)
 
     def commit(self, answer: PlanAnswer) -> None:
         """Have the planner publish a plan, and hand the plan to the arm's controller.
