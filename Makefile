@@ -115,12 +115,15 @@ evidence: env $(VENV)/extras_ci
 PYTHON_OF_JAZZY = $(firstword $(shell for python in python3.12 ~/.pyenv/versions/3.12.*/bin/python3.12; do \
 	$$python -c 'import ensurepip' 2> /dev/null && echo $$python; done))
 
+# Every step runs, whatever became of those before it.
 nightly:
-	$(MAKE) test TIER=nightly
-	$(MAKE) sanitize SANITIZED_TESTS=core
-	$(MAKE) mutants FAULTS=--today
-	$(if $(PYTHON_OF_JAZZY),$(MAKE) short-test PYTHON=$(PYTHON_OF_JAZZY) VENV=.venv_python3.12, \
-		@echo 'There is no Python 3.12 with venv here: nothing was run on it.')
+	@failed=; run() { $(MAKE) "$$@" || failed="$$failed, make $$*"; }; \
+	run test TIER=nightly; \
+	run sanitize SANITIZED_TESTS=core; \
+	run mutants FAULTS=--today; \
+	$(if $(PYTHON_OF_JAZZY),run short-test PYTHON=$(PYTHON_OF_JAZZY) VENV=.venv_python3.12, \
+		echo 'There is no Python 3.12 with venv here: nothing was run on it.'); \
+	[ -z "$$failed" ] || { echo "failed:$${failed#,}" >&2; exit 1; }
 
 # Faults that a reviewer would call real, put into the code one at a time: do the tests notice?
 # `make mutants FAULTS=AREA` tries some, `FAULTS=--today` a seventh of all: another one each night.
