@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from threading import Lock, Timer
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -115,8 +115,9 @@ class CurvesView:
         self._stages: Sequence[Stage] = ()
         self._curves: Curves | None = None
         self._time = 0.0
-        self._lock = Lock()  # of curves and plot: the line has a thread of its own
-        self._timer: Timer | None = None  # None: the line is where it should be
+        self._lock = Lock()  # of curves and plot: the line is moved in the server's thread
+        self._is_behind = False
+        self._loop = server.get_event_loop()
         self._gui = server.gui
         self.panel = server.gui.add_panel()
         with self.panel.add_tab("Curves"):
@@ -134,23 +135,23 @@ class CurvesView:
     def move_to(self, time: float) -> None:
         """Move the line to a time [s], soon."""
         self._time = time
-        if self._timer is None and self._curves is not None:
-            self._timer = Timer(_BEHIND, self._move_line)
-            self._timer.daemon = True
-            self._timer.start()
+        if not self._is_behind and self._curves is not None:
+            self._is_behind = True
+            self._loop.call_soon_threadsafe(self._loop.call_later, _BEHIND, self._move_line)
 
     def _move_line(self) -> None:
-        self._timer = None  # first of all: whoever comes later begins another
+        self._is_behind = False  # first of all: a later time is not missed
         with self._lock:
             if self._curves is not None:
                 self._plot.data = _data(self._curves, self._time)
 
     def _draw(self) -> None:
+        curves = curves_of(str(self._choice.value), self._stages)
         with self._lock:
-            self._draw_anew()
+            self._curves = curves
+            self._put(curves)
 
-    def _draw_anew(self) -> None:
-        curves = self._curves = curves_of(str(self._choice.value), self._stages)
+    def _put(self, curves: Curves | None) -> None:
         self._plot.visible = curves is not None
         self._words.visible = curves is None
         planned = any(stage.motion is not None for stage in self._stages)
