@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.msg import PlanEvent
 from quick_capture import resting_capture
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ros_processes import (
     Client,
     Scene,
@@ -77,18 +78,24 @@ def test_a_quality_of_service_is_offered_and_recorded_as_the_parameters_say(
         with connected_client() as client:
             client.wait_for_planner()
             node = client.node
-            (offered,) = node.get_publishers_info_by_topic("joint_trajectory")
-            asked = [
-                one.qos_profile.reliability.name
-                for one in node.get_subscriptions_info_by_topic("chaser_state")
-                if one.node_name == "ff_planner"
-            ]
+
+            def offered() -> list[TopicEndpointInfo]:
+                return node.get_publishers_info_by_topic("joint_trajectory")
+
+            def asked() -> list[str]:
+                return [
+                    one.qos_profile.reliability.name
+                    for one in node.get_subscriptions_info_by_topic("chaser_state")
+                    if one.node_name == "ff_planner"
+                ]
+
+            client.wait_until(lambda: offered() and asked(), "publisher and subscription")
+            (profile,), wanted = [one.qos_profile for one in offered()], asked()
             answer = client.plan(Scene(resting_capture()).complete_request())
             assert answer.status.code == Status.SOLVED
         assert planner.stop() == 0
-    profile = offered.qos_profile
     assert (profile.reliability.name, profile.durability.name) == ("BEST_EFFORT", "VOLATILE")
-    assert asked == ["RELIABLE"]
+    assert wanted == ["RELIABLE"]
     assert read_bag(planner.bag)["/joint_trajectory"]
 
 
