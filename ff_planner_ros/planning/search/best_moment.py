@@ -231,8 +231,7 @@ def _shorten(asked: _Asked, best: Plan) -> Plan:
     """Return the last of ever shorter plans, each better than the one before."""
     window = asked.problem.durations
     while duration_of(best) > window.minimum:
-        duration = max((1.0 - SOONER) * duration_of(best), window.minimum)
-        found = asked.at(duration, Parametrisation(best.family), best.coefficients, 1)
+        found = asked.at(_sooner(asked, best), Parametrisation(best.family), best.coefficients, 1)
         if not isinstance(found, Plan) or asked.worth(found) >= asked.worth(best):
             break
         best = found
@@ -246,9 +245,13 @@ def _anew(asked: _Asked, best: Plan) -> Plan:
     """
     window, starts = asked.problem.durations, min(_GUESSES_ANEW, asked.settings.starts)
     while duration_of(best) > window.minimum:
-        duration = max((1.0 - SOONER) * duration_of(best), window.minimum)
-        found = asked.at(duration, asked.problem.parametrisation, None, starts)
+        found = asked.at(_sooner(asked, best), asked.problem.parametrisation, None, starts)
         if not isinstance(found, Plan):
             break
         best = _shorten(asked, found)
     return best
+
+
+def _sooner(asked: _Asked, best: Plan) -> float:
+    """Return the next duration to try, shorter than a plan's [s]."""
+    return max((1.0 - SOONER) * duration_of(best), asked.problem.durations.minimum)
