@@ -28,6 +28,9 @@ SEED = 20261123
 TIERS = ("everyday", "ci", "nightly")
 SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
 MEASURED = 3  # cases of a test whose coverage is measured: others run the same lines
+# At night a page is as long as whole files, and the benchmark's longer than all others together.
+PAGE = "test/test_typed_commands.py::test_the_commands_of_a_page_do_what_it_shows"
+LONGEST_PAGE = f"{PAGE}[benchmark]"
 
 _left_out = pytest.StashKey[Counter[str]]()
 _measured = pytest.StashKey[set[str]]()
@@ -57,8 +60,21 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         cases[item.nodeid.partition("[")[0]].append(item.nodeid)
     config.stash[_measured] = {one for of_one in cases.values() for one in of_one[:MEASURED]}
-    # Files that start processes come first: what waits so much must not be what is waited for.
-    items.sort(key=lambda item: not _starts_processes(item.module))
+    # What takes longest comes first, then files that start processes: what waits so much must not
+    # be what is waited for.
+    items.sort(key=lambda one: (one.nodeid != LONGEST_PAGE, not _starts_processes(one.module)))
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give a file to one worker, but of the pages of commands each to any."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class LoadFileOrPageScheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return nodeid if nodeid.startswith(PAGE) else super()._split_scope(nodeid)
+
+    return LoadFileOrPageScheduling(config, log)
 
 
 def _starts_processes(module: ModuleType) -> bool:
