@@ -39,6 +39,9 @@ def test_a_witness_of_a_held_chaser_comes_to_the_goal_past_the_spheres(held: Joi
     times, way, velocities, _ = joint_goals.way_of(robot, problem, held.witness)
     assert not velocities[:, 3:6].any()
     assert np.abs(miss(robot, way[-1], problem.target)).max() < 1e-9
+    # The joints rest at the end, and the chaser does not turn: all drift as its origin does.
+    np.testing.assert_allclose(problem.target.linear_velocity, velocities[-1, :3], atol=1e-9)
+    np.testing.assert_allclose(problem.target.angular_velocity, 0.0, atol=1e-9)
     assert times[-1] == pytest.approx(problem.duration)
     points = arm_points(robot, way)
     if problem.spheres:
@@ -108,8 +111,14 @@ def test_a_witness_of_a_rail_slides_and_comes_to_the_goal_past_the_spheres(numbe
     assert drawn.witness is not None
     assert robot.slides(0)
     assert abs(np.ptp(drawn.witness.positions[:, 0])) > 0.01
-    times, way, _, _ = joint_goals.way_of(robot, problem, drawn.witness)
+    times, way, velocities, _ = joint_goals.way_of(robot, problem, drawn.witness)
     assert np.abs(miss(robot, way[-1], problem.target)).max() < 1e-7
+    # The joints rest at the end: all turn with the chaser.
+    turning = pin.Quaternion(way[-1, 3:7]) * velocities[-1, 3:6]
+    np.testing.assert_allclose(problem.target.angular_velocity, turning, atol=1e-9)
+    lever = problem.target.position - way[-1, :3]
+    moving = pin.Quaternion(way[-1, 3:7]) * velocities[-1, :3] + np.cross(turning, lever)
+    np.testing.assert_allclose(problem.target.linear_velocity, moving, atol=1e-7)
     points = arm_points(robot, way)
     near = clearances(points, times, segments(points), problem.spheres)
     assert near.distance.min(initial=1.0) > 0.0

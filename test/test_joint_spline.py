@@ -27,11 +27,13 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.grid import grids_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import joint_goals
+from ff_planner_ros.problems.joint_goals import ROBOTS
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.witnessed import drawn_problem
 from ff_planner_ros.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 
 SETTINGS = load_parameters().planner
@@ -321,3 +323,16 @@ def test_the_least_joint_path_of_splines_needs_no_grid_between(
     problem = replace(problem, parametrisation=parametrisation, objective=objective)
     program = path_program(problem, path_families(problem, SETTINGS)[0][0], SETTINGS)
     assert [grid.stage.points for grid in grids_of(program, SETTINGS)] == points
+
+
+def test_the_first_guess_ends_in_the_goal_posture_that_is_next_to_the_start() -> None:
+    """An arm of six joints has few, far from each other; the witness turns no joint by 0.9 rad."""
+    ends = []
+    for number in range(1, 100, len(ROBOTS)):
+        drawn = joint_goals.problem("held", number)
+        assert (drawn.robot, drawn.problem.robot.base) == ("arm6", Base.ATTITUDE_HELD)
+        assert drawn.witness is not None
+        family = joint_splines(drawn.problem, SETTINGS)
+        guess = next(family.first_guesses((), POINTS, 0.0))
+        ends.append(family.motion(guess, POINTS).q[-1, 7:] - drawn.witness.positions[-1])
+    assert (np.abs(ends) < 0.1).all(), ends

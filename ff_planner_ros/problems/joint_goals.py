@@ -102,9 +102,10 @@ def problem(kind: str, number: int) -> JointGoal:
         asked, witness = drawn
         if kind == "held":
             factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
-            return JointGoal(name, _with_wheels(asked, witness, factor, rng), witness)
+            limited = _with_wheels(asked, witness, factor, rng)
+            return JointGoal(name, _moving_as_reached(limited, witness), witness)
         if kind == "rail":
-            return JointGoal(name, asked, witness)
+            return JointGoal(name, _moving_as_reached(asked, witness), witness)
         if kind == "stow":
             return JointGoal(name, replace(asked, posture=Posture(witness.positions[-1])), witness)
         stopping = _stopping(asked, rng)
@@ -182,6 +183,22 @@ def way_of(robot: Robot, problem: PlanningProblem, witness: JointMotion) -> tupl
     way, velocities, _ = driven(robot, q, momentum, witness, times)
     _, _, accelerations = witness.at(times)
     return times, way, velocities, accelerations
+
+
+def _moving_as_reached(problem: PlanningProblem, witness: JointMotion) -> PlanningProblem:
+    """Return a problem whose goal moves as the end effector does at the witness's end.
+
+    To rest there while the chaser drifts is another motion, which takes more of the wheels.
+    """
+    robot, data = problem.robot, problem.robot.model.createData()
+    _, q, v, _ = way_of(robot, problem, witness)
+    pin.forwardKinematics(robot.model, data, q[-1], v[-1])
+    pin.updateFramePlacements(robot.model, data)
+    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    moving = replace(
+        problem.target, linear_velocity=twist.linear.copy(), angular_velocity=twist.angular.copy()
+    )
+    return replace(problem, target=moving)
 
 
 def _with_wheels(

@@ -38,6 +38,9 @@ _POINTS = 9
 # error [m, rad] that is small enough for a guess.
 _LEAST_DAMPING = 1e-9  # else a long arm with a joint to spare has a singular system in the end
 _ITERATIONS, _FIRST_DAMPING, _LESS, _MORE, _NEAR = 30, 1e-2, 0.25, 6.0, 1e-3
+# From the start's posture the first damping is higher, and no joint moves by more in an iteration
+# [rad], or else the nearest posture may be missed. From others that is welcome: more are found.
+_NEAR_DAMPING, _SHORT_STEP = 1.0, 0.5
 # Guesses that end in contact and wait for others; when there are more, the first of them is tried.
 _WAITING = 8
 # Standard deviations of postures to begin at and of detours, and distance of postures from position
@@ -77,7 +80,7 @@ def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -
     for guess in _near_papers_path(family, obstacles, points, slice(1)):
         ways.append(guess)
         yield guess
-    ways.append(_way_to_posture(family, family.q_start[7:]))
+    ways.append(_way_to_posture(family, family.q_start[7:], _NEAR_DAMPING, _SHORT_STEP))
     yield ways[-1]
     yield from _near_papers_path(family, obstacles, points, slice(1, _PAPERS_GUESSES))
     bump = _bump(family)
@@ -150,10 +153,19 @@ def _near_papers_path(
                 yield _fitted(family, motion.q[:, 7:])
 
 
-def _way_to_posture(family: JointSplines, posture: Array) -> Array:
+def _way_to_posture(
+    family: JointSplines,
+    posture: Array,
+    damping: float = _FIRST_DAMPING,
+    longest_step: float = np.inf,
+) -> Array:
     """Return the straight path to the goal posture, or nearly one, that is found from a posture.
 
     Damped Gauss-Newton on the pose at the end of the path, with the last angles as variables.
+
+    Args:
+        damping: At first.
+        longest_step: Of a joint in an iteration [rad]; one of more weight moves less.
     """
     robot, problem = family.robot, family.problem
     rows = sum(conditions_of(robot, problem.target).values())
@@ -163,7 +175,7 @@ def _way_to_posture(family: JointSplines, posture: Array) -> Array:
     lowest = robot.lower_position_limits + _FROM_LIMITS
     highest = robot.upper_position_limits - _FROM_LIMITS
     rest = family.fixed[-1]
-    damping, there = _FIRST_DAMPING, np.clip(posture, lowest, highest)
+    there = np.clip(posture, lowest, highest)
     best: Array = there
     error: Array = np.full(rows, np.inf)
     jacobian = np.empty((rows, robot.joints))
@@ -179,7 +191,11 @@ def _way_to_posture(family: JointSplines, posture: Array) -> Array:
         else:
             damping *= _MORE
         normal = jacobian.T @ jacobian + damping * np.eye(robot.joints)
-        there = np.clip(best - np.linalg.solve(normal, jacobian.T @ error), lowest, highest)
+        step = np.linalg.solve(normal, jacobian.T @ error)
+        longest = np.abs(robot.joint_weights * step).max()
+        if longest > longest_step:
+            step *= longest_step / longest
+        there = np.clip(best - step, lowest, highest)
     x: Array = hold + by_posture @ (best - rest)
     return x
 
