@@ -1,7 +1,8 @@
 """Problems as others publish theirs: docs/comparisons.json, and the tables of the page.
 
-`comparisons.py 50 300` plans 50 problems of each class of random starts and 300 of each class of
-tumbling targets; without arguments it writes the tables of docs/explanation/comparisons.md anew.
+`comparisons.py 50 300 FILE` plans 50 problems of each class of random starts and 300 of each class
+of tumbling targets, keeps in the file what became of them and prints the table. Without arguments
+it writes the tables of docs/explanation/comparisons.md anew, from docs/comparisons.json.
 """
 
 from __future__ import annotations
@@ -103,14 +104,14 @@ def attempts(name: str, count: int) -> Iterator[dict[str, Any]]:
         } | ({} if plan else {"message": outcome["message"]})
 
 
-def table() -> str:
+def table(results: Path = RESULTS) -> str:
     """Return the table of all classes."""
     header = (
         *("class", "problems", "with a plan", "time: median, 95 %, worst [s]"),
         *("convex programs, mean", "largest error [m]", "why there was none"),
     )
     lines = [f"| {' | '.join(header)} |", "|" + " --- |" * len(header)]
-    for name, tried in json.loads(RESULTS.read_text(encoding="utf-8"))["classes"].items():
+    for name, tried in json.loads(results.read_text(encoding="utf-8"))["classes"].items():
         solved = [one for one in tried if one["status"] == "SOLVED"]
         seconds = [one["seconds"] for one in tried]
         causes = Counter(one["status"] for one in tried if one["status"] != "SOLVED")
@@ -142,18 +143,25 @@ def expected(text: str) -> str:
     return BLOCK.sub(lambda block: block[1] + made[block[2]]() + block[4], text)
 
 
-def main(counts: list[str]) -> None:
-    """Plan and keep what became of it, class after class; then write the page."""
-    if counts:
-        classes = dict[str, list[dict[str, Any]]]()
-        for name in CLASSES:
-            classes[name] = list(attempts(name, int(counts["tumbling" in name])))
-            told = {"python": platform.python_version(), "machine": platform.machine()}
-            content = {"run": told, "classes": classes}
-            RESULTS.write_text(json.dumps(content) + "\n", encoding="utf-8")
-            print(name, Counter(one["status"] for one in classes[name]), flush=True)
-    PAGE.write_text(expected(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+def measure(counts: tuple[int, int], results: Path) -> None:
+    """Plan and keep what became of it, class after class.
+
+    Args:
+        counts: Problems of each class of random starts, and of tumbling targets.
+    """
+    classes = dict[str, list[dict[str, Any]]]()
+    for name in CLASSES:
+        classes[name] = list(attempts(name, counts["tumbling" in name]))
+        told = {"python": platform.python_version(), "machine": platform.machine()}
+        content = {"run": told, "classes": classes}
+        results.write_text(json.dumps(content) + "\n", encoding="utf-8")
+        print(name, Counter(one["status"] for one in classes[name]), flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    if arguments := sys.argv[1:]:
+        starts, targets, file = arguments
+        measure((int(starts), int(targets)), Path(file))
+        print(table(Path(file)))
+    else:
+        PAGE.write_text(expected(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
