@@ -111,6 +111,8 @@ class Wheels:
 def held(wheels: Wheels, state: SystemState) -> SystemState:
     """Return a state at held attitude: with zero angular velocity, and with wheel momenta.
 
+    It is the state itself, where that has both.
+
     Raises:
         InvalidInput: The angular velocity exceeds the error of a measurement, or the momenta are
             not one for each wheel.
@@ -124,8 +126,10 @@ def held(wheels: Wheels, state: SystemState) -> SystemState:
             f"with robot.base attitude_held the chaser must not turn: {MAX_TURN_RATE:g} rad/s are "
             "let pass as an error of measurement; let the wheels brake it first",
         )
-    momenta = momenta_of(wheels, state)
-    return replace(state, angular_velocity_chaser_in_inertial=np.zeros(3), wheel_momenta=momenta)
+    momenta, still = momenta_of(wheels, state), np.zeros(3)
+    if state.wheel_momenta is not None and omega.tobytes() == still.tobytes():
+        return state
+    return replace(state, angular_velocity_chaser_in_inertial=still, wheel_momenta=momenta)
 
 
 def momenta_of(wheels: Wheels, state: SystemState) -> Array:

@@ -29,7 +29,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     within,
 )
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
@@ -95,8 +95,10 @@ class ChaserAttitude(Requirement):
 def attitudes_along(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
     """Return times [s] along a motion, and quaternions of chaser to inertial axes, (times, 4)."""
     rotations = rotation_base_to_inertial(motion.q)
-    angular_velocities = np.einsum("pij,pj->pi", rotations, motion.v[:, 3:6])
     axes = quaternion_from_rotation(rotations @ robot.rotation_chaser_to_base)
+    if robot.base is Base.ATTITUDE_HELD:
+        return motion.time, axes
+    angular_velocities = np.einsum("pij,pj->pi", rotations, motion.v[:, 3:6])
     count = len(motion.time) - 1
     at = np.interp(np.arange(_TIMES * count + 1), _TIMES * np.arange(count + 1), motion.time)
     return at, attitudes_between(motion.time, axes, angular_velocities, at)
