@@ -40,7 +40,7 @@ _LEAST_DAMPING = 1e-9  # else a long arm with a joint to spare has a singular sy
 _ITERATIONS, _FIRST_DAMPING, _LESS, _MORE, _NEAR = 30, 1e-2, 0.25, 6.0, 1e-3
 # From the start's posture the first damping is higher, and no joint moves by more in an iteration
 # [rad], or else the nearest posture may be missed. From others that is welcome: more are found.
-_NEAR_DAMPING, _SHORT_STEP = 1.0, 0.5
+_NEAR_DAMPING, _SHORT_STEP = 0.3, 0.5
 # Guesses that end in contact and wait for others; when there are more, the first of them is tried.
 _WAITING = 8
 # Standard deviations of postures to begin at and of detours, and distance of postures from position
