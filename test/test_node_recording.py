@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -56,12 +55,14 @@ class Operator:
         assert done.wait(DEADLINE)
         return future.result()
 
-    def next_status(self) -> DiagnosticStatus:
-        """Wait for what diagnostics say of the recorder from now on."""
+    def wait_for(self, level: bytes) -> str:
+        """Wait until diagnostics say so of the recorder, and return their words."""
         with self._heard:
-            enough = len(self._statuses) + 2  # one on its way may be of before
-            assert self._heard.wait_for(lambda: len(self._statuses) >= enough, DEADLINE)
-            return self._statuses[-1]
+            self._statuses.clear()
+            assert self._heard.wait_for(
+                lambda: self._statuses and self._statuses[-1].level == level, DEADLINE
+            ), self._statuses
+            return str(self._statuses[-1].message)
 
     def _keep(self, message: DiagnosticArray) -> None:
         with self._heard:
@@ -83,14 +84,12 @@ def test_an_operator_pauses_resumes_and_splits(
             client.wait_for_planner()
             before = client.plan(request)
             assert operator.call("pause_recording").success
-            status = operator.next_status()
-            assert status.level == DiagnosticStatus.WARN
-            assert "until resume_recording is called" in status.message
+            assert "until resume_recording is called" in operator.wait_for(DiagnosticStatus.WARN)
             in_pause = client.plan(request)
             resumed = operator.call("resume_recording")
             assert resumed.success
             assert "messages were left out" in resumed.message
-            assert operator.next_status().level == DiagnosticStatus.OK
+            operator.wait_for(DiagnosticStatus.OK)
             split = operator.call("split_bag")
             assert split.success
             assert split.message == (
@@ -146,12 +145,9 @@ def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
             full = file.stat().st_size
             resource.prlimit(planner.process.pid, resource.RLIMIT_FSIZE, (full, full))
             assert client.plan(request).status.code == Status.SOLVED
-            give_up = time.monotonic() + DEADLINE
-            while (status := operator.next_status()).level == DiagnosticStatus.OK:
-                assert time.monotonic() < give_up
-            assert status.level == DiagnosticStatus.ERROR
-            assert "recording has stopped, planning goes on: bag " in status.message
-            assert "File too large" in status.message
+            told = operator.wait_for(DiagnosticStatus.ERROR)
+            assert "recording has stopped, planning goes on: bag " in told
+            assert "File too large" in told
             assert client.plan(request).status.code == Status.SOLVED
         assert planner.stop() == 0
     assert planner.log.count("recording has stopped, planning goes on") == 1
@@ -172,9 +168,8 @@ def test_where_no_bag_can_be_written_planning_goes_on_and_everybody_is_told(
             client.wait_for_planner()
             answer = client.plan(Scene(resting_capture()).complete_request())
             assert answer.status.code == Status.SOLVED
-            status = operator.next_status()
-            assert status.level == DiagnosticStatus.ERROR
-            assert "planning goes on: bag /dev/null/bags/" in status.message
+            told = operator.wait_for(DiagnosticStatus.ERROR)
+            assert "planning goes on: bag /dev/null/bags/" in told
             for name in ("pause_recording", "resume_recording", "split_bag"):
                 refused = operator.call(name)
                 assert not refused.success
