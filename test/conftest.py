@@ -1,18 +1,25 @@
-"""What the tests share: robots and a plan."""
+"""What the tests share: robots, a plan, a planner node."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
 import pytest
 import robots
 from chromium import browser  # noqa: F401 (a fixture of several files)
+from shared_plans import planned
 
-from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
+
+if TYPE_CHECKING:
+    from ros_processes import PlannerProcess
 
 
 @pytest.fixture(scope="session")
@@ -36,4 +43,31 @@ def lemur_capture() -> PlanningProblem:
 @pytest.fixture(scope="session")
 def lemur_plan(lemur_capture: PlanningProblem) -> Plan:
     """The paper's capture on the shortest joint path."""
-    return plan(lemur_capture, load_parameters().planner)
+    return planned(lemur_capture)
+
+
+@pytest.fixture(scope="session")
+def standing_planner(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[tuple[PlannerProcess, dict[str, str]]]:
+    """A worker's own planner node, and its domain."""
+    # Not above: other tests run where ROS is not installed.
+    from ros_processes import private_domain, running_planner
+
+    environment = private_environment()
+    patient = ("-p", "planning_lead_time:=60.0", "-p", "state_max_age:=3600.0")
+    with ExitStack() as until_the_end:
+        with private_domain(environment):
+            node = running_planner(tmp_path_factory.mktemp("standing"), *patient)
+            running = until_the_end.enter_context(node)
+        yield running, environment
+
+
+@pytest.fixture(scope="module")
+def planner(standing_planner: tuple[PlannerProcess, dict[str, str]]) -> Iterator[PlannerProcess]:
+    """The worker's node, for tests that bring state and scene and neither start nor stop it."""
+    from ros_processes import private_domain
+
+    running, environment = standing_planner
+    with private_domain(environment):
+        yield running

@@ -385,10 +385,14 @@ def read_bag(directory: Path) -> dict[str, list[Any]]:
 
 
 @contextmanager
-def private_domain() -> Iterator[None]:
-    """Keep the processes inside apart from whatever else runs on the host."""
+def private_domain(environment: dict[str, str] | None = None) -> Iterator[None]:
+    """Keep the processes inside apart from whatever else runs on the host.
+
+    Args:
+        environment: Of a private domain that is entered again; None: a new one.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in private_environment().items():
+        for name, value in (environment or private_environment()).items():
             patch.setenv(name, value)
         # One heap for all threads: how much memory a process holds is then a matter of what it
         # keeps, not of which thread asked for it.

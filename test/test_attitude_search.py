@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
+from shared_plans import planned
 
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
@@ -209,7 +210,7 @@ def test_a_direct_path_is_left_as_it_is(lemur_capture):
     """It would hardly become shorter."""
     problem = replace(lemur_capture, objective=LENGTH)
     papers = replace(problem, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
-    made, alone = (plan(one, SETTINGS) for one in (problem, papers))
+    made, alone = (planned(one, SETTINGS) for one in (problem, papers))
     assert (made.coefficients == alone.coefficients).all()
 
 

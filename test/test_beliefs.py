@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from robots import random_state
+from shared_plans import planned
 
 from ff_planner_ros.baselines.beliefs import (
     executed,
@@ -42,7 +43,7 @@ def momentum_of(problem):
 
 
 def test_a_plan_for_the_true_momentum_arrives_and_the_chaser_goes_as_predicted(lemur_capture):
-    answer = plan(lemur_capture, SETTINGS)
+    answer = planned(lemur_capture, SETTINGS)
     motion = executed(lemur_capture, answer, SETTINGS)
     assert motion.metrics.final_position_error < 1e-5
     assert motion.metrics.final_orientation_error < 1e-5

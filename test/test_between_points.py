@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from dense_motion import Truth, truth
 from robots import CANADARM2_SCENARIO, LEMUR_URDF, of_lines
+from shared_plans import planned
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
@@ -92,7 +93,7 @@ def test_a_plan_on_any_number_of_points_is_driven_to_its_goal(arm: str) -> None:
     problem = problem_of(arm)
     for points in POINTS if arm == "lemur" else (5, 13):
         asked = replace(problem, points=points)
-        answer = plan(asked, SETTINGS)
+        answer = planned(asked, SETTINGS)
         require_kept(asked, answer)
         if points < 10:
             assert verify(asked.robot, answer.trajectory).passed, points
@@ -172,7 +173,7 @@ def test_an_effort_limit_between_the_largest_torque_at_the_points_and_between_th
 ):
     """The torque is named with its time; where the limit is above the peak, the plan is sound."""
     problem = replace(problem_of("lemur"), points=13)
-    answer = plan(problem, SETTINGS)
+    answer = planned(problem, SETTINGS)
     peaks = truth(problem, answer.trajectory).torques
     at_points = np.abs(answer.trajectory.joint_torques).max(axis=0)
     joint = int((peaks / at_points).argmax())
@@ -204,7 +205,7 @@ def test_a_fast_motion_of_a_tumbling_chaser_is_driven_to_its_goal() -> None:
 @pytest.mark.parametrize("behaviour", [EndBehaviour.HOLD_END_EFFECTOR, EndBehaviour.STOP_JOINTS])
 def test_a_tail_of_few_points_is_what_comes_of_them(behaviour: EndBehaviour) -> None:
     problem = replace(problem_of("lemur"), points=6)
-    answer = with_tail(problem, plan(problem, SETTINGS), behaviour, 6.0, SETTINGS)
+    answer = with_tail(problem, planned(problem, SETTINGS), behaviour, 6.0, SETTINGS)
     motion, found = answer.trajectory, truth(problem, answer.trajectory)
     q, _ = from_trajectory(problem.robot, motion)
     dense = (len(found.time) - 1) // (len(motion.time) - 1)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from dense_motion import truth
+from shared_plans import planned
 
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -34,14 +35,14 @@ def test_a_plan_keeps_the_limit_between_its_points_too(
     lemur_capture: PlanningProblem, points: int
 ) -> None:
     problem = limited(lemur_capture, LIMIT, points)
-    found = plan(problem, SETTINGS)
+    found = planned(problem, SETTINGS)
     assert LIMIT - 2e-3 < found.metrics.max_chaser_euler <= LIMIT
     assert LIMIT - 2e-3 < truth(problem, found.trajectory).chaser_attitude <= LIMIT
 
 
 def test_the_limit_costs_joint_path(lemur_capture: PlanningProblem) -> None:
-    free = plan(replace(lemur_capture, objective=LENGTH), SETTINGS)
-    found = plan(limited(lemur_capture, LIMIT), SETTINGS)
+    free = planned(replace(lemur_capture, objective=LENGTH), SETTINGS)
+    found = planned(limited(lemur_capture, LIMIT), SETTINGS)
     assert free.metrics.max_chaser_euler > LIMIT + 0.05
     assert free.metrics.joint_path_length < found.metrics.joint_path_length
 

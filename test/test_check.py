@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from dense_motion import joints_between, truth
 from judging import require_sound
+from shared_plans import planned
 
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import NoPlanFound, Status
@@ -19,7 +20,6 @@ from ff_planner_ros.planning.motion.motion import from_trajectory, to_trajectory
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import Limits, Objective, Sphere
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration
 
 CONFIG = share_directory() / "config"
@@ -34,7 +34,7 @@ def problem():
 
 @pytest.fixture(scope="module")
 def sound(problem):
-    return plan(problem, SETTINGS)
+    return planned(problem, SETTINGS)
 
 
 def tampered(problem, sound, **arrays):

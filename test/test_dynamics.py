@@ -13,13 +13,11 @@ from robots import ROBOTS, paper_velocity, random_path, random_state, tangent_pe
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.path_family import Motion as Rollout
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics, joint_torques
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
@@ -245,17 +243,12 @@ def points_of(motions: list[Motion]) -> list[tuple[Robot, Array, Array, Array]]:
     ]
 
 
-@pytest.fixture(scope="module")
-def capture_plan(lemur_capture: PlanningProblem) -> Plan:
-    return plan(lemur_capture, load_parameters().planner)
-
-
 @pytest.mark.ci
 def test_the_torques_of_a_plan_are_those_of_eq_20_without_a_wrench_on_the_chaser(
-    lemur_capture: PlanningProblem, capture_plan: Plan
+    lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
     """Chaser accelerations from the first six rows, torques from the others."""
-    robot, motion = lemur_capture.robot, capture_plan.trajectory
+    robot, motion = lemur_capture.robot, lemur_plan.trajectory
     expected = []
     q, v = from_trajectory(robot, motion)
     for i in range(0, len(motion.time), 7):
@@ -269,8 +262,8 @@ def test_the_torques_of_a_plan_are_those_of_eq_20_without_a_wrench_on_the_chaser
 
 
 def test_the_peak_torques_of_a_plan_are_the_largest_at_any_time(
-    lemur_capture: PlanningProblem, capture_plan: Plan
+    lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
-    peaks = truth(lemur_capture, capture_plan.trajectory).torques
-    np.testing.assert_allclose(capture_plan.metrics.peak_joint_torques, peaks, rtol=5e-4)
-    assert capture_plan.metrics.torque_error < 1e-12
+    peaks = truth(lemur_capture, lemur_plan.trajectory).torques
+    np.testing.assert_allclose(lemur_plan.metrics.peak_joint_torques, peaks, rtol=5e-4)
+    assert lemur_plan.metrics.torque_error < 1e-12

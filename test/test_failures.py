@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared_plans import planned
 
 from ff_planner_ros.errors import BagError, Failure, FfPlannerError, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
@@ -18,7 +19,6 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.search.planner import plan
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def settings() -> PlannerSettings:
 
 @pytest.fixture(scope="module")
 def sound(lemur_capture: PlanningProblem, settings: PlannerSettings) -> Plan:
-    return plan(lemur_capture, settings)
+    return planned(lemur_capture, settings)
 
 
 def judged(

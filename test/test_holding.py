@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm, null_space
 from scipy.spatial.transform import Rotation
+from shared_plans import planned
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
@@ -17,7 +18,6 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.paths.holding import holding_in_part, poses_held
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
-from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task import tail
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
 from ff_planner_ros.problems import tumbling
@@ -49,7 +49,7 @@ def problem(lemur_capture: PlanningProblem) -> PlanningProblem:
 def held(problem: PlanningProblem) -> Plan:
     """A plan whose hold is sound."""
     return with_tail(
-        problem, plan(problem, SETTINGS), EndBehaviour.HOLD_END_EFFECTOR, TAIL, SETTINGS
+        problem, planned(problem, SETTINGS), EndBehaviour.HOLD_END_EFFECTOR, TAIL, SETTINGS
     )
 
 

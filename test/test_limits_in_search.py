@@ -12,6 +12,7 @@ from dense_motion import joints_between, truth
 from judging import require_sound
 from numpy.polynomial import Polynomial
 from robots import CANADARM2_SCENARIO, ROBOTS, random_state
+from shared_plans import planned
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -190,7 +191,7 @@ def test_torques_are_brought_below_limits_that_the_shortest_path_exceeds(
     limits[peaks.argmax()] = 0.9 * peaks.max()
     robot = replace(lemur_capture.robot, effort_limits=frozen(limits))
     problem = replace(lemur_capture, robot=robot, parametrisation=which)
-    found = plan(problem, SETTINGS)
+    found = planned(problem, SETTINGS)
     require_sound(problem, found, SETTINGS)
     assert (truth(problem, found.trajectory).torques <= 1.001 * limits).all()
     if which is Parametrisation.END_EFFECTOR_POLYNOMIAL:
@@ -343,7 +344,7 @@ def test_torques_are_nobodys_matter_where_effort_limits_are_not_to_be_kept(
         require_sound(kept, lemur_plan, SETTINGS)
     assert refused.value.status is Status.TORQUE_TOO_HIGH
     assert "limits.effort none" in refused.value.failures[0].advice
-    found = plan(free, SETTINGS)
+    found = planned(free, SETTINGS)
     require_sound(free, found, SETTINGS)
     assert found.metrics.joint_path_length == lemur_plan.metrics.joint_path_length
     peaks = np.array(found.metrics.peak_joint_torques)

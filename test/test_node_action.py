@@ -25,26 +25,12 @@ from ros_processes import (
     PlannerProcess,
     Scene,
     connected_client,
-    private_domain,
-    read_bag,
-    running_planner,
 )
 
 from ff_planner_ros.errors import FfPlannerError, Status
 
-GOALS = "/plan_trajectory_action/_action/send_goal/_service_event"
-RESULTS = "/plan_trajectory_action/_action/get_result/_service_event"
 SEED = 20260101
 PATIENCE = 60.0  # [s] for a plan; a busy machine takes its time
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
-    with private_domain():
-        directory = tmp_path_factory.mktemp("action")
-        patient = ("-p", f"planning_lead_time:={PATIENCE}", "-p", "state_max_age:=60.0")
-        with running_planner(directory, *patient) as planner:
-            yield planner
 
 
 @pytest.fixture(scope="module")
@@ -238,6 +224,7 @@ def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(
 def test_of_goals_at_once_each_is_planned_or_refused_and_none_is_busy_once_accepted(
     planner: PlannerProcess, client: Client, scene: Scene
 ) -> None:
+    told_before = planner.log.count("BUSY")
     goals = [client.send_goal_at_once(long(scene)) for _ in range(20)]
     refusals = []
     for goal in list(goals):
@@ -250,29 +237,5 @@ def test_of_goals_at_once_each_is_planned_or_refused_and_none_is_busy_once_accep
     assert set(refusals) == {Status.BUSY}
     assert goals[0].cancel()
     assert goals[0].result()[1].status.code == Status.CANCELLED
-    assert planner.log.count("BUSY") >= len(refusals)
+    assert planner.log.count("BUSY") - told_before >= len(refusals)
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
-
-
-@pytest.mark.ci
-def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag(
-    planner: PlannerProcess, client: Client, scene: Scene, times: Callable[[int, int], int]
-) -> None:
-    """Last of all, since it ends the node."""
-    status, solved = client.send_goal(scene.complete_request()).result()
-    assert status == GoalStatus.STATUS_SUCCEEDED
-    last = client.send_goal(long(scene))
-    assert last.progress.wait(DEADLINE)
-    assert planner.stop(signal.SIGTERM) == 0
-    bag = read_bag(planner.bag)
-    goals = {bytes(event.request[0].goal_id.uuid) for event in bag[GOALS]}
-    results = {bytes(event.request[0].goal_id.uuid): event.response[0] for event in bag[RESULTS]}
-    assert goals == set(results)
-    assert len(goals) >= times(50, 200)
-    *_, recorded, given_up = (event.response[0].result.answer for event in bag[RESULTS])
-    assert recorded.plan_id == solved.plan_id
-    points = [list(point.positions) for point in recorded.plans[0].joint_trajectory.points]
-    assert points == [list(point.positions) for point in solved.plans[0].joint_trajectory.points]
-    assert given_up.status.code == Status.SHUT_DOWN
-    assert bag["/plan_trajectory_action/_action/feedback"]
-    assert bag["/plan_trajectory_action/_action/status"]

@@ -23,7 +23,7 @@ from ff_planner_msgs.msg import (
     PlanStatus,
 )
 from geometry_msgs.msg import Vector3
-from managed_node import Holdings, Manager, holdings
+from managed_node import Holdings, holdings
 from quick_capture import quick_capture, resting_capture
 from ros_processes import (
     DEADLINE,
@@ -45,14 +45,6 @@ HUGE = 3_000
 # a few thousand; before each refusal let go of its request, huge ones took 15 000 and more.
 GROWTH = 12_000
 FEW = 8
-
-
-@pytest.fixture(scope="module")
-def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
-    arguments = ("-p", "planning_lead_time:=60.0", "-p", "state_max_age:=3600.0")
-    directory = tmp_path_factory.mktemp("hard_life")
-    with private_domain(), running_planner(directory, *arguments) as planner:
-        yield planner
 
 
 Spoil = Callable[[random.Random, PlanRequest], str]
@@ -369,30 +361,29 @@ def test_a_client_that_dies_while_it_is_planned_for_harms_nobody_and_its_plan_go
 
 @pytest.mark.ci
 def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
-    planner: PlannerProcess, tmp_path: Path, times: Callable[[int, int], int]
+    tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
-    """Last of all, since it ends the node."""
+    """It is the node that is tested: the straight way to a goal nearby will do."""
     scene, plans = Scene(load_scenario(quick_capture(tmp_path))), times(40, 500)
-    with connected_client() as client:
-        client.wait_for_planner()
-        # It is the node that is tested: the straight way to a goal nearby will do.
-        manager = Manager(client)
-        assert manager.set("planner.max_iterations", 1).successful
-        assert manager.set("planning_lead_time", 5.0).successful  # the chaser drifts away
-        request, seconds = scene.complete_request(), []
-        request.search.points = 12
-        for number in range(plans):
-            answer = client.plan(request)
-            assert answer.status.code == Status.SOLVED, answer.status
-            seconds.append(answer.solver.solve_time)
-            if number == plans // 3:
-                warm = holdings(planner.process.pid)
-    _assert_no_growth(warm, holdings(planner.process.pid))
+    # The chaser drifts away.
+    straight = ("-p", "planner.max_iterations:=1", "-p", "planning_lead_time:=5.0")
+    with private_domain(), running_planner(tmp_path, *straight) as planner:
+        with connected_client() as client:
+            client.wait_for_planner()
+            request, seconds = scene.complete_request(), []
+            request.search.points = 12
+            for number in range(plans):
+                answer = client.plan(request)
+                assert answer.status.code == Status.SOLVED, answer.status
+                seconds.append(answer.solver.solve_time)
+                if number == plans // 3:
+                    warm = holdings(planner.process.pid)
+        _assert_no_growth(warm, holdings(planner.process.pid))
+        assert planner.stop() == 0
     # A clock is no judge of a test; what it says is for the reader of the log.
     half = plans // 2
     print(f"median of the first half of the plans {median(seconds[:half]):.3f} s")
     print(f"median of the second half of the plans {median(seconds[half:]):.3f} s")
-    assert planner.stop() == 0
 
 
 def _assert_no_growth(warm: Holdings, last: Holdings) -> None:

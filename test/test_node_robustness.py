@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalStatus
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
@@ -31,8 +32,10 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.ros.messages.to_messages import time_message
 
+GOALS, RESULTS = (f"/plan_trajectory_action{events}" for events in (GOAL_EVENTS, RESULT_EVENTS))
 ARGUMENTS = (
     *("-p", "state_max_age:=3600.0", "-p", "bag.flush_interval:=0.05"),
     *("-p", "planning_lead_time:=60.0"),
@@ -58,9 +61,9 @@ def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
             soon.start_time = time_message(client.now_ns() + leads[-1])
             client.plan_until(soon, solved)
             answer = _ask_frozen(client, planner, scene.request())
-            published = []
+            published, before = [], len(_states_on_disk(planner.bag))
             give_up = time.monotonic() + DEADLINE
-            while len(_states_on_disk(planner.bag)) < 20:
+            while len(_states_on_disk(planner.bag)) < before + 20:
                 assert time.monotonic() < give_up, "the recorder waits for the planner"
                 published.append(scene.state(client.now_ns()))
                 client.publish_states_at(50.0, published[-1:])
@@ -123,6 +126,39 @@ def test_a_node_that_is_stopped_while_planning_answers_and_completes_its_bag(
     told = last.response[0].answer.status
     assert told.code == Status.SHUT_DOWN
     assert "shut down" in told.message
+
+
+@pytest.mark.ci
+def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag(
+    tmp_path: Path,
+) -> None:
+    scene = Scene(resting_capture())
+    long = scene.complete_request()
+    long.search.points = 5000
+    with private_domain(), running_planner(tmp_path, *ARGUMENTS) as planner:
+        with connected_client() as client:
+            client.wait_for_planner()
+            cancelled = client.send_goal(long)
+            assert cancelled.progress.wait(DEADLINE)
+            assert cancelled.cancel()
+            assert cancelled.result()[1].status.code == Status.CANCELLED
+            status, solved = client.send_goal(scene.complete_request()).result()
+            assert status == GoalStatus.STATUS_SUCCEEDED
+            last = client.send_goal(long)
+            assert last.progress.wait(DEADLINE)
+            assert planner.stop(signal.SIGTERM) == 0
+        bag = read_bag(planner.bag)
+    goals = {bytes(event.request[0].goal_id.uuid) for event in bag[GOALS]}
+    results = {bytes(event.request[0].goal_id.uuid): event.response[0] for event in bag[RESULTS]}
+    assert len(goals) == 3
+    assert goals == set(results)
+    *_, recorded, given_up = (event.response[0].result.answer for event in bag[RESULTS])
+    assert recorded.plan_id == solved.plan_id
+    points = [list(point.positions) for point in recorded.plans[0].joint_trajectory.points]
+    assert points == [list(point.positions) for point in solved.plans[0].joint_trajectory.points]
+    assert given_up.status.code == Status.SHUT_DOWN
+    assert bag["/plan_trajectory_action/_action/feedback"]
+    assert bag["/plan_trajectory_action/_action/status"]
 
 
 @pytest.mark.ci

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from robots import LEMUR_SCENARIO
+from shared_plans import planned
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -37,7 +38,7 @@ def shortest() -> PlanningProblem:
 def test_left_to_the_planner_the_paths_are_the_papers_where_they_apply(
     shortest: PlanningProblem,
 ) -> None:
-    left, papers = plan(shortest, SETTINGS), plan(in_family(shortest, PAPERS), SETTINGS)
+    left, papers = planned(shortest, SETTINGS), planned(in_family(shortest, PAPERS), SETTINGS)
     assert left.family == papers.family == "end_effector_polynomial"
     assert left.coefficients.tobytes() == papers.coefficients.tobytes()
 
@@ -47,7 +48,7 @@ def in_family(asked: PlanningProblem, family: Parametrisation) -> PlanningProble
 
 
 def test_freedom_in_time_makes_the_joint_path_shorter(shortest: PlanningProblem) -> None:
-    papers, splines = (plan(in_family(shortest, f), SETTINGS) for f in (PAPERS, SPLINES))
+    papers, splines = (planned(in_family(shortest, f), SETTINGS) for f in (PAPERS, SPLINES))
     assert splines.family == "joint_spline"
     assert splines.xi.size == 0
     ratio = splines.metrics.joint_path_length / papers.metrics.joint_path_length

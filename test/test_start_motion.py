@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO, ROBOTS, random_path, random_state
+from shared_plans import planned
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
@@ -409,7 +410,7 @@ def test_a_joint_that_a_motion_turns_at_its_limit_is_never_refused_along_it(
     lemur_capture: PlanningProblem,
 ) -> None:
     """The limit is where the third joint of a plan turns round: its own plan keeps it."""
-    motion = joint_motion(plan(lemur_capture, SETTINGS).trajectory)
+    motion = joint_motion(planned(lemur_capture, SETTINGS).trajectory)
     time = np.linspace(0.0, 10.0, 20_001)
     positions, rates, accelerations = motion.at(time)
     robot, start = lemur_capture.robot, lemur_capture.start

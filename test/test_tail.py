@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from judging import require_sound
 from scipy.spatial.transform import Rotation
+from shared_plans import planned
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -41,7 +42,7 @@ def moving_target(lemur_capture: PlanningProblem) -> PlanningProblem:
 
 @pytest.fixture(scope="module")
 def moving_plan(moving_target: PlanningProblem) -> Plan:
-    return plan(moving_target, SETTINGS)
+    return planned(moving_target, SETTINGS)
 
 
 def after_goal(answer: Plan) -> Array:
@@ -292,7 +293,7 @@ def test_few_points_are_few_points_told_and_no_coarser_motion(
 ) -> None:
     """Every eighth point of a plan, and a tail that is told once a second."""
     problem = replace(lemur_capture, obstacles=(), points=81)
-    fine = plan(problem, SETTINGS)
+    fine = planned(problem, SETTINGS)
     told = Trajectory(**{name: rows[::8] for name, rows in vars(fine.trajectory).items()})
     few = replace(fine, trajectory=told)
     finer, coarse = (

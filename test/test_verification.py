@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 from robots import CANADARM2_SCENARIO, CONFIG, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
+from shared_plans import planned
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
@@ -68,14 +69,14 @@ every_plan = pytest.mark.parametrize(
 
 
 @cache
-def planned(scenario: Path, objective: Objective) -> tuple[PlanningProblem, Plan]:
+def scenario_and_plan(scenario: Path, objective: Objective) -> tuple[PlanningProblem, Plan]:
     problem = replace(load_scenario(scenario), objective=objective)
-    return problem, plan(problem, load_parameters().planner)
+    return problem, planned(problem)
 
 
 @cache
 def verified(scenario: Path, objective: Objective) -> Verification:
-    problem, answer = planned(scenario, objective)
+    problem, answer = scenario_and_plan(scenario, objective)
     return verify(problem.robot, answer.trajectory)
 
 
@@ -112,7 +113,7 @@ def test_a_plan_comes_true(scenario: Path, objective: Objective) -> None:
 
 @every_plan
 def test_the_end_effector_arrives_at_the_target(scenario: Path, objective: Objective) -> None:
-    problem, _ = planned(scenario, objective)
+    problem, _ = scenario_and_plan(scenario, objective)
     execution = verified(scenario, objective).execution
     miss = np.linalg.norm(execution.ee_positions[-1] - problem.target.position)
     wanted = Rotation.from_quat(problem.target.quaternion_xyzw)
@@ -141,7 +142,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step(
     scenario: Path, objective: Objective
 ) -> None:
     """The integrator's own error, apart from that of the torques between the points."""
-    problem, answer = planned(scenario, objective)
+    problem, answer = scenario_and_plan(scenario, objective)
     start = state_at(answer.trajectory, 0)
 
     def final_positions(steps: int) -> tuple[Array, Array]:
@@ -157,7 +158,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step(
 
 def test_mujocos_own_integrator_comes_to_the_same_end() -> None:
     """Its steps hold the torques: the error falls with the square of the step, to nothing else."""
-    problem, answer = planned(LEMUR_SCENARIO, LENGTH)
+    problem, answer = scenario_and_plan(LEMUR_SCENARIO, LENGTH)
     start = state_at(answer.trajectory, 0)
     ours = execute(Engine(problem.robot), start, feed_forward(problem.robot, answer.trajectory, 16))
 
@@ -181,7 +182,7 @@ def test_mujocos_own_integrator_comes_to_the_same_end() -> None:
 
 
 def test_what_is_left_is_little_however_few_the_points_are() -> None:
-    problem, _ = planned(LEMUR_SCENARIO, LENGTH)
+    problem, _ = scenario_and_plan(LEMUR_SCENARIO, LENGTH)
     # Along one path at all numbers of points.
     problem = replace(problem, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
     settings = load_parameters().planner
@@ -193,7 +194,7 @@ def test_what_is_left_is_little_however_few_the_points_are() -> None:
 
 
 def test_torques_alone_are_not_enough_between_few_points() -> None:
-    problem, _ = planned(LEMUR_SCENARIO, LENGTH)
+    problem, _ = scenario_and_plan(LEMUR_SCENARIO, LENGTH)
     motion = plan(replace(problem, points=13), load_parameters().planner).trajectory
     steps = steps_per_point(motion)
     for command, limit_deg in (
@@ -240,14 +241,14 @@ WRONG = {
 @pytest.mark.law("PLAN-22")
 @pytest.mark.parametrize("fault", WRONG)
 def test_a_wrong_plan_does_not_come_true(fault: str) -> None:
-    problem, answer = planned(LEMUR_SCENARIO, LENGTH)
+    problem, answer = scenario_and_plan(LEMUR_SCENARIO, LENGTH)
     motion = answer.trajectory
     assert not verify(problem.robot, replace(motion, **WRONG[fault](motion))).passed
 
 
 def test_a_plan_for_another_robot_does_not_come_true() -> None:
     """The plan is right but for a heavier hand: nobody but the engine knows."""
-    problem, answer = planned(LEMUR_SCENARIO, LENGTH)
+    problem, answer = scenario_and_plan(LEMUR_SCENARIO, LENGTH)
     heavier = problem.robot.urdf.replace('value="3.9"', 'value="4.0"')
     assert heavier != problem.robot.urdf
     robot = replace(problem.robot, urdf=heavier)
@@ -355,7 +356,7 @@ def test_quaternions_of_no_length_are_refused() -> None:
 
 
 def _robot_and_motion() -> tuple[Robot, Trajectory]:
-    problem, answer = planned(LEMUR_SCENARIO, LENGTH)
+    problem, answer = scenario_and_plan(LEMUR_SCENARIO, LENGTH)
     return problem.robot, answer.trajectory
 
 
