@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from oracle import golden
 from paper_equations import PaperTerms, paper_terms
 from robots import ROBOTS, one_line_urdf, random_path, random_state
 from scipy.integrate import solve_ivp
@@ -33,7 +35,7 @@ STATE_SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7, "canadarm2": 4}
 class Case(NamedTuple):
     """A drifting, tumbling robot whose hand goes a few decimetres on a bent way."""
 
-    urdf: tuple[str, str, str]
+    name: str
     robot: Robot
     start: SystemState
     q: Array
@@ -49,14 +51,14 @@ class Case(NamedTuple):
         return self.paths.motion(self.coefficients.ravel(), points)
 
 
-def case_of(urdf: tuple[str, str, str], seed: int, reach: float = 0.15) -> Case:
-    robot = robot_from_urdf_text(*urdf)
-    rng = np.random.default_rng(seed)
+def case_of(name: str, reach: float = 0.15) -> Case:
+    robot = robot_from_urdf_text(*ROBOTS[name])
+    rng = np.random.default_rng(STATE_SEEDS[name])
     start = random_state(robot, rng)
     q, v = configuration(robot, start)
     path = random_path(robot, start, rng, DURATION, reach)
     return Case(
-        urdf,
+        name,
         robot,
         start,
         q,
@@ -66,24 +68,19 @@ def case_of(urdf: tuple[str, str, str], seed: int, reach: float = 0.15) -> Case:
     )
 
 
-# The others take ten seconds each.
-EVERY_ROBOT = [
-    pytest.param(name, marks=[] if name == "lemur" else [pytest.mark.ci]) for name in ROBOTS
-]
-
-
-@pytest.fixture(params=EVERY_ROBOT, scope="module")
+@pytest.fixture(params=list(ROBOTS), scope="module")
 def case(request: pytest.FixtureRequest) -> Case:
-    return case_of(ROBOTS[request.param], STATE_SEEDS[request.param])
+    return case_of(request.param)
 
 
 @pytest.fixture(scope="module")
 def exact_end(case: Case) -> SystemState:
-    return integrate_paper_equations(case)
+    return golden(f"the rollout of {case.name}")
 
 
-def integrate_paper_equations(case: Case) -> SystemState:
+def integrate_paper_equations(name: str) -> SystemState:
     """The end state by an eighth-order method."""
+    case = case_of(name)
     y_start, velocities = paper_equations_of_motion(case)
     solved = solve_ivp(
         lambda t, y: rates(y, velocities(t, y)),
@@ -98,6 +95,11 @@ def integrate_paper_equations(case: Case) -> SystemState:
     return SystemState(y[:3], y[3:7] / np.linalg.norm(y[3:7]), v[:3], v[3:6], y[7:], v[6:])
 
 
+INTEGRATIONS = {
+    f"the rollout of {name}": partial(integrate_paper_equations, name) for name in ROBOTS
+}
+
+
 def paper_equations_of_motion(case: Case) -> tuple[Array, Callable[[float, Array], Array]]:
     """Eqs. (23), (27) and (31), nothing of it from the package but the end effector's twist.
 
@@ -109,7 +111,7 @@ def paper_equations_of_motion(case: Case) -> tuple[Array, Callable[[float, Array
 
     def terms_at(y: Array) -> PaperTerms:
         attitude = Rotation.from_quat(y[3:7]).as_matrix()
-        return paper_terms(*case.urdf, r_ch=y[:3], rotation_ch=attitude, theta=y[7:])
+        return paper_terms(*ROBOTS[case.name], r_ch=y[:3], rotation_ch=attitude, theta=y[7:])
 
     y_start = np.concatenate(
         [
@@ -271,7 +273,7 @@ def test_accelerations_are_the_rates_of_a_fine_rollout_s_velocities(case: Case) 
 
 def test_a_path_out_of_the_workspace_ends_there_and_says_when() -> None:
     """The time is that at which an adaptive integration finds the joints running away."""
-    case = case_of(ROBOTS["lemur"], STATE_SEEDS["lemur"], reach=5.0)
+    case = case_of("lemur", reach=5.0)
     points = 101
     time = case.roll_out(points).singular_at
     assert time is not None
