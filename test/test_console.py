@@ -11,6 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import viser
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import placed
@@ -87,6 +89,21 @@ def test_the_robots_parts_are_where_its_surface_is(capture: PlanningTask, plan: 
         whole = surface_at(robot, surface, stage.q[[point]])[0][np.unique(surface.triangles)]
         assert np.linalg.norm(drawn[:, None] - whole[None, ::97], axis=2).min(axis=0).max() < 1e-9
         assert len(drawn) == len(whole)
+
+
+@pytest.mark.parametrize("scenario", ["lemur_capture", "lemur_capture_bodies", "panel_capture"])
+def test_every_surface_that_is_drawn_looks_outwards(scenario: str) -> None:
+    """The page draws no backs."""
+    (stage,) = stages_of(task_of(scenario), None)
+    for part in (*robot_parts(stage.problem.robot, stage.q), *obstacle_parts(stage)):
+        edges = np.concatenate([part.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+        touching = coo_array((np.ones(len(edges)), edges.T), (len(part.corners),) * 2)
+        solids, of_corner = connected_components(touching, directed=False)
+        volumes = np.zeros(solids)
+        corners = part.corners[part.triangles]
+        np.add.at(volumes, of_corner[part.triangles[:, 0]], np.linalg.det(corners) / 6.0)
+        used = np.unique(of_corner[part.triangles])
+        assert volumes[used].min() > 1e-7, part.name
 
 
 def test_what_is_fixed_to_a_target_moves_with_it() -> None:

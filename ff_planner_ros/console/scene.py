@@ -171,7 +171,8 @@ class SceneView:
         scene.add_label(f"{above}/words", fault.words, position=fault.points.mean(axis=0))
 
     def _mesh(self, name: str, part: Part, point: int, **more: Any) -> viser.MeshHandle:
-        given = {"color": KINDS[part.kind], "side": "double", "flat_shading": True, **more}
+        # Every surface is closed and looks outwards; its back would take half as long again.
+        given = {"color": KINDS[part.kind], "side": "front", "flat_shading": True, **more}
         return self._server.scene.add_mesh_simple(
             name,
             part.corners.astype(np.float32),
