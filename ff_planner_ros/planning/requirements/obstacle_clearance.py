@@ -111,6 +111,8 @@ class ObstacleClearance(Requirement):
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the deepest collision."""
         problem = samples.problem
+        if not problem.obstacle_bodies or metrics.min_clearance >= 0.0:
+            return
         least = least_from_obstacles(problem, samples.followed)
         if least.certified < 0.0:
             body, obstacle = body_and_obstacle(problem, least)
