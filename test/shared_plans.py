@@ -9,13 +9,19 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 
-_made: dict[str, Plan] = {}
+_made: dict[tuple[str, bytes], Plan] = {}
 
 
 def planned(problem: PlanningProblem, settings: PlannerSettings | None = None) -> Plan:
     """Return the plan of a problem, by the node's own settings unless others are given."""
     settings = settings or load_parameters().planner
-    digest = PlanningTask(problem, settings).digest
-    if digest not in _made:
-        _made[digest] = plan(problem, settings)
-    return _made[digest]
+    robot = problem.robot
+    # A digest takes a robot's limits from its URDF, and a test may have changed them since.
+    limits = (
+        *(robot.lower_position_limits, robot.upper_position_limits),
+        *(robot.velocity_limits, robot.effort_limits),
+    )
+    key = PlanningTask(problem, settings).digest, b"".join(each.tobytes() for each in limits)
+    if key not in _made:
+        _made[key] = plan(problem, settings)
+    return _made[key]

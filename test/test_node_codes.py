@@ -16,6 +16,7 @@ import test_node_odometry
 import test_node_publish_plan
 import test_node_publishers
 import test_node_refusals
+import test_node_robustness
 import test_node_time
 import test_planning_service
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -134,7 +135,7 @@ ELSEWHERE: dict[Status, Callable[..., object]] = {
     ),
     Status.NOT_ACTIVE: test_node_lifecycle.test_it_plans_only_while_it_is_active,
     Status.SHUT_DOWN: (
-        test_node_action.test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag
+        test_node_robustness.test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag
     ),
     Status.CLOCK_JUMPED: test_node_time.test_time_goes_on_and_jumps_back,
 }

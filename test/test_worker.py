@@ -319,10 +319,11 @@ def test_a_plan_is_interrupted_from_another_thread(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     before, begun, ended = server(worker), threading.Event(), []
+    long = replace(lemur_capture, points=5000)  # it takes seconds
 
     def solving() -> None:
         with pytest.raises(Interrupted):
-            solve(worker, lemur_capture, settings, report=lambda _: begun.set())
+            solve(worker, long, settings, report=lambda _: begun.set())
         ended.append(True)
 
     thread = threading.Thread(target=solving)
