@@ -106,6 +106,21 @@ def test_every_surface_that_is_drawn_looks_outwards(scenario: str) -> None:
         assert volumes[used].min() > 1e-7, part.name
 
 
+def test_ghosts_stand_at_both_ends_of_a_plan_and_nowhere_before_there_is_one(
+    page: Page, capture: PlanningTask, plan: Plan
+) -> None:
+    assert page._scene._ghosts == {}
+    stages = stages_of(capture, plan)
+    page._scene.show(stages)
+    for time, visible in (
+        (0.0, [False, True]),
+        (stages[-1].end / 2, [True, True]),
+        (stages[-1].end, [True, False]),
+    ):
+        page._scene.move_to(time)
+        assert [ghost.visible for ghost in page._scene._ghosts.values()] == visible
+
+
 def test_what_is_fixed_to_a_target_moves_with_it() -> None:
     task = task_of("panel_capture")
     (stage,) = stages_of(task, None)

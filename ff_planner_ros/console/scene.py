@@ -91,10 +91,12 @@ class SceneView:
             scene.add_frame(_SHOWN, show_axes=False)
             self._drawn = [self._draw(number, stage) for number, stage in enumerate(stages)]
             last = len(stages) - 1
-            self._ghosts = {
-                (0, 0): self._ghost("start", stages[0], 0),
-                (last, len(stages[-1].times) - 1): self._ghost("goal", stages[-1], -1),
-            }
+            self._ghosts = {}
+            if stages[0].motion is not None:
+                self._ghosts = {
+                    (0, 0): self._ghost("start", stages[0], 0),
+                    (last, len(stages[-1].times) - 1): self._ghost("goal", stages[-1], -1),
+                }
             if fault is not None:
                 self._mark(fault)
         if not self._is_framed:
