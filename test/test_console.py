@@ -119,6 +119,10 @@ def test_ghosts_stand_at_both_ends_of_a_plan_and_nowhere_before_there_is_one(
     ):
         page._scene.move_to(time)
         assert [ghost.visible for ghost in page._scene._ghosts.values()] == visible
+    for (number, point), ghost in page._scene._ghosts.items():
+        parts = robot_parts(stages[number].problem.robot, stages[number].q)
+        true = np.concatenate([corners_at(part, point) for part in parts])
+        assert ghost.vertices == pytest.approx(true, abs=1e-5)
 
 
 def test_what_is_fixed_to_a_target_moves_with_it() -> None:

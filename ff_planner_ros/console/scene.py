@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from ff_planner_ros.analysis.drawing.solids import Triangles
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.console.colours import (
     BLACK,
@@ -34,6 +35,7 @@ from ff_planner_ros.console.parts import (
 from ff_planner_ros.console.stages import Stage, at_time
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.problem.problem import Orientation
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 KINDS = {CHASER: GREY, ARM: BLUE, OBSTACLE: ORANGE, TARGET: PURPLE}
 # Without a graphics card, shading by the default material takes as long as all the rest of a frame.
@@ -62,7 +64,7 @@ class SceneView:
         """Light an empty scene, z up."""
         self._server = server
         self._drawn = list[_Drawn]()
-        self._ghosts = dict[tuple[int, int], viser.FrameHandle]()  # by stage and point
+        self._ghosts = dict[tuple[int, int], viser.MeshHandle]()  # by stage and point
         server.scene.set_up_direction("+z")
         # Where a browser has no graphics card, shadows would make pictures 14 times as slow, and an
         # environment map the first one 2 s late.
@@ -132,7 +134,10 @@ class SceneView:
         drawn = _Drawn(stage, scene.add_frame(above, show_axes=False, visible=number == 0))
         robot = stage.problem.robot
         for k, part in enumerate([*robot_parts(robot, stage.q), *obstacle_parts(stage)]):
-            handle = self._mesh(f"{above}/{k}_{_node_name(part.name)}", part, 0)
+            name, place = f"{above}/{k}_{_node_name(part.name)}", part.positions[0]
+            pose = {"position": place, "wxyz": part.quaternions_wxyz[0]}
+            surface = part.corners, part.triangles
+            handle = self._surface(name, *surface, color=KINDS[part.kind], **pose)
             drawn.parts.append((part, handle))
         if not robot.bodies:
             drawn.arm = self._lines(f"{above}/arm", _joined(_arm(stage, 0)), 6.0)
@@ -158,11 +163,16 @@ class SceneView:
             f"{above}/goal/place", radius=size / 8, color=LINE, opacity=0.6
         )
 
-    def _ghost(self, name: str, stage: Stage, point: int) -> viser.FrameHandle:
-        above = self._server.scene.add_frame(f"{_SHOWN}/{name}", show_axes=False)
-        for part in robot_parts(stage.problem.robot, stage.q):
-            self._mesh(f"{_SHOWN}/{name}/{_node_name(part.name)}", part, point, **_GHOST)
-        return above
+    def _ghost(self, name: str, stage: Stage, point: int) -> viser.MeshHandle:
+        """Draw the robot at a point as one surface, which takes less time than its parts."""
+        corners, triangles, count = list[Array](), list[Triangles](), 0
+        for part in robot_parts(stage.problem.robot, stage.q[[point]]):
+            (turn,) = rotation_from_quaternion(np.roll(part.quaternions_wxyz, -1, axis=1))
+            corners.append(part.corners @ turn.T + part.positions[0])
+            triangles.append(part.triangles + count)
+            count += len(part.corners)
+        surface = np.concatenate(corners), np.concatenate(triangles)
+        return self._surface(f"{_SHOWN}/{name}", *surface, **_GHOST)
 
     def _mark(self, fault: Place) -> None:
         scene, above = self._server.scene, f"{_SHOWN}/fault"
@@ -172,16 +182,13 @@ class SceneView:
             self._lines(f"{above}/line", fault.points[None], 6.0, FAULT)
         scene.add_label(f"{above}/words", fault.words, position=fault.points.mean(axis=0))
 
-    def _mesh(self, name: str, part: Part, point: int, **more: Any) -> viser.MeshHandle:
+    def _surface(
+        self, name: str, corners: Array, triangles: Triangles, **more: Any
+    ) -> viser.MeshHandle:
         # Every surface is closed and looks outwards; its back would take half as long again.
-        given = {"color": KINDS[part.kind], "side": "front", "flat_shading": True, **more}
+        given = {"side": "front", "flat_shading": True, **more}
         return self._server.scene.add_mesh_simple(
-            name,
-            part.corners.astype(np.float32),
-            part.triangles.astype(np.uint32),
-            position=part.positions[point],
-            wxyz=part.quaternions_wxyz[point],
-            **given,
+            name, corners.astype(np.float32), triangles.astype(np.uint32), **given
         )
 
     def _lines(
