@@ -96,7 +96,7 @@ class Page:
         self._choose(self.chosen)
 
     def _listen(self) -> None:
-        self._time.on_update(lambda _: self._locked(self._show_time))
+        self._time.on_update(lambda event: self._by_user(event, self._show_time))
         self._move.on_update(lambda event: self._by_user(event, self._place_handle))
         self._place.on_update(lambda event: self._by_user(event, self._moved_by_numbers))
         for one in (self._path, self._attitude, self._duration, self._range):

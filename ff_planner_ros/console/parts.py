@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -33,6 +34,16 @@ class Part:
     triangles: Triangles  # shape (triangles, 3)
     positions: Array  # in the inertial frame; shape (points, 3) [m]
     quaternions_wxyz: Array  # own axes to inertial axes, as the browser takes it; (points, 4)
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether its frame is not in one place at all points."""
+        return bool((self.positions != self.positions[0]).any())
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether its axes have another direction at some point."""
+        return bool((self.quaternions_wxyz != self.quaternions_wxyz[0]).any())
 
 
 def robot_parts(robot: Robot, q: Array) -> Iterator[Part]:

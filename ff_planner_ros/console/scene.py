@@ -116,8 +116,10 @@ class SceneView:
             for at, ghost in self._ghosts.items():
                 ghost.visible = at != (number, point)  # or else it lies in the robot
             for part, handle in drawn.parts:
-                handle.position = part.positions[point]
-                handle.wxyz = part.quaternions_wxyz[point]
+                if part.moves:
+                    handle.position = part.positions[point]
+                if part.turns:
+                    handle.wxyz = part.quaternions_wxyz[point]
             if drawn.arm is not None:
                 drawn.arm.points = _joined(_arm(drawn.stage, point)).astype(np.float32)
             self._near.visible = self._words.visible = near is not None
