@@ -80,7 +80,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any | None:
 
 
 def _starts_processes(module: ModuleType) -> bool:
-    return hasattr(module, "running_planner") or hasattr(module, "subprocess")
+    return any(hasattr(module, one) for one in ("connected_client", "subprocess"))
 
 
 def _beyond_the_sample(items: list[pytest.Item]) -> list[pytest.Item]:
