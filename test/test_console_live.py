@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -243,6 +244,11 @@ def test_an_answer_that_is_lost_is_asked_for_again(
 def test_who_is_not_there_is_told_so() -> None:
     with pytest.raises(InvalidInput, match="/nobody: its parameters was not heard within"):
         live_page("nobody", None, 0.5, [])
+
+
+def test_a_scenario_that_cannot_be_read_is_refused_before_a_page_is_served(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"none\.yaml: it cannot be read"):
+        live_page("nobody", tmp_path / "none.yaml", 0.5, [])
 
 
 def test_a_lost_node_is_told_and_found_again(

@@ -132,7 +132,9 @@ def live_page(
         patience: How long to wait for the node [s].
 
     Raises:
-        InvalidInput: There is no such node, or it is not active.
+        InvalidInput: The scenario is invalid, there is no such node, or it is not active.
         FfPlannerError: The node does not answer.
     """
+    if scenario is not None:
+        request_of_scenario(scenario, "", ())  # or else whoever opens the page would be told
     return LivePage(Link(name, patience, ros_arguments), scenario)
