@@ -130,18 +130,19 @@ def test_a_node_that_is_stopped_while_planning_answers_and_completes_its_bag(
 
 @pytest.mark.ci
 def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag(
-    tmp_path: Path,
+    tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
-    scene = Scene(resting_capture())
+    scene, many = Scene(resting_capture()), times(50, 200)
     long = scene.complete_request()
     long.search.points = 5000
     with private_domain(), running_planner(tmp_path, *ARGUMENTS) as planner:
         with connected_client() as client:
             client.wait_for_planner()
-            cancelled = client.send_goal(long)
-            assert cancelled.progress.wait(DEADLINE)
-            assert cancelled.cancel()
-            assert cancelled.result()[1].status.code == Status.CANCELLED
+            for _ in range(many):
+                cancelled = client.send_goal(long)
+                assert cancelled.progress.wait(DEADLINE)
+                assert cancelled.cancel()
+                assert cancelled.result()[1].status.code == Status.CANCELLED
             status, solved = client.send_goal(scene.complete_request()).result()
             assert status == GoalStatus.STATUS_SUCCEEDED
             last = client.send_goal(long)
@@ -150,7 +151,7 @@ def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its
         bag = read_bag(planner.bag)
     goals = {bytes(event.request[0].goal_id.uuid) for event in bag[GOALS]}
     results = {bytes(event.request[0].goal_id.uuid): event.response[0] for event in bag[RESULTS]}
-    assert len(goals) == 3
+    assert len(goals) == many + 2
     assert goals == set(results)
     *_, recorded, given_up = (event.response[0].result.answer for event in bag[RESULTS])
     assert recorded.plan_id == solved.plan_id
