@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.process_environment import ONE_THREAD
 
 if __name__ == "__main__":  # before numpy reads them
     os.environ.update(ONE_THREAD)

@@ -6,6 +6,8 @@ import operator
 import os
 import random
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +20,7 @@ import numpy as np
 import pytest
 from ros_processes import DEADLINE
 
-from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.process_environment import PLANNING
 from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
@@ -38,7 +40,7 @@ def settings() -> PlannerSettings:
 @pytest.fixture(scope="module")
 def worker() -> Iterator[Worker]:
     with pytest.MonkeyPatch.context() as patch:
-        for name in ONE_THREAD:
+        for name in PLANNING:
             patch.setenv(name, "2")
         worker = Worker()
     with closing(worker):
@@ -118,10 +120,34 @@ def test_a_plan_is_the_same_to_the_last_bit_as_without_it(
     np.testing.assert_array_equal(there.trajectory.joint_positions, here.trajectory.joint_positions)
 
 
-def test_it_plans_with_one_thread_of_linear_algebra(worker: Worker) -> None:
+def test_it_plans_in_the_environment_of_processes_that_plan(worker: Worker) -> None:
     """Several wait for each other where the machine has other work."""
     environment = Path(f"/proc/{server(worker)}/environ").read_bytes().split(b"\0")
-    assert {b"OPENBLAS_NUM_THREADS=1", b"OMP_NUM_THREADS=1"} <= set(environment)
+    assert {f"{name}={value}".encode() for name, value in PLANNING.items()} <= set(environment)
+
+
+# Prints how many pages the system hands out while as much memory is asked for again and again as a
+# search does in its steps.
+PAGES = """
+from resource import RUSAGE_SELF, getrusage
+import numpy as np
+
+def step():
+    return sum(float(one[0]) for one in [np.ones(40_000) for _ in range(10)])
+
+step()
+before = getrusage(RUSAGE_SELF).ru_minflt
+for _ in range(20):
+    step()
+print(getrusage(RUSAGE_SELF).ru_minflt - before)
+"""
+
+
+def test_processes_that_plan_keep_the_memory_that_they_free() -> None:
+    """Without it glibc gives it back in each step: 14,000 pages here."""
+    command = [sys.executable, "-c", PAGES]
+    done = subprocess.run(command, env=os.environ | PLANNING, capture_output=True, check=True)
+    assert int(done.stdout) < 1_000
 
 
 def test_errors_of_the_planner_come_across_as_they_are(

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from evidence import known_ids
 
-from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.process_environment import ONE_THREAD
 
 # Before anything loads the libraries. With a thread a core in each process of the tests, those that
 # plan took half as much time again.

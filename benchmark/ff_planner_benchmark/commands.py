@@ -18,7 +18,7 @@ from ff_planner_benchmark.flown import HEADER, flown_rows
 from ff_planner_benchmark.method_process import ENTRANTS
 from ff_planner_benchmark.scorer import score as scorer
 from ff_planner_ros.analysis.json_file import read_json
-from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.process_environment import PLANNING
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import InvalidInput, Status
 
@@ -140,4 +140,4 @@ def _print_hash(found: str) -> None:
 
 def _limit_threads() -> None:
     """Let every process that is started have one thread: a method has one core."""
-    os.environ.update(ONE_THREAD)
+    os.environ.update(PLANNING)

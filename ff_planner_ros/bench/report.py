@@ -32,7 +32,7 @@ from ff_planner_ros.bench import (
     success,
 )
 from ff_planner_ros.bench.measurement import Measurement
-from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.process_environment import ONE_THREAD, PLANNING
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.parameters import load_parameters
@@ -67,7 +67,7 @@ def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None, 
     count = str(scenarios or (4 if quick else 200))
     arguments = [str(int(quick)), count, str(json_file or ""), commit]
     command = [sys.executable, "-u", "-m", "ff_planner_ros.bench.report", *arguments]
-    return subprocess.run(command, env=os.environ | ONE_THREAD, check=False).returncode
+    return subprocess.run(command, env=os.environ | PLANNING, check=False).returncode
 
 
 def main(quick: bool, scenarios: int, json_file: str, commit: str) -> None:

@@ -2,9 +2,9 @@
 
 import os
 
-from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.process_environment import PLANNING
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3  # exit codes
 
-for _name, _one in ONE_THREAD.items():  # before a command loads the libraries
+for _name, _one in PLANNING.items():  # before a command loads the libraries
     os.environ.setdefault(_name, _one)

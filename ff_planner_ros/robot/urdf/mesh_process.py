@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.process_environment import ONE_THREAD
 from ff_planner_ros.robot.urdf import mesh_reader
 from ff_planner_ros.robot.urdf.convex_hull import NoSolid
 

@@ -17,7 +17,7 @@ from multiprocessing.reduction import send_handle
 from queue import Empty, SimpleQueue
 from typing import TypeAlias
 
-from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.process_environment import PLANNING
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Budget, Progress
@@ -197,7 +197,7 @@ class _Server:
                 [sys.executable, "-m", solver_process.__name__, str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
-                env=os.environ | ONE_THREAD,
+                env=os.environ | PLANNING,
                 start_new_session=True,
             )
         self._started = time.monotonic()
