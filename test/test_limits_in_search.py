@@ -29,7 +29,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.requirements.joints.accelerations import accelerations_at_points
 from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.joints.torques import Torques
-from ff_planner_ros.planning.requirements.requirement import Requirement
+from ff_planner_ros.planning.requirements.requirement import Requirement, raised_at_peaks
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families
@@ -129,11 +129,43 @@ def drawn(problem: PlanningProblem, which: Parametrisation) -> tuple[PathFamily,
     return family, guess + np.random.default_rng(1).normal(scale=spread, size=len(guess))
 
 
-@pytest.mark.parametrize("which", FAMILIES)
-@pytest.mark.parametrize("requirement", [Torques(), JointAccelerations()])
-def test_rows_of_both_families_have_the_derivatives_of_differences(
-    lemur_capture: PlanningProblem, which: Parametrisation, requirement: Requirement
+@pytest.mark.parametrize("turning_point", np.linspace(0.3, 0.7, 9))
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_no_parabola_rises_above_the_values_that_are_raised_at_its_peak(
+    lemur_capture: PlanningProblem, turning_point: float, side: float
 ) -> None:
+    problem, curvature = replace(lemur_capture, points=11), 3.0
+    time, dense = np.linspace(0.0, 1.0, 11), np.linspace(0.0, 1.0, 10_001)
+
+    def parabola(at: Array) -> Array:
+        return side * (2.0 - curvature * (at - turning_point) ** 2)
+
+    by_x = np.stack([side - 0.0 * time, -side * (time - turning_point) ** 2], axis=1)[:, None]
+    values, jacobian = raised_at_peaks(problem, parabola(time)[:, None], by_x)
+    peak, raised = np.abs(parabola(dense)).max(), np.abs(values).max()
+    rise = curvature * 0.1**2 / 4
+    assert peak - 1e-12 <= raised <= peak + rise
+    # Raised by as much everywhere, which depends on the curvature alone.
+    np.testing.assert_allclose(values[1:-1, 0], parabola(time[1:-1]) + side * rise, atol=1e-12)
+    np.testing.assert_allclose(jacobian[1:-1, 0, 0], side, atol=1e-12)
+    np.testing.assert_allclose(
+        jacobian[1:-1, 0, 1], by_x[1:-1, 0, 1] + side * rise / curvature, atol=1e-12
+    )
+    # Towards zero, and on fewer points than the plan's, nothing is raised.
+    for other, given in ((problem, -4.0 * side), (lemur_capture, 0.0)):
+        same, _ = raised_at_peaks(other, (parabola(time) + given)[:, None], by_x)
+        np.testing.assert_array_equal(same[:, 0], parabola(time) + given)
+
+
+@pytest.mark.parametrize("which", FAMILIES)
+@pytest.mark.parametrize(
+    ("requirement", "points"),
+    [(Torques(), 50), (JointAccelerations(), 50), (JointAccelerations(), 25)],
+)
+def test_rows_of_both_families_have_the_derivatives_of_differences(
+    lemur_capture: PlanningProblem, which: Parametrisation, requirement: Requirement, points: int
+) -> None:
+    lemur_capture = replace(lemur_capture, points=points)
     family, x = drawn(lemur_capture, which)
     most = np.abs(torques_along(lemur_capture.robot, family, x, 25)).max(axis=0)
     robot = replace(lemur_capture.robot, effort_limits=frozen(0.8 * most))

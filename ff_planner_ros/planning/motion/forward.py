@@ -15,7 +15,7 @@ from ff_planner_ros.planning.motion.joint_motion import JointMotion, steady_moti
 from ff_planner_ros.planning.motion.runge_kutta import turned_by_momentum
 from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.planning.problem.target_body import MOST_TURNS
-from ff_planner_ros.robot.configuration import configuration, system_state
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion, system_state
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import (
@@ -126,7 +126,10 @@ def carried_base_and_maps(
     of_rates = (of_momentum @ (about_center[:, :, 3:] @ rates[:, :, None]))[:, :, 0]
     attitude = pin.XYZQUATToSE3(q_start[:7]).rotation
     steps = np.diff(time)
-    turned = turned_by_momentum(attitude, constant, of_momentum, of_rates, steps)
+    if turning:
+        turned = turned_by_momentum(attitude, constant, of_momentum, of_rates, steps)
+    else:
+        turned = np.tile(eigen_quaternion(attitude), (points, 1))
     base_to_inertial = rotation_from_quaternion(turned)
     q, v = np.empty((points, model.nq)), np.empty((points, model.nv))
     q[:, :3] = centers - (base_to_inertial @ in_base[:, :, None])[:, :, 0]

@@ -30,9 +30,14 @@ def wheel_peaks(
     """Return the peak momentum and torque of each wheel along a motion, between its points too."""
     _, _, accelerations = motion.joints.at(motion.time)
     stored = momenta_of(wheels, start)
-    momenta, torques = wheels_along(robot, wheels, stored, motion.q, motion.v, accelerations)
-    first = momenta[0], torques[0]
-    return WheelPeaks(peaks_of_steps(momenta, motion), peaks_of_steps(torques, motion), first)
+    loads = wheels_along(robot, wheels, stored, motion.q, motion.v, accelerations)
+    return peaks_of_wheels(*loads, motion)
+
+
+def peaks_of_wheels(momenta: Array, torques: Array, motion: FollowedMotion) -> WheelPeaks:
+    """Return the peaks of momenta [N m s] and torques [N m] at each step of a motion."""
+    of_momenta, of_torques = (peaks_of_steps(loads, motion) for loads in (momenta, torques))
+    return WheelPeaks(of_momenta, of_torques, (momenta[0], torques[0]))
 
 
 def wheels_along(

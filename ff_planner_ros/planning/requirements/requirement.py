@@ -227,6 +227,29 @@ def eased(limits: Array, at_start: Array, excess: Array | float = ALLOWED_EXCESS
     return np.where(at_start <= limits + excess, np.maximum(limits, at_start), limits)
 
 
+def raised_at_peaks(
+    problem: PlanningProblem, values: Array, jacobian: Array
+) -> tuple[Array, Array]:
+    """Return values at the points of a path, at peaks raised to what they may be in between.
+
+    A parabola through three points exceeds the largest of them, between the outer ones, by an
+    eighth of its second difference at most. On fewer points than the plan's, where that is much,
+    the values stay what they are.
+
+    Args:
+        values: At equal steps of time, with limits on both sides of zero. Shape (points, values).
+        jacobian: Shape (points, values, variables).
+    """
+    if len(values) < problem.points:
+        return values, jacobian
+    rises, by_x = (-np.diff(at, 2, axis=0) / 8 for at in (values, jacobian))
+    is_peak = rises * values[1:-1] > 0.0
+    values, jacobian = values.copy(), jacobian.copy()
+    values[1:-1][is_peak] += rises[is_peak]
+    jacobian[1:-1][is_peak] += by_x[is_peak]
+    return values, jacobian
+
+
 def within(
     values: Array, jacobian: Array, lower: Array, upper: Array, interest: Array | float
 ) -> Rows:

@@ -18,7 +18,11 @@ from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.wheel_motion import WheelPeaks, wheel_peaks
+from ff_planner_ros.planning.motion.wheel_motion import (
+    WheelPeaks,
+    peaks_of_wheels,
+    wheel_peaks,
+)
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -33,6 +37,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
     eased,
+    raised_at_peaks,
     within,
 )
 from ff_planner_ros.robot.configuration import configuration
@@ -43,7 +48,7 @@ from ff_planner_ros.robot.wheels import Wheels, momenta_of
 
 # A load further from its limit than this fraction of it cannot reach it in one solver step.
 _OF_INTEREST = 0.4
-# Between 50 points torques rise above those at the points by less, as a fraction of their limits.
+# Loads rise above what `raised_at_peaks` makes of them by less, as a fraction of their limits.
 _MARGIN = 1e-3
 # Names of the rows of torques, above those of momenta.
 _TORQUES = 1 << 30
@@ -101,12 +106,14 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return None
         loads = loads_with_derivatives(problem, wheels, motion, sensitivity)
-        parts = loads.momenta / wheels.momentum_limits
+        limits = wheels.momentum_limits
+        parts = loads.momenta / limits
         most = eased(np.ones(parts.shape[1]), np.abs(parts[0]))
         most = most - np.clip(most - np.abs(parts[0]), 0.0, margin)
-        of_momenta = _kept(parts, loads.momenta_by_x, wheels.momentum_limits, most)
-        parts, most = loads.torques / wheels.torque_limits, np.full(len(most), 1.0 - margin)
-        of_torques = _kept(parts, loads.torques_by_x, wheels.torque_limits, most)
+        of_momenta = _kept(problem, parts, loads.momenta_by_x / limits[:, None], most)
+        limits = wheels.torque_limits
+        parts, most = loads.torques / limits, np.full(len(most), 1.0 - margin)
+        of_torques = _kept(problem, parts, loads.torques_by_x / limits[:, None], most)
         return Rows(
             np.concatenate([of_momenta.values, of_torques.values]),
             np.concatenate([of_momenta.jacobian, of_torques.jacobian]),
@@ -118,7 +125,11 @@ class WheelLimits(Requirement):
         wheels = problem.robot.wheels
         if wheels is None or not _is_limited(wheels):
             return np.inf
-        return min(float(one.left.min()) for one in _judged(problem, wheels, motion))
+        _, _, accelerations = motion.joints.at(motion.time)
+        no_x = (np.empty((*rows.shape, 0)) for rows in (motion.v, motion.v, accelerations))
+        loads = _loads(problem, wheels, motion.q, motion.v, accelerations, *no_x)
+        peaks = peaks_of_wheels(loads.momenta, loads.torques, motion)
+        return min(float(one.left.min()) for one in _judged(wheels, peaks))
 
     def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
         """Return the largest momentum [N m s] and torque [N m] of each wheel, if there are any."""
@@ -139,7 +150,8 @@ class WheelLimits(Requirement):
         problem, wheels = samples.problem, samples.problem.robot.wheels
         if wheels is None or not _is_limited(wheels):
             return
-        for one in _judged(problem, wheels, samples.followed):
+        peaks = peaks_along(problem.robot, wheels, problem.start, samples.followed)
+        for one in _judged(wheels, peaks):
             wheel = int(one.left.argmin())
             if one.left[wheel] >= 0.0:
                 continue
@@ -165,9 +177,8 @@ class _Judged(NamedTuple):
     left: Array  # distances to the limits as fractions of them; shape (wheels,)
 
 
-def _judged(problem: PlanningProblem, wheels: Wheels, motion: FollowedMotion) -> list[_Judged]:
+def _judged(wheels: Wheels, peaks: WheelPeaks) -> list[_Judged]:
     """Return the peaks of momenta and torques against their limits."""
-    peaks = peaks_along(problem.robot, wheels, problem.start, motion)
     holds = "holds", "N m s", "wheels that hold less at the start", wheels.momentum_limits
     gives = "gives", "N m", "a smaller weight on the duration", wheels.torque_limits
     judged = []
@@ -201,17 +212,24 @@ def loads_with_derivatives(
     problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
 ) -> WheelLoads:
     """Return the loads of the wheels that hold the chaser's attitude along a path."""
-    robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
-    momenta, momenta_by_x, torques, torques_by_x = compiled.held_momenta(
-        chain_of(robot),
-        motion.q,
-        motion.v,
-        accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step),
-        sensitivity.q,
-        sensitivity.v,
-        accelerations_by_x(motion, sensitivity, step),
-    )
-    shares = _shares(robot, wheels)
+    step = problem.duration / (len(motion.q) - 1)
+    accelerations = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
+    by_x = sensitivity.q, sensitivity.v, accelerations_by_x(motion, sensitivity, step)
+    return _loads(problem, wheels, motion.q, motion.v, accelerations, *by_x)
+
+
+def _loads(
+    problem: PlanningProblem, wheels: Wheels, q: Array, v: Array, accelerations: Array, *by_x: Array
+) -> WheelLoads:
+    """Return the loads of the wheels in a motion.
+
+    Args:
+        accelerations: Of the joints. Shape (points, joints) [rad/s2, m/s2].
+        by_x: Derivatives of q, v and accelerations.
+    """
+    chain, shares = chain_of(problem.robot), _shares(problem.robot, wheels)
+    found = compiled.held_momenta(chain, q, v, accelerations, *by_x)
+    momenta, momenta_by_x, torques, torques_by_x = found
     return WheelLoads(
         momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T,
         shares @ (momenta_by_x[0] - momenta_by_x),
@@ -236,6 +254,7 @@ def _is_limited(wheels: Wheels) -> bool:
     return wheels.momentum is not None or wheels.torque is not None
 
 
-def _kept(parts: Array, by_x: Array, limits: Array, most: Array) -> Rows:
+def _kept(problem: PlanningProblem, parts: Array, by_x: Array, most: Array) -> Rows:
     """Return rows for the loads at all points but the first, as fractions of their limits."""
-    return within(parts[1:], by_x[1:] / limits[:, None], -most, most, _OF_INTEREST)
+    parts, by_x = raised_at_peaks(problem, parts, by_x)
+    return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)

@@ -25,12 +25,13 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
     eased,
+    raised_at_peaks,
     within,
 )
 
 # An acceleration further from its limit than this fraction of it cannot reach it in one step.
 _OF_INTEREST = 0.4
-# Between 50 points accelerations rise above those at the points by less, as a fraction of limits.
+# They rise above what `raised_at_peaks` makes of them by less, as a fraction of the limits.
 _MARGIN = 1e-3
 
 
@@ -71,6 +72,7 @@ class JointAccelerations(Requirement):
         step = problem.duration / (len(motion.q) - 1)
         parts = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step) / limits
         by_x = accelerations_by_x(motion, sensitivity, step) / limits[:, None]
+        parts, by_x = raised_at_peaks(problem, parts, by_x)
         most = np.full(len(limits), 1.0 - margin)
         return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
 
