@@ -214,8 +214,10 @@ def test_a_plan_runs_beside_the_measured_chaser(console: Console, other: Console
     assert entry.status == WAITS, entry.words
     console.panel.first_click("release")
     console.panel.second_click()
+    wait_for(lambda: other.shows(f"{entry.name} begins in "), "the time to its start")
     for one in (console, other):
         wait_for(lambda one=one: one.status(entry.name) == "runs", "the start")
+    wait_for(lambda: not other.shows(f"{entry.name} begins in "), "its end")
     wait_for(lambda: console.shows(f"{entry.name} runs: "), "words on it")
     wait_for(lambda: float(console.page._time.value) > 1.0, "the slider that follows it")
     assert console.panel._measured._above is not None

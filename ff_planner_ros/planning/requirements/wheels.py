@@ -221,12 +221,7 @@ def loads_with_derivatives(
 def _loads(
     problem: PlanningProblem, wheels: Wheels, q: Array, v: Array, accelerations: Array, *by_x: Array
 ) -> WheelLoads:
-    """Return the loads of the wheels in a motion.
-
-    Args:
-        accelerations: Of the joints. Shape (points, joints) [rad/s2, m/s2].
-        by_x: Derivatives of q, v and accelerations.
-    """
+    """Return the loads in a motion from joint accelerations and the derivatives of all three."""
     chain, shares = chain_of(problem.robot), _shares(problem.robot, wheels)
     found = compiled.held_momenta(chain, q, v, accelerations, *by_x)
     momenta, momenta_by_x, torques, torques_by_x = found
