@@ -13,7 +13,7 @@ class JointPath {
  public:
   double value = 0;
   Eigen::VectorXd gradient;
-  RowMajor hessian;  // Gauss-Newton's; positive semidefinite
+  RowMajor hessian;  // Gauss-Newton's; positive semidefinite but for rounding
 
   // v: tangent velocities, a row a point; dv: their derivatives, a block of rows a point.
   // slow: rate of one more joint that turns evenly, or zero; smoothing: weight of the evenness.
@@ -27,11 +27,13 @@ class JointPath {
     for (int i = 0; i <= intervals; ++i) {
       const Joints rate = v.row(i).tail(joints_);
       const Rates by = dv.middleRows(i * v.cols() + 6, joints_);
-      // The rectangle rule takes all points but the last.
-      if (i < intervals) add_length(rate, by, step);
       // T times the integral of the squared rates, by the trapezoidal rule.
       const double weight = smoothing * duration * (i % intervals == 0 ? step / 2 : step);
       if (smoothing > 0) add_evenness(rate, by, weight);
+      // The rectangle rule takes all points but the last.
+      double curvature = 2 * weight;
+      if (i < intervals) curvature += add_length(rate, by, step);
+      for (int j = 0; j < joints_; ++j) add_square(by.row(j), curvature);
     }
     hessian.triangularView<Eigen::StrictlyUpper>() = hessian.transpose();
   }
@@ -39,25 +41,27 @@ class JointPath {
  private:
   using Rates = Eigen::Block<const Rows, Eigen::Dynamic, Eigen::Dynamic, true>;
 
-  void add_length(const Joints& rate, const Rates& by, double step) {
+  // Adds a step's length, and its curvature along the path; returns that of each joint's rate.
+  double add_length(const Joints& rate, const Rates& by, double step) {
     const double norm = std::sqrt(rate.squaredNorm() + slow_ * slow_);
     const double speed = std::max(norm, kStandstill);
     const Eigen::RowVectorXd along = rate.transpose() / speed * by;
     value += norm * step;
     gradient += step * along;
-    // Across the path: a row a joint, then that of the slow joint.
-    for (int j = 0; j < joints_; ++j) add_square(by.row(j) - rate[j] / speed * along, step / speed);
-    if (slow_ > 0) add_square(slow_ / speed * along, step / speed);
+    // Only rates across the path change its direction: the sum of the squares of by - rate / speed *
+    // along, a row a joint and one of the slow joint, written out.
+    const double part = norm / speed;
+    add_square(along, step / speed * (part * part - 2));
+    return step / speed;
   }
 
   void add_evenness(const Joints& rate, const Rates& by, double weight) {
     value += weight * (rate.squaredNorm() + slow_ * slow_);
     gradient += 2 * weight * rate.transpose() * by;
-    for (int j = 0; j < joints_; ++j) add_square(by.row(j), 2 * weight);
   }
 
   // Adds weight * row^T row to the lower half of the Hessian.
-  void add_square(const Eigen::RowVectorXd& row, double weight) {
+  void add_square(const Eigen::Ref<const Eigen::RowVectorXd>& row, double weight) {
     for (int i = 0; i < row.size(); ++i)
       if (row[i] != 0) hessian.row(i).head(i + 1) += weight * row[i] * row.head(i + 1);
   }
