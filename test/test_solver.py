@@ -430,3 +430,42 @@ def test_equalities_that_contradict_each_other_are_no_error():
     program = Linearisation(0.0, np.zeros(2), np.eye(2), *NO_ROWS, *NO_ROWS, off, rows)
     assert not qp._is_out_of_reach(program, 10.0)
     assert qp.solve_qp(program, 10.0, 10.0).is_elastic
+
+
+def test_a_newton_step_is_the_solution_unless_something_is_in_its_way():
+    """As the interior-point method finds it; what is in the way is found by hand."""
+    rng, taken = np.random.default_rng(12), 0
+    for number in range(200):
+        n, count = int(rng.integers(3, 30)), int(rng.integers(0, 3))
+        root, rows = rng.normal(size=(n, n)), rng.normal(size=(count, n))
+        gates = rng.normal(size=(10, n))
+        program = Linearisation(
+            rng.normal(),
+            rng.normal(size=n),
+            root.T @ root / n + np.eye(n),
+            np.empty(0),
+            np.empty((0, n)),
+            rng.uniform(1.0, 8.0, 10),
+            gates,
+            0.3 * rng.normal(size=count),
+            rows,
+        )
+        radius = float(rng.uniform(0.5, 3.0))
+        step = qp._newton_step(program, radius)
+        truth = qp._solve_by_working_set(program, radius, 100.0)
+        if step is None:
+            if truth is not None:
+                is_held = np.abs(truth.dx).max() > 0.999 * radius
+                assert is_held or truth.constraint_multipliers.max() > 1e-6, number
+            continue
+        taken += 1
+        assert truth is not None, number
+        np.testing.assert_allclose(step.dx, truth.dx, atol=1e-6, err_msg=str(number))
+        np.testing.assert_allclose(
+            step.equality_multipliers, truth.equality_multipliers, atol=1e-5, err_msg=str(number)
+        )
+        assert not step.constraint_multipliers.any()
+        assert step.objective == pytest.approx(truth.objective, abs=1e-6)
+        assert step.optimality == pytest.approx(truth.optimality, abs=1e-4)
+        assert step.violation <= 1e-9
+    assert 50 < taken < 150
