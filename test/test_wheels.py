@@ -7,13 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from robots import CONFIG, LEMUR_SCENARIO, ROBOTS, random_state
+from robots import CONFIG, LEMUR_SCENARIO, ROBOTS, random_state, random_urdf
 
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
@@ -21,13 +22,14 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
-from ff_planner_ros.planning.motion.followed import followed
+from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.motion import to_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
-from ff_planner_ros.planning.motion.wheel_motion import wheel_peaks, wheels_along
+from ff_planner_ros.planning.motion.wheel_motion import certain_peaks, wheel_peaks, wheels_along
 from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.scene import Scene
@@ -45,6 +47,7 @@ from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
+from ff_planner_ros.robot.momentum import angular_momenta, angular_momentum_bounds
 from ff_planner_ros.robot.wheels import Wheels
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
 from ff_planner_ros.simulation.monte_carlo import monte_carlo
@@ -479,6 +482,95 @@ def test_without_wheels_there_is_no_weight_on_their_momentum() -> None:
     weighted = replace(problem, objective=Objective(1.0, 0.0, wheel_momentum=1.0))
     with pytest.raises(InvalidInput, match=r"objective\.wheel_momentum .*free_flyer.*no wheels"):
         perform(PlanningTask(weighted, SETTINGS))
+
+
+def driven(robot: Robot, seed: int) -> FollowedMotion:
+    """A motion at held attitude for eight seconds on 50 points."""
+    problem = replace(in_own_frame(held_problem("six joints", FOUR)), robot=robot)
+    rng = np.random.default_rng(seed)
+    start = replace(
+        problem.start,
+        joint_positions=rng.normal(size=robot.joints),
+        joint_velocities=np.zeros(robot.joints),
+        joint_accelerations=None,
+    )
+    family, x = drawn(in_own_frame(replace(problem, start=start)))
+    motion = family.motion(x + rng.normal(scale=0.3, size=len(x)), 50)
+    rates = family.sensitivity(motion).acceleration
+    samples = to_trajectory(robot, np.linspace(0.0, 8.0, 50), motion.q, motion.v, rates)
+    return followed(robot, motion.q[0], motion.v[0], joint_motion(samples))
+
+
+def momenta_of(robot: Robot, motion: FollowedMotion, times: Array) -> tuple[Array, Array]:
+    """Angular momenta and their rates at any times."""
+    positions, rates, accelerations = motion.joints.at(times)
+    q, v = np.tile(motion.q[0], (len(times), 1)), np.zeros((len(times), motion.v.shape[1]))
+    q[:, 7:], v[:, 6:] = positions, rates
+    return angular_momenta(robot, q, v, accelerations)
+
+
+@pytest.mark.law("PLAN-15")
+@pytest.mark.parametrize("sliding", [(), (1,), (2, 5)])
+def test_no_derivative_of_angular_momentum_exceeds_its_bound(
+    sliding: tuple[int, ...], times: Callable[[int, int], int]
+) -> None:
+    """By differences of what Pinocchio's centroidal algorithms find."""
+    for seed in range(times(5, 50)):
+        urdf = random_urdf(6, seed=seed, sliding=sliding)
+        robot = robot_from_urdf_text(urdf, "bus", "tool", Base.ATTITUDE_HELD, wheels=FOUR)
+        motion = driven(robot, seed)
+        bounds = angular_momentum_bounds(robot, motion.joints.largest(5))
+        parts, step = np.linspace(0.0, 1.0, 41), 8.0 / 49 / 40
+        every = ((np.arange(49)[:, None] + parts) * 8.0 / 49).ravel()
+        momenta, rates = (rows.reshape(49, 41, 3) for rows in momenta_of(robot, motion, every))
+        changes = np.diff(rates, axis=1) / step, np.diff(rates, 2, axis=1) / step**2
+        found = [np.linalg.norm(rows, axis=2).max() for rows in (momenta, rates, *changes)]
+        assert (found <= bounds).all(), seed
+        assert (bounds < 1e3 * np.array(found)).all(), seed
+
+
+@pytest.mark.law("PLAN-15")
+def test_what_is_certain_of_wheels_is_above_all_that_they_ever_hold_and_give(
+    times: Callable[[int, int], int],
+) -> None:
+    """Wherever limits are: below, at or above the peaks, and where there are none."""
+    robot = held_robot("six joints", FOUR)
+    for seed in range(times(10, 100)):
+        motion = driven(robot, seed)
+        start = in_own_frame(held_problem("six joints", FOUR)).start
+        peaks = wheel_peaks(robot, FOUR, start, motion)
+        found = np.abs(np.concatenate([peaks.momenta.values, peaks.torques.values]))
+        every = np.linspace(0.0, 8.0, 8001)
+        momenta, rates = momenta_of(robot, motion, every)
+        held = peaks.along[0][0] + (momenta[0] - momenta) @ FOUR.shares.T
+        truth = np.abs(np.hstack([held, rates @ FOUR.shares.T])).max(axis=0)
+        for part in (0.9, 1.0, 1.01, 1.5, np.inf):
+            certain = certain_peaks(robot, FOUR, motion, peaks, part * found)
+            assert (certain >= truth * (1.0 - 1e-12)).all(), (seed, part)
+            assert (certain <= np.maximum(part, 1.001) * found).all(), (seed, part)
+
+
+def test_a_load_that_exceeds_its_limit_between_the_times_of_the_check_is_refused() -> None:
+    """A limit at the peak that the check finds where that is below the true one."""
+    robot, seed = held_robot("six joints", FOUR), 0
+    while True:
+        motion, seed = driven(robot, seed), seed + 1
+        start = in_own_frame(held_problem("six joints", FOUR)).start
+        peaks = wheel_peaks(robot, FOUR, start, motion)
+        _, rates = momenta_of(robot, motion, np.linspace(0.0, 8.0, 8001))
+        given, truth = np.abs(peaks.torques.values), np.abs(rates @ FOUR.shares.T).max(axis=0)
+        missed = truth / given - 1.0
+        wheel = int(missed.argmax())
+        if missed[wheel] > 2e-4:
+            break
+    limits = np.full(4, 1e3)
+    limits[wheel] = given[wheel]
+    weak = replace(robot, wheels=replace(FOUR, torque=tuple(limits.tolist())))
+    problem = replace(in_own_frame(held_problem("six joints", FOUR)), robot=weak)
+    tracked = SimpleNamespace(problem=problem, followed=motion)
+    (found,) = WheelLimits().failures(cast(Samples, tracked), cast(Metrics, None))
+    assert found.status is Status.LIMIT_VIOLATED
+    assert f"wheel {wheel + 1} may exceed its limit of {limits[wheel]:g} N m" in found.finding
 
 
 def test_between_the_points_nothing_rises_above_the_peaks_that_are_told(

@@ -9,6 +9,9 @@ the table takes up the other components, and no function here reads them.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
+from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -57,6 +60,95 @@ def angular_momenta(
         momenta[k], rates[k] = data.hg.angular, data.dhg.angular
     axes = rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base
     return np.einsum("tji,tj->ti", axes, momenta), np.einsum("tji,tj->ti", axes, rates)
+
+
+def angular_momentum_bounds(robot: Robot, largest: Array) -> Array:
+    """Return bounds of the derivatives of `angular_momenta`.
+
+    All vectors are sums of vectors that are fixed in a body. The n-th derivative of one of these
+    is, by Leibniz' rule,
+
+        r^(n) = sum over k < n of (n - 1 over k) omega^(k) x r^(n - 1 - k),
+
+    and norms of sums and products are at most the sums and products of norms. So the joints bound
+    the derivatives of angular velocities and places, link by link, and these the momentum's. Norms
+    are kept divided by n!, as in Taylor's series: those of a product are then their convolution.
+
+    Args:
+        largest: Moduli of the joints' positions, velocities, and so on. Shape (orders, joints).
+
+    Returns:
+        Of order 0 to orders - 2, in [N m s, N m, N m/s, ...]. Shape (orders - 1,).
+    """
+    orders = len(largest) - 2
+    factorials = np.array([float(factorial(n)) for n in range(orders + 2)])
+    largest, sizes = largest / factorials[:, None], _sizes(robot)
+    rates, places = {1: np.zeros(orders + 1)}, {1: np.zeros(orders + 2)}  # the base is joint 1
+    turns = {1: _of_fixed(rates[1])}
+    mass, center, momentum = 0.0, np.zeros(orders + 2), np.zeros(orders + 1)
+    for joint in range(1, len(sizes)):
+        body = sizes[joint]
+        if joint > 1:
+            before, number = robot.model.parents[joint], robot.model.joints[joint].idx_v - 6
+            axis, of_joint = turns[before], largest[:, number]
+            places[joint], rates[joint] = places[before] + body.offset * axis, rates[before]
+            if robot.slides(number):
+                places[joint] = places[joint] + _product(of_joint, axis)
+            else:
+                rates[joint] = rates[joint] + _product(_rate(of_joint), axis[:-1])
+            turns[joint] = _of_fixed(rates[joint])
+        turn = turns[joint]
+        at = places[joint] + body.lever * turn
+        spin = _product(rates[joint], _product(turn[:-1], turn[:-1]))  # of R I R^T omega
+        momentum += body.mass * _product(at[:-1], _rate(at)) + body.inertia * spin
+        mass, center = mass + body.mass, center + body.mass * at
+    momentum += _product(center[:-1], _rate(center)) / mass
+    bounds: Array = momentum * factorials[:-1]
+    return bounds
+
+
+def _product(one: Array, other: Array) -> Array:
+    """Return the norms of a product."""
+    return np.convolve(one, other)[: len(one)]
+
+
+def _rate(norms: Array) -> Array:
+    """Return the norms of a time derivative, one less."""
+    return norms[1:] * np.arange(1.0, len(norms))
+
+
+def _of_fixed(rates: Array) -> Array:
+    """Return the norms of a unit vector that is fixed in a body, one more than of its rates."""
+    of_rates, norms = rates.tolist(), [1.0]
+    for n in range(1, len(rates) + 1):
+        norms.append(sum(of_rates[k] * norms[n - 1 - k] for k in range(n)) / n)
+    return np.array(norms)
+
+
+class _Size(NamedTuple):
+    """Lengths and masses of a joint and the body that it moves."""
+
+    offset: float  # from the joint before to this one [m]
+    lever: float  # from the joint to the body's centre of mass [m]
+    mass: float  # [kg]
+    inertia: float  # largest about the centre of mass [kg m2]
+
+
+@lru_cache(maxsize=8)
+def _sizes(robot: Robot) -> list[_Size]:
+    """Return the sizes of all bodies, by joint."""
+    bodies = list(robot.model.inertias)
+    offsets = np.array([place.translation for place in robot.model.jointPlacements])
+    levers, inertias = (
+        np.array(each) for each in zip(*((b.lever, b.inertia) for b in bodies), strict=True)
+    )
+    columns = (
+        np.linalg.norm(offsets, axis=1),
+        np.linalg.norm(levers, axis=1),
+        np.array([body.mass for body in bodies]),
+        np.linalg.eigvalsh(inertias)[:, -1],
+    )
+    return [_Size(*row) for row in np.array(columns).T.tolist()]
 
 
 def with_wheel_momenta(robot: Robot, before: SystemState, after: SystemState) -> SystemState:

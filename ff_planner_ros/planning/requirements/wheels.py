@@ -1,12 +1,12 @@
 """Reaction wheels stay within their momentum and torque limits, between the points too.
 
 The search takes angular momentum and the torque on the base from inverse dynamics, with exact
-derivatives; the check takes both from Pinocchio's centroidal algorithms.
+derivatives; the check takes both from Pinocchio's centroidal algorithms, and certifies the limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.wheel_motion import (
     WheelPeaks,
+    certain_peaks,
     peaks_of_wheels,
     wheel_peaks,
 )
@@ -151,7 +152,12 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return
         peaks = peaks_along(problem.robot, wheels, problem.start, samples.followed)
-        for one in _judged(wheels, peaks):
+        judged = _judged(wheels, peaks)
+        if all((one.left >= 0.0).all() for one in judged):
+            certain, allowed = _certain(problem.robot, wheels, problem.start, samples.followed)
+            yield from _uncertain(judged, certain, allowed)
+            return
+        for one in judged:
             wheel = int(one.left.argmin())
             if one.left[wheel] >= 0.0:
                 continue
@@ -182,13 +188,39 @@ def _judged(wheels: Wheels, peaks: WheelPeaks) -> list[_Judged]:
     holds = "holds", "N m s", "wheels that hold less at the start", wheels.momentum_limits
     gives = "gives", "N m", "a smaller weight on the duration", wheels.torque_limits
     judged = []
-    for (verb, unit, advice, limits), at_start, found in zip(
-        (holds, gives), peaks.first, (peaks.momenta, peaks.torques), strict=True
+    for (verb, unit, advice, limits), along, found in zip(
+        (holds, gives), peaks.along, (peaks.momenta, peaks.torques), strict=True
     ):
-        kept = eased(limits, np.abs(at_start), ALLOWED_EXCESS * limits)
+        kept = eased(limits, np.abs(along[0]), ALLOWED_EXCESS * limits)
         left = 1.0 + (LIMIT_TOLERANCE - np.abs(found.values)) / kept
         judged.append(_Judged(verb, unit, advice, found.values, found.times, kept, left))
     return judged
+
+
+def _uncertain(judged: Sequence[_Judged], certain: Array, allowed: Array) -> Iterator[Failure]:
+    """Yield the load that may exceed its limit between the times at which none does."""
+    worst = int((certain / allowed).argmax())
+    if certain[worst] > allowed[worst]:
+        quantity, wheel = divmod(worst, len(judged[0].values))
+        one = judged[quantity]
+        yield Failure(
+            Status.LIMIT_VIOLATED,
+            f"wheel {wheel + 1} may exceed its limit of {one.limits[wheel]:g} {one.unit} between "
+            f"the points: all that is certain is that it {one.verb} {certain[worst]:.4g} "
+            f"{one.unit} or less",
+            ("more points", "a longer duration", one.advice),
+        )
+
+
+@lru_cache(maxsize=2)
+def _certain(
+    robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
+) -> tuple[Array, Array]:
+    """Return `certain_peaks` of a motion, and what is allowed; a plan is judged twice."""
+    peaks = peaks_along(robot, wheels, start, motion)
+    limits = np.concatenate([one.limits for one in _judged(wheels, peaks)])
+    allowed = (1.0 + ALLOWED_EXCESS) * limits + LIMIT_TOLERANCE
+    return certain_peaks(robot, wheels, motion, peaks, allowed), allowed
 
 
 @lru_cache(maxsize=2)  # what is measured first is judged soon after
