@@ -38,6 +38,7 @@ from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.requirements.wheels import (
     WheelLimits,
+    exceeds_at_points,
     loads_with_derivatives,
 )
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
@@ -521,12 +522,13 @@ def test_no_derivative_of_angular_momentum_exceeds_its_bound(
         motion = driven(robot, seed)
         bounds = angular_momentum_bounds(robot, motion.joints.largest(5))
         parts, step = np.linspace(0.0, 1.0, 41), 8.0 / 49 / 40
-        every = ((np.arange(49)[:, None] + parts) * 8.0 / 49).ravel()
-        momenta, rates = (rows.reshape(49, 41, 3) for rows in momenta_of(robot, motion, every))
+        moments = ((np.arange(49)[:, None] + parts) * 8.0 / 49).ravel()
+        momenta, rates = (rows.reshape(49, 41, 3) for rows in momenta_of(robot, motion, moments))
         changes = np.diff(rates, axis=1) / step, np.diff(rates, 2, axis=1) / step**2
-        found = [np.linalg.norm(rows, axis=2).max() for rows in (momenta, rates, *changes)]
+        every = (momenta, rates, *changes)
+        found = np.array([np.linalg.norm(rows, axis=2).max(axis=1) for rows in every])
         assert (found <= bounds).all(), seed
-        assert (bounds < 1e3 * np.array(found)).all(), seed
+        assert (bounds.max(axis=1) < 1e3 * found.max(axis=1)).all(), seed
 
 
 @pytest.mark.law("PLAN-15")
@@ -548,6 +550,23 @@ def test_what_is_certain_of_wheels_is_above_all_that_they_ever_hold_and_give(
             certain = certain_peaks(robot, FOUR, motion, peaks, part * found)
             assert (certain >= truth * (1.0 - 1e-12)).all(), (seed, part)
             assert (certain <= np.maximum(part, 1.001) * found).all(), (seed, part)
+
+
+@pytest.mark.parametrize("part", [0.8, 1.2])
+def test_points_show_whether_a_limit_is_exceeded_in_between(part: float) -> None:
+    """Of each wheel alone, with a limit that is a part of its true peak torque."""
+    robot, problem = held_robot("six joints", FOUR), in_own_frame(held_problem("six joints", FOUR))
+    for seed in range(5):
+        motion = driven(robot, seed)
+        at = motion.q[:: motion.pieces], motion.v[:: motion.pieces], motion.joints.accelerations
+        _, rates = momenta_of(robot, motion, np.linspace(0.0, 8.0, 8001))
+        truth = np.abs(rates @ FOUR.shares.T).max(axis=0)
+        for wheel in range(4):
+            limits = np.full(4, 1e3)
+            limits[wheel] = part * truth[wheel]
+            weak = replace(robot, wheels=replace(FOUR, torque=tuple(limits.tolist())))
+            found = exceeds_at_points(replace(problem, robot=weak), *at)
+            assert found is (part < 1.0), (seed, wheel)
 
 
 def test_a_load_that_exceeds_its_limit_between_the_times_of_the_check_is_refused() -> None:

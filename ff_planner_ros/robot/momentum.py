@@ -75,22 +75,23 @@ def angular_momentum_bounds(robot: Robot, largest: Array) -> Array:
     are kept divided by n!, as in Taylor's series: those of a product are then their convolution.
 
     Args:
-        largest: Moduli of the joints' positions, velocities, and so on. Shape (orders, joints).
+        largest: Moduli of the joints' positions, velocities, and so on, in several spans of time.
+            Shape (orders, spans, joints).
 
     Returns:
-        Of order 0 to orders - 2, in [N m s, N m, N m/s, ...]. Shape (orders - 1,).
+        Of order 0 to orders - 2, in [N m s, N m, N m/s, ...]. Shape (orders - 1, spans).
     """
-    orders = len(largest) - 2
-    factorials = np.array([float(factorial(n)) for n in range(orders + 2)])
+    factorials = np.array([[float(factorial(n))] for n in range(len(largest))])
     largest, sizes = largest / factorials[:, None], _sizes(robot)
-    rates, places = {1: np.zeros(orders + 1)}, {1: np.zeros(orders + 2)}  # the base is joint 1
-    turns = {1: _of_fixed(rates[1])}
-    mass, center, momentum = 0.0, np.zeros(orders + 2), np.zeros(orders + 1)
+    still = np.zeros(largest.shape[:2])
+    rates, places = {1: still[1:]}, {1: still}  # the base is joint 1
+    turns = {1: _of_fixed(still[1:])}
+    mass, center, momentum = 0.0, still.copy(), still[1:].copy()
     for joint in range(1, len(sizes)):
         body = sizes[joint]
         if joint > 1:
             before, number = robot.model.parents[joint], robot.model.joints[joint].idx_v - 6
-            axis, of_joint = turns[before], largest[:, number]
+            axis, of_joint = turns[before], largest[:, :, number]
             places[joint], rates[joint] = places[before] + body.offset * axis, rates[before]
             if robot.slides(number):
                 places[joint] = places[joint] + _product(of_joint, axis)
@@ -109,20 +110,23 @@ def angular_momentum_bounds(robot: Robot, largest: Array) -> Array:
 
 def _product(one: Array, other: Array) -> Array:
     """Return the norms of a product."""
-    return np.convolve(one, other)[: len(one)]
+    product: Array = one[0] * other
+    for k in range(1, len(one)):
+        product[k:] += one[k] * other[:-k]
+    return product
 
 
 def _rate(norms: Array) -> Array:
     """Return the norms of a time derivative, one less."""
-    return norms[1:] * np.arange(1.0, len(norms))
+    return norms[1:] * np.arange(1.0, len(norms))[:, None]
 
 
 def _of_fixed(rates: Array) -> Array:
     """Return the norms of a unit vector that is fixed in a body, one more than of its rates."""
-    of_rates, norms = rates.tolist(), [1.0]
-    for n in range(1, len(rates) + 1):
-        norms.append(sum(of_rates[k] * norms[n - 1 - k] for k in range(n)) / n)
-    return np.array(norms)
+    norms = np.ones((len(rates) + 1, rates.shape[1]))
+    for n in range(1, len(norms)):
+        norms[n] = (rates[:n] * norms[n - 1 :: -1]).sum(axis=0) / n
+    return norms
 
 
 class _Size(NamedTuple):

@@ -102,14 +102,14 @@ class JointMotion:
         return np.array([pieces.min(axis=(0, 1)) - lower, upper - pieces.max(axis=(0, 1))])
 
     def largest(self, orders: int) -> Array:
-        """Return the largest modulus of positions, rates and so on of each joint.
+        """Return the largest modulus of positions, rates and so on between any two points.
 
-        Shape (orders, joints).
+        Shape (orders, pieces, joints).
         """
         pieces, step = list(self._coefficients), np.diff(self.time)[:, None]
         for degree in range(3, 5 - orders, -1):
             pieces.append(np.diff(pieces[-1], axis=0) * (degree / step))
-        return np.array([np.abs(one).max(axis=(0, 1)) for one in pieces[:orders]])
+        return np.array([np.abs(one).max(axis=0) for one in pieces[:orders]])
 
     @cached_property
     def _coefficients(self) -> tuple[Array, Array, Array]:

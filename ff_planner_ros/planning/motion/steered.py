@@ -23,30 +23,30 @@ _LEAST_PART = 0.003
 
 def steered(robot: Robot, target: Target) -> int:
     """Return how many of a target's conditions the joint velocities can meet at once: a rank."""
-    data = robot.model.createData()
-    asked = [
-        twist_conditions(robot, data, target, q) @ of_rates for q, of_rates in _postures(robot)
-    ]
-    values = np.linalg.svd(np.array(asked), compute_uv=False)
-    return int((values > _LEAST_PART * values[:, :1]).sum(axis=1).max())
+    data, most = robot.model.createData(), 0
+    for number in range(_POSTURES):
+        q, of_rates = _posture(robot, number)
+        asked = twist_conditions(robot, data, target, q) @ of_rates
+        values = np.linalg.svd(asked, compute_uv=False)
+        most = max(most, int((values > _LEAST_PART * values[0]).sum()))
+        if most == len(values):  # no posture has more
+            break
+    return most
 
 
-@lru_cache(maxsize=8)
-def _postures(robot: Robot) -> tuple[tuple[Array, Array], ...]:
-    """Return configurations with their generalised Jacobians, both parts scaled to unit norm."""
-    data, rng = robot.model.createData(), np.random.default_rng(0)
+@lru_cache(maxsize=8 * _POSTURES)
+def _posture(robot: Robot, number: int) -> tuple[Array, Array]:
+    """Return a configuration and its generalised Jacobian, both parts scaled to unit norm."""
     lowest = np.maximum(robot.lower_position_limits, -np.pi)
     highest = np.minimum(robot.upper_position_limits, np.pi)
+    drawn = np.random.default_rng(0).uniform(size=(_POSTURES, robot.joints))[number]
+    joints = lowest + drawn * (np.maximum(lowest, highest) - lowest)
+    q = np.concatenate([pin.neutral(robot.model)[:7], joints])
+    of_rates = generalised_jacobian(robot, robot.model.createData(), q)
     linear = sum(row < 3 for row in robot.base.tip_rows)
-    found = []
-    for _ in range(_POSTURES):
-        joints = rng.uniform(lowest, np.maximum(lowest, highest))
-        q = np.concatenate([pin.neutral(robot.model)[:7], joints])
-        of_rates = generalised_jacobian(robot, data, q)
-        for rows in (of_rates[:linear], of_rates[linear:]):
-            rows /= max(float(np.linalg.norm(rows)), np.finfo(float).tiny)
-        found.append((q, of_rates))
-    return tuple(found)
+    for rows in (of_rates[:linear], of_rates[linear:]):
+        rows /= max(float(np.linalg.norm(rows)), np.finfo(float).tiny)
+    return q, of_rates
 
 
 def twist_conditions(robot: Robot, data: pin.Data, target: Target, q: Array) -> Array:

@@ -68,7 +68,8 @@ def certain_peaks(
     """
     stored, sizes = found.along[0][0], np.linalg.norm(wheels.shares, axis=1)
     _, _, bend, bend_of_torques = angular_momentum_bounds(robot, motion.joints.largest(5))
-    bends = np.concatenate([bend * sizes, bend_of_torques * sizes]) / 2
+    of_pieces = np.hstack([np.outer(bend, sizes), np.outer(bend_of_torques, sizes)]) / 2
+    bends = np.repeat(of_pieces, motion.pieces, axis=0)
 
     def loads_at(times: Array) -> Array:
         positions, rates, accelerations = motion.joints.at(times)
@@ -81,7 +82,7 @@ def certain_peaks(
     certain: Array = np.abs(known).max(axis=0)
     begin, step, loads = motion.time[:-1], np.diff(motion.time), (known[:-1], known[1:])
     while True:
-        bent, change = np.outer(step**2, bends), np.abs(loads[1] - loads[0])
+        bent, change = step[:, None] ** 2 * bends, np.abs(loads[1] - loads[0])
         rise = np.maximum(bent - change, 0.0) ** 2 / (4 * np.maximum(bent, _TINY))
         highest = np.abs(loads).max(axis=0) + rise
         is_open = ((highest > allowed) & (bent / 4 > _GAP * allowed)).any(axis=1)
@@ -95,6 +96,7 @@ def certain_peaks(
         )
         every = np.concatenate([loads[0][None, is_open], inside, loads[1][None, is_open]])
         begin, step = begins.ravel(), np.tile(step, _PARTS)
+        bends = np.tile(bends[is_open], (_PARTS, 1))
         loads = every[:-1].reshape(len(begin), -1), every[1:].reshape(len(begin), -1)
 
 

@@ -231,6 +231,23 @@ def peaks_along(
     return wheel_peaks(robot, wheels, start, motion)
 
 
+def exceeds_at_points(problem: PlanningProblem, q: Array, v: Array, accelerations: Array) -> bool:
+    """Tell whether a load exceeds its limit at a point, or at a parabola's peak between points.
+
+    Args:
+        accelerations: Of the joints. Shape (points, joints) [rad/s2, m/s2].
+    """
+    wheels = problem.robot.wheels
+    if wheels is None or not _is_limited(wheels):
+        return False
+    no_x = (np.empty((*rows.shape, 0)) for rows in (v, v, accelerations))
+    loads = _loads(problem, wheels, q, v, accelerations, *no_x)
+    limits = np.concatenate([wheels.momentum_limits, wheels.torque_limits])
+    parts = np.abs(np.hstack([loads.momenta, loads.torques])) / limits
+    rises = np.maximum(-np.diff(parts, 2, axis=0) / 8, 0.0)
+    return bool((parts[1:-1] + rises > 1.0).any() or (parts[-1] > 1.0).any())
+
+
 class WheelLoads(NamedTuple):
     """Momentum and torque of each wheel at the points of a path, and their derivatives by x."""
 

@@ -20,7 +20,7 @@ from ff_planner_ros.planning.optimisation.solver import Solution, minimise, near
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
-from ff_planner_ros.planning.requirements.wheels import WheelLimits
+from ff_planner_ros.planning.requirements.wheels import WheelLimits, exceeds_at_points
 from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
 from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.grid import Grid, grids_of
@@ -101,13 +101,13 @@ class GridSolver:
         """
         grid, wheels = self.grids[0], frozenset({WheelLimits.name})
         coarse = self.solve(grid, guess)
-        if self.problem.robot.wheels is None or not coarse.at_x.is_defined:
+        at_x = coarse.at_x
+        if not (at_x.is_defined and wheels <= grid.program.on_demand):
             return coarse
-        only_wheels = replace(grid.program, on_demand=wheels & grid.program.on_demand)
-        violated = only_wheels.violated_on_demand(coarse.at_x)
-        if not violated:
+        motion, accelerations = at_x.motion, at_x.acceleration[:, 6:]
+        if not exceeds_at_points(self.problem, motion.q, motion.v, accelerations):
             return coarse
-        self._keep(violated)
+        self._keep(wheels)
         return self.solve(self.grids[0], coarse.x)
 
     def nearest(

@@ -232,14 +232,13 @@ def _ways_round(
         NoPlanFound: There is none.
         OutOfTime: By the watch.
     """
-    problem = replace(problem, parametrisation=Parametrisation(ways[0].name))
-    asked = problem.objective
+    way, asked = Parametrisation(ways[0].name), problem.objective
     for objective in (asked,) if asked.chaser_attitude == 0.0 else (SHORTEST, asked):
         found, refusals = list[_Found](), list[NoPlanFound]()
         for family in ways:
             try:
-                program = path_program(replace(problem, objective=objective), family, settings)
-                solver = GridSolver(program, settings, watch)
+                posed = replace(problem, parametrisation=way, objective=objective)
+                solver = GridSolver(path_program(posed, family, settings), settings, watch)
                 found.append(_Found(family, _first_plan(solver, first_guess)))
             except NoPlanFound as refused:
                 refusals.append(refused)

@@ -250,7 +250,7 @@ def _seen_from_system(
 ) -> tuple[SystemFrame, PlanningProblem]:
     """Return the `system_frame` of the plan's first state, and the problem from there in it."""
     frame = system_frame(problem.robot, start)
-    return frame, frame.problem(replace(problem, start=start))
+    return frame, frame.problem(problem)  # which begins at the frame's own start
 
 
 def _performed(
