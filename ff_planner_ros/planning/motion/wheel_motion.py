@@ -19,7 +19,7 @@ from ff_planner_ros.robot.wheels import Wheels, momenta_of
 
 # Half of the fraction of its limits by which a plan may exceed them.
 _GAP = 5e-5
-# Into so many parts an interval is divided. Two took half as much time again.
+# Into so many parts an interval is divided: with two it takes more rounds, and more time.
 _PARTS = 4
 _TINY = np.finfo(np.float64).tiny
 

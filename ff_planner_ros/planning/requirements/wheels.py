@@ -127,8 +127,7 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return np.inf
         _, _, accelerations = motion.joints.at(motion.time)
-        no_x = (np.empty((*rows.shape, 0)) for rows in (motion.v, motion.v, accelerations))
-        loads = _loads(problem, wheels, motion.q, motion.v, accelerations, *no_x)
+        loads = _loads(problem, wheels, motion.q, motion.v, accelerations)
         peaks = peaks_of_wheels(loads.momenta, loads.torques, motion)
         return min(float(one.left.min()) for one in _judged(wheels, peaks))
 
@@ -240,8 +239,7 @@ def exceeds_at_points(problem: PlanningProblem, q: Array, v: Array, acceleration
     wheels = problem.robot.wheels
     if wheels is None or not _is_limited(wheels):
         return False
-    no_x = (np.empty((*rows.shape, 0)) for rows in (v, v, accelerations))
-    loads = _loads(problem, wheels, q, v, accelerations, *no_x)
+    loads = _loads(problem, wheels, q, v, accelerations)
     limits = np.concatenate([wheels.momentum_limits, wheels.torque_limits])
     parts = np.abs(np.hstack([loads.momenta, loads.torques])) / limits
     rises = np.maximum(-np.diff(parts, 2, axis=0) / 8, 0.0)
@@ -270,8 +268,12 @@ def loads_with_derivatives(
 def _loads(
     problem: PlanningProblem, wheels: Wheels, q: Array, v: Array, accelerations: Array, *by_x: Array
 ) -> WheelLoads:
-    """Return the loads in a motion from joint accelerations and the derivatives of all three."""
+    """Return the loads in a motion from joint accelerations and the derivatives of all three.
+
+    Without derivatives there are no variables.
+    """
     chain, shares = chain_of(problem.robot), _shares(problem.robot, wheels)
+    by_x = by_x or tuple(np.empty((*rows.shape, 0)) for rows in (v, v, accelerations))
     found = compiled.held_momenta(chain, q, v, accelerations, *by_x)
     momenta, momenta_by_x, torques, torques_by_x = found
     return WheelLoads(
