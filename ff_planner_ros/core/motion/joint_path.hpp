@@ -48,8 +48,8 @@ class JointPath {
     const Eigen::RowVectorXd along = rate.transpose() / speed * by;
     value += norm * step;
     gradient += step * along;
-    // Only rates across the path change its direction: the sum of the squares of by - rate / speed *
-    // along, a row a joint and one of the slow joint, written out.
+    // Only rates across the path curve its length. The squares of by - rate / speed * along, a row
+    // a joint and one of the slow joint, are those of by less this one.
     const double part = norm / speed;
     add_square(along, step / speed * (part * part - 2));
     return step / speed;
