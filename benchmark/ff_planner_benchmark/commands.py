@@ -139,5 +139,5 @@ def _print_hash(found: str) -> None:
 
 
 def _limit_threads() -> None:
-    """Let every process that is started have one thread: a method has one core."""
+    """Let processes that are started have one thread, for one core, and keep their memory."""
     os.environ.update(PLANNING)

@@ -139,11 +139,11 @@ class NodePanel:
         if last is None:
             return []
         until = (last.start_ns - now_ns) / NANOSECONDS
-        name = self._plans.name_of(last.plan_id)
-        lines = [_line(f"{name} begins in {until:.1f} s")] if until > 0.0 else []
+        words = f"{self._plans.name_of(last.plan_id)} begins in {until:.1f} s"
+        coming = [_line(words)] if until > 0.0 else []
         running = last.at(now_ns)
         if running is None:
-            return lines
+            return coming
         name = self._plans.name_of(running.plan_id)
         time = (now_ns - running.start_ns) / NANOSECONDS
         shown = self._page.chosen
@@ -151,16 +151,16 @@ class NodePanel:
             self._page.go_to(time)
         words = f"{name} runs: {time:.1f} s of {running.trajectory.time[-1]:.1f} s"
         if not np.isfinite(running.trajectory.chaser_positions).all():
-            return [_line(words), *lines]  # what the plan has the chaser do was not heard
+            return [_line(words), *coming]  # what the plan has the chaser do was not heard
         error = tracking_error(
             running.trajectory, running.start_ns, measured.state, measured.stamp_ns
         )
         most = self._link.parameters.tracking
         if error is None:
-            return [_line(words), *lines]
+            return [_line(words), *coming]
         is_off = error.position > most.max_position or error.angle > most.max_angle
         off = f"chaser {error.position * 1e3:.2f} mm, {error.angle:.5f} rad from it"
-        return [_line(f"{words}; {off}", "bad" if is_off else "good"), *lines]
+        return [_line(f"{words}; {off}", "bad" if is_off else "good"), *coming]
 
     def _show_waiting(self, entry: Entry, is_lost: bool) -> None:
         made = self._plans.waiting(entry)
