@@ -39,7 +39,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search import free_moment
-from ff_planner_ros.planning.search.effort import Effort
+from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.free_search import FreeSearch
 from ff_planner_ros.planning.search.planner import NOBODY
 from ff_planner_ros.planning.task.tail import EndBehaviour

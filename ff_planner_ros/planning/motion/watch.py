@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -43,7 +45,10 @@ class Watch:
         """Called before every step of a search; raises OutOfTime to end it."""
 
     def report(self, progress: Progress) -> None:
-        """Called after every iteration, and before a path is checked."""
+        """Called after every iteration, and before a path is checked.
+
+        Of a part that runs beside others it is called once, when the search goes on from there.
+        """
 
     def offer(self, plan: Plan) -> None:
         """Called with every plan that passed the check."""
@@ -51,6 +56,22 @@ class Watch:
     def share(self, searches: int) -> Watch:  # noqa: ARG002 (without a clock there is no end)
         """Return the watch of the next of so many consecutive searches."""
         return self
+
+    def aside(self) -> Aside:
+        """Return the watch of a part of the search that runs beside others."""
+        return Aside(self)
+
+    def passed(self, steps: int, end: OutOfTime | None = None) -> None:  # noqa: ARG002 (not counted)
+        """Called with the number of steps of a part that ran beside others.
+
+        Args:
+            end: What ended the part early; it ends the search.
+
+        Raises:
+            OutOfTime: `end`, or the search was to end at one of the steps.
+        """
+        if end is not None:
+            raise end
 
 
 class PassingOn(Watch):
@@ -78,6 +99,36 @@ class PassingOn(Watch):
         one._watch = self._watch.share(searches)  # noqa: SLF001 (of its own class)
         return one
 
+    def aside(self) -> Aside:
+        """Forward the call."""
+        return self._watch.aside()
+
+    def passed(self, steps: int, end: OutOfTime | None = None) -> None:
+        """Forward the call."""
+        self._watch.passed(steps, end)
+
+
+class Aside(PassingOn):
+    """A watch of a part that runs beside others: it may end the part, and counts its steps."""
+
+    def __init__(self, watch: Watch) -> None:
+        """Forward nothing but `require_time`."""
+        super().__init__(watch)
+        self.steps = 0
+        self.progress: Progress | None = None  # last one; None: the part has reported none
+
+    def require_time(self, phase: str = SEARCHING, /) -> None:
+        """Count a step."""
+        super().require_time(phase)
+        self.steps += 1
+
+    def report(self, progress: Progress) -> None:
+        """Keep the progress, for the search that the part belongs to."""
+        self.progress = progress
+
+    def offer(self, plan: Plan) -> None:
+        """Keep the plan back: the search that the part belongs to offers it."""
+
 
 class Steps(PassingOn):
     """Counts the steps of a search, which do not depend on the clock, and ends it at a step."""
@@ -98,12 +149,31 @@ class Steps(PassingOn):
         if self._step == self._last:
             self.ended_at = self._last
             raise OutOfTime(f"the search ends at step {self._last}", EndedBy.EFFORT)
-        try:
+        with self._ending_here():
             self._watch.require_time(phase)
+        self._step += 1
+
+    def passed(self, steps: int, end: OutOfTime | None = None) -> None:
+        """Count steps.
+
+        Raises:
+            OutOfTime: One of them is the last one, or the part was ended.
+        """
+        if self._step <= self._last < self._step + steps:
+            self.ended_at = self._last
+            raise OutOfTime(f"the search ends at step {self._last}", EndedBy.EFFORT)
+        with self._ending_here():
+            super().passed(steps, end)
+        self._step += steps
+
+    @contextmanager
+    def _ending_here(self) -> Iterator[None]:
+        """Remember the present step if the other watch ends the search."""
+        try:
+            yield
         except OutOfTime:
             self.ended_at = self._last = self._step
             raise
-        self._step += 1
 
     def report(self, progress: Progress) -> None:
         """Forward the progress with the present step."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes
-from ff_planner_ros.common.forms import Form, a_number, a_word
+from ff_planner_ros.common.forms import Form, a_number, a_whole_number, a_word
 
 
 class Strictness(NamedTuple):
@@ -274,6 +274,16 @@ class PlannerSettings:
         default=0.0,
         late=True,
         strictness=STRICT_IF_HIGH,
+    )
+
+    threads: int = declare(
+        a_whole_number(1, 64),
+        "Processes that a search for a better attitude shares, if there are as many cores; the "
+        "plan does not depend on it",
+        since="0.3",
+        brief=True,
+        default=4,
+        late=True,
     )
 
     def __post_init__(self) -> None:

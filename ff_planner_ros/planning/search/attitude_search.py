@@ -9,9 +9,11 @@ request, by the plans' metrics.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, cycle, islice
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -32,8 +34,12 @@ from ff_planner_ros.planning.search.portfolio import (
     NEAREST,
     RACE,
     ROUNDS,
+    RaceStage,
     Round,
 )
+from ff_planner_ros.planning.search.side_by_side import Helpers, helpers_of, side_by_side
+
+Value = TypeVar("Value")
 
 # Weights of the attitude relative to the joint path's that are tried below the requested one: each
 # about three times the last; below the first the joint path alone decides.
@@ -43,6 +49,8 @@ _TO_OPTIMUM = 24
 # Basin hops from the best path: random steps along each direction, of these two standard deviations
 # in turn, for so many iterations. One whose objective is below so many times the best is optimised.
 _SPREADS, _AFTER_HOP, _NEARLY = (0.1, 0.2), 14, 1.3
+# Hops that begin at the same optimum. One after another, each from the best, found no better ones.
+_HOPS_AT_ONCE = 6
 # First trust region, far from an optimum: half that along single coefficients, as the path moves
 # along all directions at once.
 _FIRST_RADIUS = 0.25
@@ -53,6 +61,9 @@ _OPTIMALITY, _COMPARED = 1e-5, 1e-4
 # At most this many paths of a round are refined, each by so many iterations on each finer grid from
 # near the optimum, with this trust region and this relative progress.
 _REFINED, _ITERATIONS, _RADIUS, _PROGRESS = 2, 12, 0.1, 2e-4
+# Of a first look, likewise: with it, a budget of 0.2 s was enough for a better attitude in 19 of 20
+# problems, without it in 8; the whole search takes 50 ms longer.
+_ITERATIONS_OF_A_GLANCE = 4
 # Iterations of a refined path where constraints are tightened.
 _TIGHTENING_ITERATIONS = 6
 # Singular values stay above so many times their threshold: they may fall between the points.
@@ -67,11 +78,27 @@ _NEGLIGIBLE, _MINOR, _GAIN, _LOOKED_AT, _LOOK = 2e-4, 0.3, 0.98, 3, 10
 NO_BETTER = "good enough: no better attitude was found than that of the least joint path"
 
 
+class _Path(NamedTuple):
+    """A path on the coarsest grid, as the solver left it."""
+
+    x: Array
+    curvature: Array | None
+    radius: float
+    value: float  # of the objective
+    lead: tuple[bool, float]  # a key to sort by, best first; violations to be mended do not count
+
+    @staticmethod
+    def of(found: PathSolution) -> _Path:
+        """Return what the next stage needs of a solution."""
+        lead = rank(found, SMALL_VIOLATION)
+        return _Path(found.x, found.curvature, found.radius, found.at_x.objective, lead)
+
+
 @dataclass(frozen=True, eq=False)
 class _Optimum:
     """A path that is locally optimal on the coarsest grid, and feasible there."""
 
-    path: PathSolution
+    path: _Path
     cost: float  # on the next finer grid
 
 
@@ -86,6 +113,7 @@ class AttitudeSearch:
     best: Plan = field(init=False)
     _optima: list[_Optimum] = field(default_factory=list, init=False)
     _refined: list[_Optimum] = field(default_factory=list, init=False)
+    _helpers: Helpers[AttitudeSearch] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Begin with the plan of minimum joint path."""
@@ -100,18 +128,24 @@ class AttitudeSearch:
         """
         guesses = chain(self.seeds, self.solver.initial_guesses())
         random, is_papers = np.random.default_rng(0), self._grids()[0].directions is not None
-        for number, one in enumerate(self._rounds()):
-            if number == 1 and self._is_minor and not self._is_more_in_sight():
-                break
-            self._race(list(islice(guesses, one.guesses)))
-            hops = one.hops * (HOPS_OF_PAPERS_PATHS if is_papers else 1)
-            for _, spread in zip(range(hops), cycle(_SPREADS), strict=False):
-                if self._optima:
-                    self._hop(random, spread)
-            self._refine()
-            if number == 0 and self.best is self.shortest:
-                self._climb()
+        if not self._is_minor:
+            self._glance()
+        with helpers_of(self) as self._helpers:
+            for number, one in enumerate(self._rounds()):
+                if number == 1 and self._is_minor and not self._is_more_in_sight():
+                    break
+                self._race(list(islice(guesses, one.guesses)))
+                self._hop(random, one.hops * (HOPS_OF_PAPERS_PATHS if is_papers else 1))
+                self._refine()
+                if number == 0 and self.best is self.shortest:
+                    self._climb()
         return self._with_effort()
+
+    def _glance(self) -> None:
+        """Keep the plan that few steps lead to, for whose time is short."""
+        grid = self._coarsest(RACE[0].norm).with_stage(iterations=RACE[0].iterations)
+        path = self.solver.solve(grid, self.seeds[0])
+        self._keep(self._plans_near(self._objective, path.x, None, _ITERATIONS_OF_A_GLANCE))
 
     @property
     def _attitude_share(self) -> float:
@@ -131,30 +165,41 @@ class AttitudeSearch:
 
     def _race(self, guesses: Sequence[Array]) -> None:
         """Find optima by successive halving of the paths from initial guesses."""
-        solver = self.solver
-        solver.effort.starts += len(guesses)
+        self.solver.effort.starts += len(guesses)
         starts = guesses
         for stage in RACE:
-            grid = self._coarsest(stage.norm).with_stage(iterations=stage.iterations)
-            paths = [solver.solve(grid, start) for start in starts]
-            leading = sorted(paths, key=_lead)[: stage.go_on]
+            runs = [partial(AttitudeSearch._run, stage=stage, start=start) for start in starts]
+            leading = sorted(self._found(runs), key=lambda path: path.lead)[: stage.go_on]
             starts = [path.x for path in leading]
-        for path in leading:
-            self._optima += self._optimum(path)
+        parts = [partial(AttitudeSearch._optimum, path=path) for path in leading]
+        self._optima += chain.from_iterable(self._found(parts))
 
-    def _hop(self, random: np.random.Generator, spread: float) -> None:
-        """Search for another optimum from a random step beside the best one."""
-        grid, best = self._coarsest(), self._leading(1)[0].path
-        self.solver.effort.starts += 1
-        aside = random.normal(scale=spread, size=len(best.x))
+    def _run(self, stage: RaceStage, start: Array) -> _Path:
+        """Return where one stage of the race leads."""
+        grid = self._coarsest(stage.norm).with_stage(iterations=stage.iterations)
+        return _Path.of(self.solver.solve(grid, start))
+
+    def _hop(self, random: np.random.Generator, count: int) -> None:
+        """Search for other optima from random steps beside the best one."""
+        spreads = islice(cycle(_SPREADS), count)
+        while self._optima and (some := list(islice(spreads, _HOPS_AT_ONCE))):
+            best = self._leading(1)[0].path
+            asides = [random.normal(scale=spread, size=len(best.x)) for spread in some]
+            self.solver.effort.starts += len(asides)
+            hops = [partial(AttitudeSearch._hopped, best=best, aside=aside) for aside in asides]
+            self._optima += chain.from_iterable(self._found(hops))
+
+    def _hopped(self, best: _Path, aside: Array) -> list[_Optimum]:
+        """Return the optimum that a step aside from the best one leads to, if there is one."""
+        grid = self._coarsest().with_stage(iterations=_AFTER_HOP)
         if grid.directions is not None:
             aside = grid.directions @ aside
-        begin = best.x + aside, best.curvature
-        path = self.solver.solve(grid.with_stage(iterations=_AFTER_HOP), *begin)
-        if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.at_x.objective:
-            self._optima += self._optimum(path)
+        path = _Path.of(self.solver.solve(grid, best.x + aside, best.curvature))
+        if path.lead[0] or path.value >= _NEARLY * best.value:
+            return []
+        return self._optimum(path)
 
-    def _optimum(self, path: PathSolution) -> list[_Optimum]:
+    def _optimum(self, path: _Path) -> list[_Optimum]:
         """Return the optimum that a path leads to, unless it is infeasible on the next finer grid.
 
         Between few points a path may be singular or in collision.
@@ -162,34 +207,42 @@ class AttitudeSearch:
         grid = self._coarsest().with_stage(
             tolerated=_TOLERATED_NEAR, iterations=_TO_OPTIMUM, radius=path.radius
         )
-        path = self.solver.solve_feasibly(grid, path.x, path.curvature)
-        if not path.feasible:
+        found = self.solver.solve_feasibly(grid, path.x, path.curvature)
+        if not found.feasible:
             return []
-        finer = self.solver.solve(self._grids()[1].with_stage(iterations=0), path.x).at_x
+        finer = self.solver.solve(self._grids()[1].with_stage(iterations=0), found.x).at_x
         if not finer.violation < SMALL_VIOLATION:
             return []
         alone = self.asked.joint_path_length == 0.0
         cost = float(finer.max_terms.max()) if alone else finer.objective
-        return [_Optimum(path, cost)]
+        return [_Optimum(_Path.of(found), cost)]
 
     def _leading(self, count: int) -> list[_Optimum]:
         return sorted(self._optima, key=lambda optimum: optimum.cost)[:count]
 
     def _refine(self) -> None:
         """Solve the best optima on finer grids, and keep the plans."""
-        for optimum in self._leading(_REFINED):
-            none_yet = self.best is self.shortest
-            limit = np.inf if none_yet else weighted_sum(self.asked, self.best.metrics)
-            if optimum in self._refined or optimum.cost > _PROMISING * limit:
-                continue
-            self._refined.append(optimum)
-            path = optimum.path
-            found = list(self._plans_near(self._objective, path.x, path.curvature))
-            self._keep(found)
-            if not found:  # nor is anything gained near it
+        limit = np.inf
+        if self.best is not self.shortest:
+            limit = _PROMISING * weighted_sum(self.asked, self.best.metrics)
+        leading = [one for one in self._leading(_REFINED) if one not in self._refined]
+        chosen = [one for one in leading if one.cost <= limit]
+        self._refined += chosen
+        near = partial(AttitudeSearch._plans_near, objective=self._objective)
+        parts = [partial(near, x=one.path.x, curvature=one.path.curvature) for one in chosen]
+        for optimum, plans in zip(chosen, self._found(parts), strict=True):
+            for plan in plans:
+                told = replace(plan, solver=self.solver.effort.report(plan.solver))
+                self.solver.watch.offer(told)
+                self._keep([told])
+            if not plans:  # nor is anything gained near it
                 self._optima.remove(optimum)
 
-    def _keep(self, plans: Sequence[Plan]) -> None:
+    def _found(self, parts: Sequence[Callable[[AttitudeSearch], Value]]) -> Iterator[Value]:
+        """Yield what parts of the search find, computed side by side."""
+        return side_by_side(self._helpers, self.solver, parts)
+
+    def _keep(self, plans: Iterable[Plan]) -> None:
         """Keep the best plan, the first where several are equal."""
         self.best = min(
             [self.best, *plans], key=lambda plan: weighted_sum(self.asked, plan.metrics)
@@ -202,10 +255,11 @@ class AttitudeSearch:
             OutOfTime: By the watch.
         """
         # As it is, then improved: the better plan is kept.
-        grid, path = self._path_at(guess)
+        grid = self._grids()[-1].with_correction(guess).with_stage(iterations=0)
+        path = self.solver.solve(grid, guess)
         found, followed = self.solver.tighten(grid, path, self.solver.solve_and_restore)
-        self._keep(list(self.solver.sound_plans(found, followed)))
-        self._keep(list(self._plans_near(self._objective, guess, None)))
+        self._keep(self.solver.sound_plans(found, followed))
+        self._keep(self._plans_near(self._objective, guess, None))
         return self.best
 
     def _is_more_in_sight(self) -> bool:
@@ -213,7 +267,7 @@ class AttitudeSearch:
         if not self._optima:
             return True
         grid = self._coarsest().with_stage(iterations=_LOOK)
-        enough = _GAIN * self._leading(1)[0].path.at_x.objective
+        enough = _GAIN * self._leading(1)[0].path.value
         for other in islice(self.solver.initial_guesses(), _LOOKED_AT):
             self.solver.effort.starts += 1
             is_infeasible, value = rank(self.solver.solve(grid, other), SMALL_VIOLATION)
@@ -233,19 +287,23 @@ class AttitudeSearch:
             lower = replace(self.asked, joint_path_length=self.asked.chaser_attitude / weight)
             before = self.best
             begin = self.seeds[0] if before is self.shortest else before.coefficients
-            self._keep(list(self._plans_near(lower, begin, None)))
+            self._keep(self._plans_near(lower, begin, None))
             if self.best is before:
                 break
 
     def _plans_near(
-        self, objective: Objective, x: Array, curvature: Array | None
-    ) -> Iterator[Plan]:
-        """Yield the plan along the best path near x on the finest grid, if it passes the check."""
+        self,
+        objective: Objective,
+        x: Array,
+        curvature: Array | None,
+        iterations: int = _ITERATIONS,
+    ) -> list[Plan]:
+        """Return the plan along the best path near x on the finest grid, if it passes the check."""
         grids = self._grids_for(objective)[1:]
         for grid in grids:
             near = (grid.with_correction(x) if grid is grids[-1] else grid).with_stage(
                 progress=max(grid.stage.progress, _PROGRESS),
-                iterations=_ITERATIONS,
+                iterations=iterations,
                 tolerated=_TOLERATED_NEAR,
                 radius=_RADIUS,
             )
@@ -253,14 +311,8 @@ class AttitudeSearch:
             if found.at_x.is_defined:
                 x, curvature = found.x, found.curvature
         near = near.with_stage(iterations=_TIGHTENING_ITERATIONS)
-        yield from self.solver.sound_plans(
-            *self.solver.tighten(near, found, self.solver.solve_and_restore)
-        )
-
-    def _path_at(self, x: Array) -> tuple[Grid, PathSolution]:
-        """Return the finest grid, and the path of x on it, unimproved; it may be singular."""
-        grid = self._grids()[-1].with_correction(x).with_stage(iterations=0)
-        return grid, self.solver.solve(grid, x)
+        tightened = self.solver.tighten(near, found, self.solver.solve_and_restore)
+        return list(self.solver.sound_plans(*tightened))
 
     def _with_effort(self) -> Plan:
         """Return the best plan with the effort of the whole search."""
@@ -296,8 +348,3 @@ class AttitudeSearch:
             directions = program.family.directions
             found.append(replace(grid, program=program, stride=1.0, directions=directions))
         return found
-
-
-def _lead(path: PathSolution) -> tuple[bool, float]:
-    """Return a key to sort by, best first; small violations count as none, to be mended later."""
-    return rank(path, SMALL_VIOLATION)

@@ -20,7 +20,7 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.objectives import duration_of, plan_cost
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.search.effort import Effort
+from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.families import is_detour, is_held
 from ff_planner_ros.planning.search.free_moment import (
     SOONER,

@@ -1,8 +1,9 @@
-"""Candidates: paths that a search found, and the plans along them, measured but not checked."""
+"""What a search tried and found: its effort, paths, and the plans along them, not yet checked."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import Counter
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,6 +24,31 @@ from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 # effector's twist is exact at the goal. From 1e-6 on, its torques led a wrist astray by 0.1 deg in
 # open loop.
 _NEAR = 1e-7
+
+
+@dataclass
+class Effort:
+    """Counters of a search, over all its attempts so far."""
+
+    starts: int = 0  # initial guesses
+    iterations: int = 0
+    rollouts: int = 0
+    # Of the initial paths of all solves, how many met each requirement, by its name
+    met: Counter[str] = field(default_factory=Counter)
+
+    def add(self, report: SolverReport | Effort) -> None:
+        """Add the effort that led to a plan."""
+        self.starts += report.starts
+        self.iterations += report.iterations
+        self.rollouts += report.rollouts
+        if isinstance(report, Effort):
+            self.met.update(report.met)
+
+    def report(self, of_plan: SolverReport) -> SolverReport:
+        """Return the report of the chosen plan, with the effort of the whole search."""
+        return replace(
+            of_plan, starts=self.starts, iterations=self.iterations, rollouts=self.rollouts
+        )
 
 
 @dataclass(frozen=True, eq=False)

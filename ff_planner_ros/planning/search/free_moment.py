@@ -33,7 +33,7 @@ from ff_planner_ros.planning.problem.problem import (
     lasting,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.search.effort import Effort
+from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.free_search import Entrant, FreeSearch, Moment
 from ff_planner_ros.planning.search.grid_solver import SMALL_VIOLATION

@@ -25,7 +25,7 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
-from ff_planner_ros.planning.search.effort import Effort
+from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.grid import COARSE, Stage
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 

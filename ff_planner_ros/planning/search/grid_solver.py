@@ -21,8 +21,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.requirements.wheels import WheelLimits, exceeds_at_points
-from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
-from ff_planner_ros.planning.search.effort import Effort
+from ff_planner_ros.planning.search.candidate import Candidate, Effort, plan_of_path
 from ff_planner_ros.planning.search.grid import Grid, grids_of
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
@@ -51,7 +50,7 @@ class GridSolver:
         Args:
             effort: Counts what is tried. None: from zero.
         """
-        self.program, self.settings, self._watch = program, settings, watch
+        self.program, self.settings, self.watch = program, settings, watch
         self.grids = grids_of(program, settings)
         self.effort = Effort() if effort is None else effort
         self._solved: list[PathSolution] = []
@@ -62,6 +61,21 @@ class GridSolver:
     def problem(self) -> PlanningProblem:
         """The planning problem."""
         return self.program.problem
+
+    def beside(self, watch: Watch, on_demand: frozenset[str]) -> GridSolver:
+        """Return a solver like this one, with an effort from zero.
+
+        Args:
+            on_demand: Names of the requirements that have no rows yet.
+        """
+        other = GridSolver(self.program, self.settings, watch)
+        other._keep(self.program.on_demand - on_demand)
+        return other
+
+    def take_over(self, effort: Effort, on_demand: frozenset[str]) -> None:
+        """Add the effort of a solver from `beside`, and the requirements that got rows there."""
+        self.effort.add(effort)
+        self._keep(self.program.on_demand - on_demand)
 
     def initial_guesses(self) -> Iterator[Array]:
         """Yield the family's own initial guesses without end."""
@@ -199,11 +213,11 @@ class GridSolver:
             followed: Its tracked motion; None: not computed yet.
         """
         if solution.at_x.is_defined:
-            self._watch.require_time(CHECKING)
-            self._watch.report(self._progress(CHECKING, solution.at_x))
+            self.watch.require_time(CHECKING)
+            self.watch.report(self._progress(CHECKING, solution.at_x))
             plan = self._plan_along(solution, followed)
             if not any(failures(self.problem, plan, self.settings)):
-                self._watch.offer(plan)
+                self.watch.offer(plan)
                 yield plan
 
     def keep_attempt(self, found: PathSolution) -> None:
@@ -241,6 +255,8 @@ class GridSolver:
 
     def _keep(self, violated: frozenset[str]) -> None:
         """Add requirements that a path has violated to all grids from now on."""
+        if not violated:
+            return
         self.program = self.program.with_requirements(violated)
         self.grids = [
             replace(grid, program=grid.program.with_requirements(violated)) for grid in self.grids
@@ -270,7 +286,7 @@ class GridSolver:
 
         def linearise(along: Array) -> PathLinearisation:
             nonlocal is_initial
-            self._watch.require_time(phase)
+            self.watch.require_time(phase)
             at_x = grid.linearise(along)
             if at_x.is_defined:
                 if is_initial:
@@ -278,7 +294,7 @@ class GridSolver:
                     is_initial = False
                 self.effort.rollouts += 1
                 progress = self._progress(phase, at_x)
-                self._watch.report(progress)
+                self.watch.report(progress)
                 best = self._best_visited
                 if progress.violation <= FEASIBILITY_TOLERANCE and (
                     best is None or progress.objective < best.objective

@@ -28,8 +28,8 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target import conditions_of, too_many_conditions
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
+from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
-from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.families import is_detour, is_held, path_families
 from ff_planner_ros.planning.search.grid_solver import GridSolver
 from ff_planner_ros.planning.search.guided_search import Allowance, plans_from

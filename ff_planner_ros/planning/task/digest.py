@@ -105,8 +105,8 @@ def _is_absent(value: Any, name: str) -> bool:
         return True  # a task that depends on it adds it
     if name == "then":
         return not given
-    if isinstance(value, PlannerSettings) and name == "robust":
-        return not value.robust.sigmas
+    if isinstance(value, PlannerSettings) and name in ("threads", "robust"):
+        return name == "threads" or not value.robust.sigmas  # no plan depends on threads
     said = declared_by_name(kind).get(name)
     if said is None:
         return given is None
