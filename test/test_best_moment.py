@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,12 +22,13 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
 )
-from ff_planner_ros.planning.search import best_moment, free_moment
+from ff_planner_ros.planning.search import best_moment, free_moment, free_search
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
 from ff_planner_ros.planning.search.free_moment import SOONER, moments_to_begin_at
 from ff_planner_ros.planning.search.free_search import Entrant, Moment
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 from ff_planner_ros.planning.search.planner import NOBODY
+from ff_planner_ros.planning.search.side_by_side import SideBySide
 
 SETTINGS = load_parameters().planner
 SPLINE = Parametrisation.JOINT_SPLINE
@@ -172,22 +174,18 @@ def test_a_search_begins_all_over_the_range(asked: Callable[..., Asked]) -> None
 class Racing:
     """A search whose paths are worth, and violate, what its only number says after each stage."""
 
-    family = SimpleNamespace(name=SPLINE.value)
-
     def __init__(self, *stages: tuple[float, float], duration: float = 10.0) -> None:
         self.stages, self.begun_at, self.looked_at = list(stages), duration, 0
 
-    def duration(self, _: Any) -> float:
-        return self.begun_at
-
-    def entrant(self) -> Any:
-        return Entrant(self, np.zeros(1), 1.0)  # type: ignore[arg-type]
+    def entrant(self, number: int) -> Entrant:
+        return Entrant(np.zeros(1), self.begun_at, 1.0, number=number)
 
     def further(self, entrant: Entrant, *_: Any) -> Entrant | None:
         objective, violation = self.stages[min(self.looked_at, len(self.stages) - 1)]
         self.looked_at += 1
-        at_x: Any = SimpleNamespace(objective=objective, violation=violation)
-        return None if math.isinf(objective) else replace(entrant, at_x=at_x)
+        if math.isinf(objective):
+            return None
+        return replace(entrant, objective=objective, violation=violation)
 
     def optimum_ahead_of(self, *_: Any) -> Moment:
         self.looked_at += 100
@@ -195,9 +193,11 @@ class Racing:
         return moment(self.begun_at, objective, violation)
 
 
-def race(*searches: Racing) -> list[list[Moment]]:
-    entrants = [search.entrant() for search in searches]
-    return list(free_moment._race(entrants, NOBODY, best_moment.Effort()))
+def race(*searches: Racing) -> Iterator[list[Moment]]:
+    entrants = [search.entrant(number) for number, search in enumerate(searches)]
+    run: Any = partial(free_search.run_leg, searches)  # type: ignore[arg-type]
+    legs = SideBySide(run, NOBODY, best_moment.Effort(), threads=1)
+    return free_moment._race(entrants, free_moment.RACES[SPLINE], legs)
 
 
 def test_of_a_race_only_those_that_lead_are_brought_to_an_end_the_best_first() -> None:
@@ -212,8 +212,7 @@ def test_of_a_race_only_those_that_lead_are_brought_to_an_end_the_best_first() -
 
 def test_of_a_race_no_other_is_brought_to_an_end_before_it_is_asked_for() -> None:
     best, second = Racing((1.0, 0.0)), Racing((2.0, 0.0))
-    entrants = [search.entrant() for search in (second, best)]
-    rounds = free_moment._race(entrants, NOBODY, best_moment.Effort())
+    rounds = race(second, best)
     assert next(rounds)[0].objective == 1.0
     assert (best.looked_at, second.looked_at) == (102, 2)
 
@@ -222,8 +221,8 @@ def test_of_a_race_paths_on_one_way_are_run_once_and_broken_ones_promise_nothing
     same, again = Racing((1.0, 0.0)), Racing((1.001, 0.0), duration=10.05)
     later = Racing((1.001, 0.0), duration=12.0)
     assert [few[0].duration for few in race(same, again, later)] == [10.0, 12.0]
-    assert race(Racing((1.0, 2.0 * PROMISING_VIOLATION))) == []
-    assert len(race(Racing((1.0, PROMISING_VIOLATION)))) == 1
+    assert not list(race(Racing((1.0, 2.0 * PROMISING_VIOLATION))))
+    assert len(list(race(Racing((1.0, PROMISING_VIOLATION))))) == 1
 
 
 def test_where_only_the_duration_counts_what_nearly_keeps_everything_is_promising(

@@ -24,6 +24,7 @@ NEEDS_TWO_CORES = pytest.mark.skipif(
 )
 HEAD = """
     import os, signal, sys, threading
+    from contextlib import closing
     from ff_planner_ros.planning.optimisation.workers import Workers
     me, (heard, told) = os.getpid(), os.pipe()
 
@@ -63,12 +64,12 @@ def test_parts_are_shared_and_their_results_in_order_and_nothing_is_left_behind(
     run_alone("""
         forks = True
         before = len(os.listdir("/proc/self/fd"))
-        with Workers(compute, 2) as workers:
-            found = workers.results(range(30))
+        with closing(Workers(compute, 2)) as workers:
+            found = list(workers.results(range(30)))
             assert len({pid for _, pid in found}) == 2
-            for again in (found, workers.results(range(30))):
+            for again in (found, list(workers.results(range(30)))):
                 assert [value for value, _ in again] == [n * n for n in range(30)]
-            assert workers.results([7]) == [(49, me)]
+            assert list(workers.results([7])) == [(49, me)]
         assert len(os.listdir("/proc/self/fd")) == before
         try:
             os.waitpid(-1, os.WNOHANG)
@@ -87,9 +88,9 @@ def test_what_a_fork_cannot_do_is_done_without_it() -> None:
             if os.getpid() != me:
                 os.kill(os.getpid(), signal.SIGKILL)
             return value
-        with Workers(deadly, 2) as workers:
+        with closing(Workers(deadly, 2)) as workers:
             for _ in range(2):
-                assert workers.results(range(9)) == [(n * n, me) for n in range(9)]
+                assert list(workers.results(range(9))) == [(n * n, me) for n in range(9)]
     """)
 
 
@@ -98,8 +99,8 @@ def test_an_error_is_raised_as_if_there_were_no_forks() -> None:
         def impossible(number):
             raise ValueError(f"part {number}")
         try:
-            with Workers(impossible, 2) as workers:
-                workers.results(range(2))
+            with closing(Workers(impossible, 2)) as workers:
+                list(workers.results(range(2)))
         except ValueError as error:
             print(error)
     """)
@@ -111,8 +112,10 @@ def test_a_process_with_threads_is_not_forked() -> None:
         forks = False
         waiting = threading.Event()
         threading.Thread(target=waiting.wait, daemon=True).start()
-        with Workers(compute, 2) as workers:
-            assert workers.results(range(5)) == [(n * n, me) for n in range(5)]
+        with closing(Workers(compute, 2)) as workers:
+            results = workers.results(range(5))
+            assert next(results) == (0, me)
+            assert list(results) == [(n * n, me) for n in range(1, 5)]
     """)
 
 
@@ -123,8 +126,8 @@ def test_forks_do_not_outlive_the_process_that_they_help() -> None:
             if os.getpid() != me:
                 print(os.getpid(), flush=True)
             signal.pause()
-        with Workers(slow, 2) as workers:
-            workers.results(range(2))
+        with closing(Workers(slow, 2)) as workers:
+            list(workers.results(range(2)))
     """)
     assert process.stdout is not None
     fork = os.pidfd_open(int(process.stdout.readline()))

@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
-from types import TracebackType
-from typing import Generic, NamedTuple, Self, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -32,7 +31,7 @@ class _Worker(NamedTuple):
 
 
 class Workers(Generic[Part, Result]):
-    """Forks that compute, made at the first call and ended with the context."""
+    """Forks that compute, made when there is work for several, until they are closed."""
 
     def __init__(self, compute: Callable[[Part], Result], most: int) -> None:
         """Share the work among `most` processes, this one included.
@@ -46,17 +45,8 @@ class Workers(Generic[Part, Result]):
         self._waiting, self._numbers = os.pipe()
         os.set_blocking(self._waiting, False)
 
-    def __enter__(self) -> Self:
-        """Return the workers."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """End them."""
+    def close(self) -> None:
+        """End the forks."""
         for worker in self._workers:
             worker.link.close()
             os.kill(worker.pid, signal.SIGKILL)
@@ -65,20 +55,19 @@ class Workers(Generic[Part, Result]):
         os.close(self._waiting)
         os.close(self._numbers)
 
-    def results(self, parts: Sequence[Part]) -> list[Result]:
-        """Return the result of each part, in their order."""
+    def results(self, parts: Sequence[Part]) -> Iterator[Result]:
+        """Yield the results of parts in order; one process computes them as they are asked for."""
         if not 1 < len(parts) <= _MOST_PARTS or not self._is_shared():
-            return [self._compute(part) for part in parts]
+            yield from map(self._compute, parts)
+            return
         asked = [worker for worker in self._workers if _has_sent(worker.link, parts)]
         os.write(self._numbers, bytes(range(len(parts))))
         found = dict(self._computed(parts))
         for worker in asked:
             with suppress(EOFError, OSError):  # it has died: this process does its part
                 found.update(worker.link.recv())
-        return [
-            found[number] if number in found else self._compute(part)
-            for number, part in enumerate(parts)
-        ]
+        for number, part in enumerate(parts):
+            yield found[number] if number in found else self._compute(part)
 
     def _is_shared(self) -> bool:
         """Tell whether there are workers; fork them if there are none yet."""

@@ -278,8 +278,8 @@ class PlannerSettings:
 
     threads: int = declare(
         a_whole_number(1, 64),
-        "Processes that a search for a better attitude shares, if there are as many cores; the "
-        "plan does not depend on it",
+        "Processes that share a search for a better attitude or duration, if there are as many "
+        "cores; the plan does not depend on it",
         since="0.3",
         brief=True,
         default=4,

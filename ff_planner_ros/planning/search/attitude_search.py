@@ -10,18 +10,22 @@ request, by the plans' metrics.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, cycle, islice
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.objectives import weighted_sum, with_tie_break
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
+from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.grid import Grid
 from ff_planner_ros.planning.search.grid_solver import (
     SMALL_VIOLATION,
@@ -30,27 +34,27 @@ from ff_planner_ros.planning.search.grid_solver import (
     rank,
 )
 from ff_planner_ros.planning.search.portfolio import (
+    AFTER_HOP,
+    GLANCE,
+    HOPS_AT_ONCE,
     HOPS_OF_PAPERS_PATHS,
-    NEAREST,
+    MINOR,
+    NEARLY,
     RACE,
-    ROUNDS,
+    SPREADS,
+    TO_OPTIMUM,
     RaceStage,
-    Round,
+    rounds_of,
 )
-from ff_planner_ros.planning.search.side_by_side import Helpers, helpers_of, side_by_side
+from ff_planner_ros.planning.search.side_by_side import SideBySide
 
 Value = TypeVar("Value")
+# A part of the search, and the requirements that have no rows yet.
+_Part: TypeAlias = "tuple[Callable[[AttitudeSearch], Any], frozenset[str]]"
 
 # Weights of the attitude relative to the joint path's that are tried below the requested one: each
 # about three times the last; below the first the joint path alone decides.
 _LOWER_WEIGHTS = (6.0, 15.0, 45.0)
-# Iterations from a survivor of successive halving to its optimum on the coarsest grid.
-_TO_OPTIMUM = 24
-# Basin hops from the best path: random steps along each direction, of these two standard deviations
-# in turn, for so many iterations. One whose objective is below so many times the best is optimised.
-_SPREADS, _AFTER_HOP, _NEARLY = (0.1, 0.2), 14, 1.3
-# Hops that begin at the same optimum. One after another, each from the best, found no better ones.
-_HOPS_AT_ONCE = 6
 # First trust region, far from an optimum: half that along single coefficients, as the path moves
 # along all directions at once.
 _FIRST_RADIUS = 0.25
@@ -61,19 +65,15 @@ _OPTIMALITY, _COMPARED = 1e-5, 1e-4
 # At most this many paths of a round are refined, each by so many iterations on each finer grid from
 # near the optimum, with this trust region and this relative progress.
 _REFINED, _ITERATIONS, _RADIUS, _PROGRESS = 2, 12, 0.1, 2e-4
-# Of a first look, likewise: with it, a budget of 0.2 s was enough for a better attitude in 19 of 20
-# problems, without it in 8; the whole search takes 50 ms longer.
-_ITERATIONS_OF_A_GLANCE = 4
 # Iterations of a refined path where constraints are tightened.
 _TIGHTENING_ITERATIONS = 6
 # Singular values stay above so many times their threshold: they may fall between the points.
 _AWAY = 1.2
 # A coarse path whose objective exceeds so many times that of the best plan is not refined.
 _PROMISING = 1.02
-# Shares of the attitude in the cost of the plan of minimum joint path. Below the first, no other
-# guesses are tried. Up to the second, they are only if one of the first `_LOOKED_AT` of them, after
-# `_LOOK` iterations, lowers the objective to `_GAIN`: nearly always the nearest optimum is best.
-_NEGLIGIBLE, _MINOR, _GAIN, _LOOKED_AT, _LOOK = 2e-4, 0.3, 0.98, 3, 10
+# Where the attitude is a minor part, other guesses are only tried if one of the first `_LOOKED_AT`,
+# after `_LOOK` iterations, lowers the objective to `_GAIN`: nearly always the nearest is best.
+_GAIN, _LOOKED_AT, _LOOK = 0.98, 3, 10
 
 NO_BETTER = "good enough: no better attitude was found than that of the least joint path"
 
@@ -113,7 +113,7 @@ class AttitudeSearch:
     best: Plan = field(init=False)
     _optima: list[_Optimum] = field(default_factory=list, init=False)
     _refined: list[_Optimum] = field(default_factory=list, init=False)
-    _helpers: Helpers[AttitudeSearch] = field(init=False, repr=False)
+    _parts: SideBySide[_Part, Any] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Begin with the plan of minimum joint path."""
@@ -130,8 +130,10 @@ class AttitudeSearch:
         random, is_papers = np.random.default_rng(0), self._grids()[0].directions is not None
         if not self._is_minor:
             self._glance()
-        with helpers_of(self) as self._helpers:
-            for number, one in enumerate(self._rounds()):
+        solver, threads = self.solver, self.solver.settings.threads
+        self._parts = SideBySide(self._compute, solver.watch, solver.effort, threads)
+        with closing(self._parts):
+            for number, one in enumerate(rounds_of(solver.settings.search, self._attitude_share)):
                 if number == 1 and self._is_minor and not self._is_more_in_sight():
                     break
                 self._race(list(islice(guesses, one.guesses)))
@@ -145,7 +147,7 @@ class AttitudeSearch:
         """Keep the plan that few steps lead to, for whose time is short."""
         grid = self._coarsest(RACE[0].norm).with_stage(iterations=RACE[0].iterations)
         path = self.solver.solve(grid, self.seeds[0])
-        self._keep(self._plans_near(self._objective, path.x, None, _ITERATIONS_OF_A_GLANCE))
+        self._keep(self._plans_near(self._objective, path.x, None, GLANCE))
 
     @property
     def _attitude_share(self) -> float:
@@ -155,13 +157,7 @@ class AttitudeSearch:
 
     @property
     def _is_minor(self) -> bool:
-        return self._attitude_share <= _MINOR
-
-    def _rounds(self) -> tuple[Round, ...]:
-        rounds = ROUNDS[self.solver.settings.search]
-        if self._attitude_share <= _NEGLIGIBLE:
-            return (NEAREST,)
-        return (NEAREST, *rounds[1:]) if self._is_minor else rounds
+        return self._attitude_share <= MINOR
 
     def _race(self, guesses: Sequence[Array]) -> None:
         """Find optima by successive halving of the paths from initial guesses."""
@@ -181,8 +177,8 @@ class AttitudeSearch:
 
     def _hop(self, random: np.random.Generator, count: int) -> None:
         """Search for other optima from random steps beside the best one."""
-        spreads = islice(cycle(_SPREADS), count)
-        while self._optima and (some := list(islice(spreads, _HOPS_AT_ONCE))):
+        spreads = islice(cycle(SPREADS), count)
+        while self._optima and (some := list(islice(spreads, HOPS_AT_ONCE))):
             best = self._leading(1)[0].path
             asides = [random.normal(scale=spread, size=len(best.x)) for spread in some]
             self.solver.effort.starts += len(asides)
@@ -191,11 +187,11 @@ class AttitudeSearch:
 
     def _hopped(self, best: _Path, aside: Array) -> list[_Optimum]:
         """Return the optimum that a step aside from the best one leads to, if there is one."""
-        grid = self._coarsest().with_stage(iterations=_AFTER_HOP)
+        grid = self._coarsest().with_stage(iterations=AFTER_HOP)
         if grid.directions is not None:
             aside = grid.directions @ aside
         path = _Path.of(self.solver.solve(grid, best.x + aside, best.curvature))
-        if path.lead[0] or path.value >= _NEARLY * best.value:
+        if path.lead[0] or path.value >= NEARLY * best.value:
             return []
         return self._optimum(path)
 
@@ -205,7 +201,7 @@ class AttitudeSearch:
         Between few points a path may be singular or in collision.
         """
         grid = self._coarsest().with_stage(
-            tolerated=_TOLERATED_NEAR, iterations=_TO_OPTIMUM, radius=path.radius
+            tolerated=_TOLERATED_NEAR, iterations=TO_OPTIMUM, radius=path.radius
         )
         found = self.solver.solve_feasibly(grid, path.x, path.curvature)
         if not found.feasible:
@@ -222,11 +218,9 @@ class AttitudeSearch:
 
     def _refine(self) -> None:
         """Solve the best optima on finer grids, and keep the plans."""
-        limit = np.inf
-        if self.best is not self.shortest:
-            limit = _PROMISING * weighted_sum(self.asked, self.best.metrics)
+        cost = np.inf if self.best is self.shortest else weighted_sum(self.asked, self.best.metrics)
         leading = [one for one in self._leading(_REFINED) if one not in self._refined]
-        chosen = [one for one in leading if one.cost <= limit]
+        chosen = [one for one in leading if one.cost <= _PROMISING * cost]
         self._refined += chosen
         near = partial(AttitudeSearch._plans_near, objective=self._objective)
         parts = [partial(near, x=one.path.x, curvature=one.path.curvature) for one in chosen]
@@ -239,14 +233,22 @@ class AttitudeSearch:
                 self._optima.remove(optimum)
 
     def _found(self, parts: Sequence[Callable[[AttitudeSearch], Value]]) -> Iterator[Value]:
-        """Yield what parts of the search find, computed side by side."""
-        return side_by_side(self._helpers, self.solver, parts)
+        """Yield what parts of the search find, each from what is known now."""
+        known = self.solver.on_demand
+        for value, on_demand in self._parts.values([(part, known) for part in parts]):
+            self.solver.with_rows_but_for(on_demand)
+            yield value
+
+    def _compute(self, part: _Part, watch: Watch, effort: Effort) -> tuple[Any, frozenset[str]]:
+        """Compute a part with a solver of its own, which may learn of further requirements."""
+        search, (compute, on_demand) = copy(self), part
+        search.solver = GridSolver(self.solver.program, self.solver.settings, watch, effort)
+        search.solver.with_rows_but_for(on_demand)
+        return compute(search), search.solver.on_demand
 
     def _keep(self, plans: Iterable[Plan]) -> None:
         """Keep the best plan, the first where several are equal."""
-        self.best = min(
-            [self.best, *plans], key=lambda plan: weighted_sum(self.asked, plan.metrics)
-        )
+        self.best = min([self.best, *plans], key=lambda one: weighted_sum(self.asked, one.metrics))
 
     def better_at(self, guess: Array) -> Plan:
         """Return the best plan near a given path, at worst the plan of minimum joint path.
@@ -299,7 +301,7 @@ class AttitudeSearch:
         iterations: int = _ITERATIONS,
     ) -> list[Plan]:
         """Return the plan along the best path near x on the finest grid, if it passes the check."""
-        grids = self._grids_for(objective)[1:]
+        grids = self._grids(objective)[1:]
         for grid in grids:
             near = (grid.with_correction(x) if grid is grids[-1] else grid).with_stage(
                 progress=max(grid.stage.progress, _PROGRESS),
@@ -331,14 +333,12 @@ class AttitudeSearch:
             radius=_FIRST_RADIUS,
         )
 
-    def _grids(self) -> list[Grid]:
-        return self._grids_for(self._objective)
-
-    def _grids_for(self, objective: Objective) -> list[Grid]:
-        """Return the grids, coarse to fine, with another objective.
+    def _grids(self, objective: Objective | None = None) -> list[Grid]:
+        """Return the grids, coarse to fine, with an objective; None: the one that is asked for.
 
         None is damped: a path that damping leads through a singularity would fail the check.
         """
+        objective = objective or self._objective
         away = _AWAY * self.solver.settings.singular_value_threshold
         found = []
         for grid in self.solver.grids:

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
@@ -35,9 +37,16 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.families import path_families
-from ff_planner_ros.planning.search.free_search import Entrant, FreeSearch, Moment
-from ff_planner_ros.planning.search.grid_solver import SMALL_VIOLATION
+from ff_planner_ros.planning.search.free_search import (
+    TO_OPTIMUM,
+    Entrant,
+    FreeSearch,
+    Leg,
+    Moment,
+    run_leg,
+)
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
+from ff_planner_ros.planning.search.side_by_side import SideBySide
 
 
 class RaceStage(NamedTuple):
@@ -52,8 +61,6 @@ RACES = {
     Parametrisation.END_EFFECTOR_POLYNOMIAL: (RaceStage(6, 4), RaceStage(10, 2)),
     Parametrisation.JOINT_SPLINE: (RaceStage(12, 3), RaceStage(12, 2)),
 }
-# Entrants whose duration and objective differ by less than this fraction count as one.
-_ALIKE = 1e-2
 # Durations that the search begins at, as fractions of the range: the shortest first.
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 # So many promising moments are enough to choose from.
@@ -93,10 +100,15 @@ def rounds(
         yield _fastest(problem, begun, settings, watch, first_guess, effort)
         return
     lanes = [_Lane(problem, begun, number, settings, first_guess) for number in families]
-    for turn in range(max(lane.turns for lane in lanes)):
-        for lane in lanes:
-            if turn < lane.turns:
-                yield from _race(lane.entrants(), watch, effort)
+    searches = [search for lane in lanes for search in lane.searches]
+    legs = SideBySide(partial(run_leg, searches), watch, effort, settings.threads)
+    with closing(legs):
+        for turn in range(max(lane.turns for lane in lanes)):
+            for lane in lanes:
+                if turn < lane.turns:
+                    effort.starts += len(lane.searches)
+                    first = searches.index(lane.searches[0])
+                    yield from _race(lane.entrants(first), RACES[lane.family], legs)
 
 
 def moment_in_another_family(
@@ -129,69 +141,56 @@ class _Lane:
         settings: PlannerSettings,
         first_guess: Array | None,
     ) -> None:
-        searches = [
+        self.searches = [
             FreeSearch(problem, fixed, way, settings)
             for fixed in begun
             for way in _ways(fixed, number, settings)
         ]
-        self._guesses = [(search, _guesses(search, first_guess)) for search in searches]
-        self.turns = max(1, settings.starts // max(len(searches), 1))
+        self._guesses = [_guesses(search, first_guess) for search in self.searches]
+        self.turns = max(1, settings.starts // len(self.searches)) if self.searches else 0
 
-    def entrants(self) -> list[Entrant]:
-        """Return the next initial guess of each search, as an entrant."""
-        return [
-            search.entrant(guess)
-            for search, guesses in self._guesses
-            for guess in islice(guesses, 1)
-        ]
+    @property
+    def family(self) -> Parametrisation:
+        """Family of the paths."""
+        return Parametrisation(self.searches[0].family.name)
+
+    def entrants(self, first: int) -> list[Entrant]:
+        """Return the next initial guess of each search, as an entrant.
+
+        Args:
+            first: Number of the first search among those of all lanes.
+        """
+        pairs = zip(self.searches, self._guesses, strict=True)
+        entrants = [search.entrant(guess) for search, some in pairs for guess in islice(some, 1)]
+        return [replace(one, number=number) for number, one in enumerate(entrants, start=first)]
 
 
-def _race(entrants: Sequence[Entrant], watch: Watch, effort: Effort) -> Iterator[list[Moment]]:
+def _race(
+    entrants: Sequence[Entrant], stages: Sequence[RaceStage], legs: SideBySide[Leg, Any]
+) -> Iterator[list[Moment]]:
     """Yield promising moments by successive halving of entrants, the best first.
 
-    Later ones are only optimised if the caller asks for another one.
+    Later ones only count if the caller asks for another one.
 
     Raises:
         OutOfTime: By the watch.
     """
-    effort.starts += len(entrants)
-    for stage in RACES[Parametrisation(entrants[0].search.family.name)]:
-        further = [one.search.further(one, stage.iterations, watch, effort) for one in entrants]
-        leading = sorted((one for one in further if one is not None), key=_lead)
+    for stage in stages:
+        further = legs.values([(one, stage.iterations) for one in entrants])
+        leading = sorted((one for one in further if one is not None), key=lambda one: one.lead)
         entrants = _unlike(leading)[: stage.go_on]
-    for one in entrants:
-        moment = one.search.optimum_ahead_of(one, watch, effort)
+    for moment in legs.values([(one, TO_OPTIMUM) for one in entrants]):
         if moment is not None and moment.violation <= PROMISING_VIOLATION:
             yield [moment]
-
-
-def _lead(entrant: Entrant) -> tuple[bool, float]:
-    """Return a key to sort by, best first; a small violation counts as none."""
-    at_x = entrant.at_x
-    if at_x is None:
-        return True, math.inf
-    is_far = not at_x.violation <= SMALL_VIOLATION
-    return is_far, at_x.violation if is_far else at_x.objective
 
 
 def _unlike(entrants: Sequence[Entrant]) -> list[Entrant]:
     """Return entrants without those that are like one before them."""
     found = list[Entrant]()
     for one in entrants:
-        if not any(_are_alike(one, other) for other in found):
+        if not any(one.is_like(other) for other in found):
             found.append(one)
     return found
-
-
-def _are_alike(one: Entrant, other: Entrant) -> bool:
-    """Tell whether two paths and their durations hardly differ."""
-    if one.at_x is None or other.at_x is None:
-        return False
-    scale = abs(other.at_x.objective)
-    return (
-        abs(one.duration - other.duration) <= _ALIKE * other.duration
-        and abs(one.at_x.objective - other.at_x.objective) <= _ALIKE * scale
-    )
 
 
 def _fastest(

@@ -5,8 +5,9 @@ It runs to the optimum of both, or stops as soon as it is unlikely to lead to a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from ff_planner_ros.planning.requirements.joints.joint_positions import JointPos
 from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.grid import COARSE, Stage
+from ff_planner_ros.planning.search.grid_solver import SMALL_VIOLATION
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 
 # The first trust region lets the duration change by this fraction of the range.
@@ -38,6 +40,8 @@ _KEPT = 1e-4
 # Fraction of a shortest duration that is added to it: at the shortest itself there is one path
 # only, and none that keeps accelerations between the points, too.
 _ROOM = 2e-3
+# Entrants whose duration and objective differ by less than this fraction count as one.
+_ALIKE = 1e-2
 # A glance: iterations, and the largest violation after so many; after twice as many the path must
 # be promising. Of 16 guesses that led to a plan, 15 were.
 _GLANCE, _FAR = 4, 4e-2
@@ -70,16 +74,24 @@ class Moment:
 class Entrant:
     """A path and a duration between an initial guess and the optimum of both."""
 
-    search: FreeSearch
     along: Array  # the solver's variables: those of the path, then the duration in its unit
+    duration: float  # [s]
     radius: float  # of the trust region, to go on with
     curvature: Array | None = None  # SR1 approximation so far
-    at_x: PathLinearisation | None = None  # None: not evaluated yet
+    objective: float = np.inf  # with the weight of the duration; infinite: not evaluated yet
+    violation: float = np.inf  # of the worst requirement
+    number: int = 0  # of its search among those of a race
 
     @property
-    def duration(self) -> float:
-        """The duration so far [s]."""
-        return self.search.duration(self.along)
+    def lead(self) -> tuple[bool, float]:
+        """A key to sort by, best first; a small violation counts as none."""
+        is_far = not self.violation <= SMALL_VIOLATION
+        return is_far, self.violation if is_far else self.objective
+
+    def is_like(self, other: Entrant) -> bool:
+        """Tell whether two paths and their durations hardly differ."""
+        apart = abs(self.duration - other.duration), abs(self.objective - other.objective)
+        return apart[0] <= _ALIKE * other.duration and apart[1] <= _ALIKE * abs(other.objective)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +113,7 @@ class FreeSearch:
         window = self.problem.durations
         return _STRIDE * (window.maximum - window.minimum) / self._radius
 
-    def duration(self, along: Array) -> float:
+    def _duration(self, along: Array) -> float:
         """Return the duration that the solver's variables stand for [s]."""
         window = self.problem.durations
         return float(np.clip(along[-1] * self._unit, window.minimum, window.maximum))
@@ -151,7 +163,8 @@ class FreeSearch:
 
     def entrant(self, guess: Array) -> Entrant:
         """Return an initial guess, with the duration to begin at, as an entrant."""
-        return Entrant(self, self._along(guess), self._radius)
+        along = self._along(guess)
+        return Entrant(along, self._duration(along), self._radius)
 
     def optimum(self, guess: Array, watch: Watch, effort: Effort) -> Moment | None:
         """Return the optimum from an initial guess; None: the path became singular."""
@@ -172,9 +185,18 @@ class FreeSearch:
             entrant.curvature,
         )
         effort.iterations += solution.iterations
-        if not solution.at_x.is_defined:
+        at_x = solution.at_x
+        if not at_x.is_defined:
             return None
-        return Entrant(self, solution.x, solution.radius, solution.curvature, solution.at_x)
+        return replace(
+            entrant,
+            along=solution.x,
+            duration=self._duration(solution.x),
+            radius=solution.radius,
+            curvature=solution.curvature,
+            objective=at_x.objective,
+            violation=at_x.violation,
+        )
 
     def optimum_ahead_of(self, entrant: Entrant, watch: Watch, effort: Effort) -> Moment | None:
         """Return the optimum that an entrant leads to; None: the path became singular."""
@@ -223,6 +245,22 @@ class FreeSearch:
 
     def _along(self, guess: Array) -> Array:
         return np.append(guess, self.fixed.duration / self._unit)
+
+
+# An entrant and the iterations that it runs; instead of their number: to its optimum.
+Leg: TypeAlias = tuple[Entrant, int]
+TO_OPTIMUM = 0
+
+
+def run_leg(
+    searches: Sequence[FreeSearch], leg: Leg, watch: Watch, effort: Effort
+) -> Entrant | Moment | None:
+    """Return where a leg of a race leads; None: the path became singular."""
+    entrant, iterations = leg
+    search = searches[entrant.number]
+    if iterations == TO_OPTIMUM:
+        return search.optimum_ahead_of(entrant, watch, effort)
+    return search.further(entrant, iterations, watch, effort)
 
 
 def _watched(

@@ -62,19 +62,13 @@ class GridSolver:
         """The planning problem."""
         return self.program.problem
 
-    def beside(self, watch: Watch, on_demand: frozenset[str]) -> GridSolver:
-        """Return a solver like this one, with an effort from zero.
+    @property
+    def on_demand(self) -> frozenset[str]:
+        """Names of the requirements that have no rows yet."""
+        return self.program.on_demand
 
-        Args:
-            on_demand: Names of the requirements that have no rows yet.
-        """
-        other = GridSolver(self.program, self.settings, watch)
-        other._keep(self.program.on_demand - on_demand)
-        return other
-
-    def take_over(self, effort: Effort, on_demand: frozenset[str]) -> None:
-        """Add the effort of a solver from `beside`, and the requirements that got rows there."""
-        self.effort.add(effort)
+    def with_rows_but_for(self, on_demand: frozenset[str]) -> None:
+        """Add the rows of requirements that are not among those on demand any more."""
         self._keep(self.program.on_demand - on_demand)
 
     def initial_guesses(self) -> Iterator[Array]:

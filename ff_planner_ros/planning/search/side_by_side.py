@@ -1,91 +1,86 @@
 """Parts of a search that do not depend on each other, computed side by side.
 
-Each part begins with what the search knew before all of them, and what they found is taken over in
-their order: neither the results nor the count of steps depends on the number of processes.
+What they found and took counts in their order, so that neither the results of the search nor its
+count of steps depend on the number of processes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import Generic, TypeVar
 
 from ff_planner_ros.errors import OutOfTime
-from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.planning.motion.watch import Progress, Watch
 from ff_planner_ros.planning.optimisation.workers import Workers
 from ff_planner_ros.planning.search.candidate import Effort
-from ff_planner_ros.planning.search.grid_solver import GridSolver
 
-
-class Search(Protocol):
-    """What has parts: their solver is its own, or one of theirs."""
-
-    solver: GridSolver
-
-
-Of = TypeVar("Of", bound=Search)
+Part = TypeVar("Part")
 Value = TypeVar("Value")
 
 
-class Part(NamedTuple, Generic[Of, Value]):
-    """A part of a search, as it is sent to another process."""
-
-    compute: Callable[[Of], Value]
-    on_demand: frozenset[str]  # requirements that have no rows yet
-
-
 @dataclass(frozen=True, eq=False)
-class Outcome(Generic[Value]):
+class _Outcome(Generic[Value]):
     """What a part of a search found, and what it took."""
 
     value: Value | OutOfTime  # or what ended it
     steps: int
     effort: Effort
     progress: Progress | None  # of its last iteration
-    on_demand: frozenset[str]
 
 
-Helpers: TypeAlias = Workers[Part[Of, Any], Outcome[Any]]
+class SideBySide(Generic[Part, Value]):
+    """Computes parts of a search in several processes, until it is closed."""
+
+    def __init__(
+        self,
+        compute: Callable[[Part, Watch, Effort], Value],
+        watch: Watch,
+        effort: Effort,
+        threads: int,
+    ) -> None:
+        """Prepare to compute.
+
+        Args:
+            compute: Computes a part under a watch, and adds to an effort; what it changes beside
+                that is lost.
+            watch: That of the search.
+            effort: That of the search.
+            threads: Most processes, this one included.
+        """
+        self._watch, self._effort = watch, effort
+        self._workers = Workers(partial(_outcome, compute, watch), threads)
+
+    def close(self) -> None:
+        """End the processes."""
+        self._workers.close()
+
+    def values(self, parts: Sequence[Part]) -> Iterator[Value]:
+        """Yield the values of parts in their order; a part that is not asked for does not count.
+
+        Raises:
+            OutOfTime: By the watch.
+        """
+        for found in self._workers.results(parts):
+            if isinstance(found.value, OutOfTime):
+                self._watch.passed(0, found.value)
+                raise found.value
+            self._watch.passed(found.steps)
+            self._effort.add(found.effort)
+            if found.progress is not None:
+                starts, rollouts = self._effort.starts, self._effort.rollouts
+                self._watch.report(replace(found.progress, starts=starts, iterations=rollouts))
+            yield found.value
 
 
-def helpers_of(search: Of) -> Helpers[Of]:
-    """Return processes that compute parts of a search, at most `planner.threads`."""
-    return Workers(partial(_outcome, search), search.solver.settings.threads)
-
-
-def side_by_side(
-    helpers: Helpers[Of],
-    solver: GridSolver,
-    parts: Sequence[Callable[[Of], Value]],
-) -> Iterator[Value]:
-    """Yield the values of parts in their order, once all are computed.
-
-    Raises:
-        OutOfTime: By the watch.
-    """
-    on_demand = solver.program.on_demand
-    for found in helpers.results([Part(part, on_demand) for part in parts]):
-        if isinstance(found.value, OutOfTime):
-            solver.watch.passed(0, found.value)
-            raise found.value
-        solver.watch.passed(found.steps)
-        solver.take_over(found.effort, found.on_demand)
-        if found.progress is not None:
-            starts, rollouts = solver.effort.starts, solver.effort.rollouts
-            solver.watch.report(replace(found.progress, starts=starts, iterations=rollouts))
-        yield found.value
-
-
-def _outcome(search: Of, part: Part[Of, Value]) -> Outcome[Value]:
-    """Compute a part with a solver of its own."""
-    aside, own = search.solver.watch.aside(), copy(search)
-    own.solver = search.solver.beside(aside, part.on_demand)
+def _outcome(
+    compute: Callable[[Part, Watch, Effort], Value], watch: Watch, part: Part
+) -> _Outcome[Value]:
+    aside, effort = watch.aside(), Effort()
     value: Value | OutOfTime
     try:
-        value = part.compute(own)
+        value = compute(part, aside, effort)
     except OutOfTime as end:
         value = end
-    solver = own.solver
-    return Outcome(value, aside.steps, solver.effort, aside.progress, solver.program.on_demand)
+    return _Outcome(value, aside.steps, effort, aside.progress)
