@@ -92,12 +92,12 @@ class PlannerProcess:
 
     @property
     def worker(self) -> int:
-        """Process number of the solver, which every plan is a fork of; the spare one is younger."""
+        """Process number of the solver, whose forks make the plans; the spare one is younger."""
         return self._child_of(self.process.pid)
 
     @property
     def plan(self) -> int:
-        """Process number of the plan that is being made."""
+        """Process number of the one that makes the plan, or made the last one."""
         return self._child_of(self.worker)
 
     def _child_of(self, wanted: int) -> int:

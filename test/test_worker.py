@@ -11,13 +11,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from robots import LEMUR_SCENARIO
 from ros_processes import DEADLINE
 
 from ff_planner_ros.common.process_environment import PLANNING
@@ -27,7 +28,9 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Budget, Progress
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.ros.requests import solver_process
 from ff_planner_ros.ros.requests import worker as module
 from ff_planner_ros.ros.requests.worker import Worker
 
@@ -45,6 +48,12 @@ def worker() -> Iterator[Worker]:
         worker = Worker()
     with closing(worker):
         yield worker
+
+
+@pytest.fixture(scope="module")
+def longer(lemur_capture: PlanningProblem) -> PlanningProblem:
+    """A plan of it takes so long that its progress is told."""
+    return replace(lemur_capture, objective=Objective(0.0, 1.0))
 
 
 SEED = 20260101
@@ -82,11 +91,44 @@ def spare_of(worker: Worker) -> int:
     return worker._servers[1]._process.pid
 
 
-def child(worker: Worker) -> int:
-    """Process number of the plan that is being made."""
+def children(worker: Worker) -> list[int]:
+    """Process numbers of the forks of the one that everything is loaded in."""
     parent = server(worker)
-    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    return int(children[0])
+    numbers = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return [int(number) for number in numbers]
+
+
+def child(worker: Worker) -> int:
+    """Process number of the one that makes the plan, or made the last one."""
+    (number,) = children(worker)
+    return number
+
+
+def wait_for_end(process: int) -> None:
+    """Wait until a process has ended; nobody may have asked for its exit code yet."""
+    give_up = time.monotonic() + DEADLINE
+    with suppress(FileNotFoundError, ProcessLookupError):
+        while Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+            assert time.monotonic() < give_up
+            time.sleep(0.01)
+
+
+@pytest.fixture
+def fresh(worker: Worker) -> Worker:
+    """The worker, when no process has made a plan."""
+    worker.wait_until_warm()
+    for process in children(worker):
+        os.kill(process, signal.SIGKILL)
+        wait_for_end(process)
+    return worker
+
+
+def same(one: Plan, other: Plan) -> bool:
+    """Whether two plans are equal to the last bit."""
+    return one.metrics == other.metrics and all(
+        np.array_equal(getattr(one.trajectory, name), getattr(other.trajectory, name))
+        for name in vars(one.trajectory)
+    )
 
 
 class Loud:
@@ -106,6 +148,23 @@ class Heavy:
         return operator.getitem, ((bytes(2**26), self._task), 1)
 
 
+class Kept:
+    """Keeps memory where it is unpickled, as a library that leaks would."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return exec, (f"import builtins; builtins.kept = b'x' * {2 * solver_process._MOST_GROWTH}",)
+
+
+class Leaking:
+    """A task that leaves its process with much more memory."""
+
+    def __init__(self, task: PlanningTask) -> None:
+        self._task = task
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return operator.getitem, ((Kept(), self._task), 1)
+
+
 class Unlucky(Exception):
     """Somebody has no use for the plan any more."""
 
@@ -115,9 +174,97 @@ def test_a_plan_is_the_same_to_the_last_bit_as_without_it(
 ) -> None:
     here = perform(PlanningTask(lemur_capture, settings))
     there = solve(worker, lemur_capture, settings)
-    assert there.metrics == here.metrics
+    assert same(there, here)
     np.testing.assert_array_equal(there.xi, here.xi)
-    np.testing.assert_array_equal(there.trajectory.joint_positions, here.trajectory.joint_positions)
+
+
+def test_after_other_plans_of_its_process_a_plan_is_the_same_to_the_last_bit(
+    fresh: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    tumbling = load_scenario(LEMUR_SCENARIO.with_name("lemur_tumbling.yaml"))
+    first = {problem: solve(fresh, problem, settings) for problem in (lemur_capture, tumbling)}
+    process = child(fresh)
+    solve(fresh, replace(lemur_capture, points=500), settings)
+    with pytest.raises(NoPlanFound):
+        solve(fresh, lemur_capture, settings, 1e-6)
+    for problem, plan in first.items():
+        assert same(solve(fresh, problem, settings), plan)
+    assert child(fresh) == process
+
+
+def test_a_process_makes_a_bounded_number_of_plans_one_after_another(
+    fresh: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    solve(fresh, lemur_capture, settings)
+    process = child(fresh)
+    for _ in range(solver_process._MOST_PLANS - 1):
+        assert children(fresh) == [process]
+        solve(fresh, lemur_capture, settings)
+    wait_for_end(process)
+    solve(fresh, lemur_capture, settings)
+    assert child(fresh) != process
+
+
+def test_a_process_that_has_grown_makes_no_other_plan(
+    fresh: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    leaking: Any = Leaking(PlanningTask(lemur_capture, settings))
+    fresh.solve(leaking, Budget(LONG), time.monotonic(), nothing, nothing)
+    (process,) = children(fresh) or (None,)
+    if process is not None:
+        wait_for_end(process)
+    solve(fresh, lemur_capture, settings)
+    assert child(fresh) != process
+
+
+@pytest.mark.law("NODE-10")
+@pytest.mark.parametrize("how", ["interrupted", "given up"])
+def test_a_plan_that_is_not_wanted_takes_its_process_with_it(
+    fresh: Worker,
+    lemur_capture: PlanningProblem,
+    longer: PlanningProblem,
+    settings: PlannerSettings,
+    how: str,
+) -> None:
+    solve(fresh, lemur_capture, settings)
+    process = child(fresh)
+
+    def stop(_: Progress) -> None:
+        assert children(fresh) == [process], "the process of the plan before makes this one"
+        if how == "given up":
+            raise Unlucky
+        fresh.interrupt()
+
+    with pytest.raises((Interrupted, Unlucky)):
+        solve(fresh, longer, settings, report=stop)
+    wait_for_end(process)
+    assert solve(fresh, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert child(fresh) != process
+
+
+@pytest.mark.law("NODE-12")
+def test_where_an_idle_process_has_died_another_makes_the_next_plan(
+    fresh: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    solve(fresh, lemur_capture, settings)
+    process = child(fresh)
+    os.kill(process, signal.SIGKILL)
+    wait_for_end(process)
+    assert solve(fresh, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert child(fresh) != process
+
+
+def test_an_idle_process_outlives_neither_its_server_nor_the_worker(
+    lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    with closing(Worker()) as worker:
+        solve(worker, lemur_capture, settings)
+        idle = child(worker)
+        os.kill(server(worker), signal.SIGKILL)
+        wait_for_end(idle)
+        solve(worker, lemur_capture, settings)
+        idle = child(worker)
+    wait_for_end(idle)
 
 
 def test_it_plans_in_the_environment_of_processes_that_plan(worker: Worker) -> None:
@@ -176,10 +323,10 @@ def test_a_budget_that_is_used_up_ends_the_search_and_nothing_else(
 
 
 def test_it_tells_how_far_the_search_has_come(
-    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+    worker: Worker, longer: PlanningProblem, settings: PlannerSettings
 ) -> None:
     reports: list[Progress] = []
-    answer = solve(worker, lemur_capture, settings, report=reports.append)
+    answer = solve(worker, longer, settings, report=reports.append)
     assert reports
     assert {report.phase for report in reports} <= {"searching", "refining", "checking"}
     iterations = [report.iterations for report in reports]
@@ -189,7 +336,10 @@ def test_it_tells_how_far_the_search_has_come(
 
 @pytest.mark.ci
 def test_a_search_that_does_not_look_at_the_clock_is_ended_with_its_process(
-    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    longer: PlanningProblem,
+    settings: PlannerSettings,
 ) -> None:
     """A process that is stopped stands for one in the midst of a long iteration."""
     before = server(worker)
@@ -198,14 +348,17 @@ def test_a_search_that_does_not_look_at_the_clock_is_ended_with_its_process(
         os.kill(child(worker), signal.SIGSTOP)
 
     with pytest.raises(NoPlanFound, match=r"\b3 s is used up within a single") as end:
-        solve(worker, lemur_capture, settings, 3.0, report=freeze)
+        solve(worker, longer, settings, 3.0, report=freeze)
     assert end.value.status is Status.TIMED_OUT
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert server(worker) == before, "only the plan's own process had to go"
 
 
 def test_a_plan_that_is_no_longer_wanted_is_left_though_its_process_says_no_more(
-    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    longer: PlanningProblem,
+    settings: PlannerSettings,
 ) -> None:
     before, frozen = server(worker), threading.Event()
 
@@ -218,7 +371,7 @@ def test_a_plan_that_is_no_longer_wanted_is_left_though_its_process_says_no_more
             raise Unlucky
 
     with pytest.raises(Unlucky):
-        solve(worker, lemur_capture, settings, check=late, report=freeze)
+        solve(worker, longer, settings, check=late, report=freeze)
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert server(worker) == before, "only the plan's own process had to go"
 
@@ -244,11 +397,11 @@ def test_the_budget_runs_from_when_it_is_told_to_have_begun(
 def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_plan_is_made(
     worker: Worker,
     lemur_capture: PlanningProblem,
+    longer: PlanningProblem,
     settings: PlannerSettings,
     times: Callable[[int, int], int],
 ) -> None:
     """Moments are numbers of looks at whether the plan is still wanted."""
-    longer = replace(lemur_capture, objective=Objective(0.0, 1.0))
     solve(worker, lemur_capture, settings)
     before, moments = server(worker), random.Random(SEED)
     for _ in range(times(30, 300)):
@@ -309,26 +462,37 @@ def test_a_server_that_hangs_is_replaced(
 
 
 def test_a_plan_whose_process_is_killed_has_a_status_of_its_own(
-    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    longer: PlanningProblem,
+    settings: PlannerSettings,
 ) -> None:
+    killed: list[int] = []
+
     def kill(_: Progress) -> None:
-        os.kill(child(worker), signal.SIGKILL)
+        if not killed:
+            killed.append(child(worker))
+            os.kill(killed[0], signal.SIGKILL)
 
     with pytest.raises(FfPlannerError, match="exit code -9") as death:
-        solve(worker, lemur_capture, settings, report=kill)
+        solve(worker, longer, settings, report=kill)
     assert death.value.status is Status.SOLVER_DIED
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert child(worker) not in killed
 
 
 def test_a_server_that_is_killed_is_replaced_and_the_plan_is_not_lost(
-    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    longer: PlanningProblem,
+    settings: PlannerSettings,
 ) -> None:
     before = server(worker)
 
     def kill(_: Progress) -> None:
         os.kill(before, signal.SIGKILL)
 
-    assert solve(worker, lemur_capture, settings, report=kill).metrics.min_clearance >= 0.0
+    assert solve(worker, longer, settings, report=kill).metrics.min_clearance >= 0.0
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert server(worker) != before
 
@@ -382,23 +546,30 @@ def test_an_interruption_is_heard_from_the_check_on(
 
 @pytest.mark.parametrize("where", ["check", "report"])
 def test_what_its_callbacks_raise_ends_the_plan(
-    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings, where: str
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    longer: PlanningProblem,
+    settings: PlannerSettings,
+    where: str,
 ) -> None:
     def no_more(*_: Any) -> None:
         raise Unlucky
 
     with pytest.raises(Unlucky):
-        solve(worker, lemur_capture, settings, **{where: no_more})
+        solve(worker, longer, settings, **{where: no_more})
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
 
 
-def test_an_error_that_nobody_foresaw_is_internal_and_ends_nothing(
-    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+def test_an_error_that_nobody_foresaw_is_internal_and_ends_its_process_alone(
+    fresh: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
+    solve(fresh, lemur_capture, settings)
+    process = child(fresh)
     with pytest.raises(FfPlannerError, match="the planner failed: AttributeError") as failure:
-        solve(worker, lemur_capture, None)  # type: ignore[arg-type]
+        solve(fresh, lemur_capture, None)  # type: ignore[arg-type]
     assert failure.value.status is Status.INTERNAL_ERROR
-    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert solve(fresh, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert child(fresh) != process, "nobody knows what state it was in"
 
 
 def test_what_a_library_prints_does_not_garble_the_answers(worker: Worker) -> None:

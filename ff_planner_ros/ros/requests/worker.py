@@ -249,7 +249,7 @@ class _Server:
 
 
 class _PlanProcess:
-    """The process that makes a plan; it ends, at the latest, when it is closed."""
+    """The process that makes a plan; closed before its answer, it ends."""
 
     def __init__(self, control: Connection, data: Connection, request: bytes) -> None:
         self._control, self._data = control, data
@@ -289,11 +289,14 @@ class _PlanProcess:
             if message is None:
                 raise _death(self._exit_code(still_wanted))
             if not isinstance(message, Progress):
+                if not isinstance(message, str):  # after that nobody knows what state it is in
+                    with suppress(OSError):  # its server has died
+                        self._control.send(None)  # it may make the next plan
                 return message
             report(message)
 
     def close(self) -> None:
-        """Let go of it: its server ends it."""
+        """Let go of it: its server ends it, or keeps it for the next plan after an answer."""
         self._control.close()
 
     def _exit_code(self, still_wanted: Callable[[], None]) -> str:
