@@ -70,6 +70,8 @@ def serve(requests: Connection) -> None:
             ready = wait([requests, *plans, *(fork.sentinel for fork in plans.values())])
             for control, fork in list(plans.items()):
                 if control in ready and _is_answered(control):
+                    if idle:
+                        idle.end()
                     idle = fork
                 elif control in ready or fork.sentinel in ready:
                     with suppress(OSError):  # nobody listens
