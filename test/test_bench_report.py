@@ -57,6 +57,7 @@ def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, 
         for row in figures["steadiness"]
     )
     assert {row["method"] for row in figures["equal time"]} == {"ours", "SLSQP", "with restarts"}
+    assert {row["search"] for row in figures["several cores"]} == {"least attitude", "all features"}
     ours = [row for row in figures["methods"] if row["method"] == "ff_planner"]
     assert [row["objective"] for row in ours] == ["min(L)", "min(Theta)", "L + Theta"]
     assert all(row["clearance"] > 0.0 and row["seconds"] > 0.0 for row in ours)

@@ -13,13 +13,12 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.bench import (
-    all_features,
     attitude,
     beliefs,
     captures,
@@ -28,6 +27,7 @@ from ff_planner_ros.bench import (
     methods,
     replanning,
     scaling,
+    several_cores,
     starts,
     success,
 )
@@ -75,12 +75,13 @@ def main(quick: bool, scenarios: int, json_file: str, commit: str) -> None:
 
     Pins the process to one core. See `run_on_one_core` for the arguments.
     """
-    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(cores)})
     made = {"date": time.strftime("%Y-%m-%d"), "commit": commit or "unknown"}
     figures: dict[str, Any] = {"machine": machine() | made, "tables": []}
     for name, value in figures["machine"].items():
         print(f"{name:8}  {value}")
-    for name, found in _measurements(quick, scenarios, load_parameters().planner):
+    for name, found in _measurements(quick, scenarios, load_parameters().planner, cores):
         for table in found.tables:
             print_table(*table)
         for remark in found.remarks:
@@ -92,9 +93,13 @@ def main(quick: bool, scenarios: int, json_file: str, commit: str) -> None:
 
 
 def _measurements(
-    quick: bool, scenarios: int, settings: PlannerSettings
+    quick: bool, scenarios: int, settings: PlannerSettings, cores: Set[int]
 ) -> Iterator[tuple[str, Measurement]]:
-    """Yield name and result of each measurement; if quick, most classes have one problem."""
+    """Yield name and result of each measurement; if quick, most classes have one problem.
+
+    Args:
+        cores: Those of the machine that searches may share.
+    """
 
     def some(most: int) -> int:
         return 1 if quick else min(scenarios, most)
@@ -115,10 +120,11 @@ def _measurements(
     yield "captured", captures.captured_measurement(some(_CAPTURES), settings)
     yield "captures", captures.measurement(some(_CAPTURES), settings)
     yield "free moments", captures.fastest_measurement(some(_FASTEST), settings, quick=quick)
-    yield "all features", all_features.measurement(some(_EVERYTHING), settings, quick=quick)
+    yield "all features", success.all_features_measurement(some(_EVERYTHING), settings, quick=quick)
     yield "steadiness", attitude.measurement(1 if quick else len(attitude.BEST_KNOWN), settings)
     count = 1 if quick else len(attitude.BEST_KNOWN)
     yield "equal time", attitude.equal_time_measurement(count, some(_EVERYTHING), settings)
+    yield "several cores", several_cores.measurement(count, settings, cores)
     yield "executions", beliefs.measurement(some(_EXECUTED), settings)
 
 
