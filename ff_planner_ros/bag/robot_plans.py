@@ -16,7 +16,6 @@ from ff_planner_ros.bag.scenes import (
     AskedScene,
     Stamps,
     asked_scene,
-    is_capture,
     received_scenes,
     scene_at_start,
     stamps_of,
@@ -25,6 +24,7 @@ from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.messages.payloads import payload_in
+from ff_planner_ros.messages.target_bodies import is_capture
 from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
 from ff_planner_ros.planning.motion.plan import Trajectory, begins_of
 from ff_planner_ros.planning.problem.problem import Limits, carried, with_attached

@@ -11,7 +11,7 @@ from ff_planner_ros.common.declared_messages import value_at, values_in
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.messages.obstacles import bodies_of
-from ff_planner_ros.messages.target_bodies import target_body_in
+from ff_planner_ros.messages.target_bodies import captures, target_body_in
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import (
     Obstacle,
@@ -63,8 +63,6 @@ class Received:
 
 def asked_scene(request: Any) -> AskedScene:
     """Return the scene in a decoded request, or in one of its later phases."""
-    phases = (request, *value_at(request, "then", ()))
-    captures = any(map(is_capture, phases))
     has_place = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.POSE
     goal = ("target",) if has_place else ()
     names = (*OF_PROBLEM, *goal)
@@ -76,14 +74,9 @@ def asked_scene(request: Any) -> AskedScene:
             capture_time=value_at(request, "duration", None),
         ),
         obstacles=None if scene is None else obstacles_in(scene),
-        captures=captures,
-        body=None if body is None or not captures else _body_in(body),
+        captures=captures(request),
+        body=None if body is None or not captures(request) else _body_in(body),
     )
-
-
-def is_capture(phase: Any) -> bool:
-    """Return whether the goal of a decoded request or later phase is a capture."""
-    return bool(value_at(phase, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE)
 
 
 def _told(request: Any, name: str) -> Any:

@@ -7,12 +7,23 @@ from typing import Any
 from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
 from ff_planner_ros.errors import fields_named
 from ff_planner_ros.messages.obstacles import attached_bodies_of, require_zero
+from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.scenario.body_file import with_urdf
 
 FIELD = "target_body"  # as topic and field of a request are called
 NAMED_AS = names_in(TargetBody, FIELD, FIELD)  # fields of the message, by those of a scenario
 _FIXED = "the sphere is fixed to the body"
+
+
+def is_capture(phase: Any) -> bool:
+    """Return whether the goal of a request or of one of its later phases is a capture."""
+    return bool(value_at(phase, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE)
+
+
+def captures(request: Any) -> bool:
+    """Return whether any phase of a request captures the target body."""
+    return any(map(is_capture, (request, *value_at(request, "then", ()))))
 
 
 def target_body_in(message: Any) -> TargetBody:

@@ -27,6 +27,7 @@ from ff_planner_ros.messages.plans import (
     plan_from_answer,
     solver_report_from_message,
 )
+from ff_planner_ros.messages.target_bodies import captures
 from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.messages.wheels import wheels_in
 from ff_planner_ros.parameters import NodeParameters
@@ -56,7 +57,6 @@ from ff_planner_ros.ros.inputs.input_topics import (
     TARGET_BODY,
 )
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
-from ff_planner_ros.ros.messages.phases import captures
 from ff_planner_ros.runs.installed import (
     PlanExchange,
     as_installed,

@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.ros.messages.phases import captures
+from ff_planner_ros.messages.target_bodies import captures
 
 
 @dataclass(frozen=True)

@@ -48,12 +48,6 @@ FIELD = "then"
 _NAMES = names_in(Phase) | names_in(PlanningTask) | GOAL_JOINTS
 
 
-def captures(request: PlanRequest) -> bool:
-    """Return whether any phase of a request captures the target body."""
-    goals = [request.goal, *(one.goal for one in value_at(request, FIELD, ()))]
-    return any(goal.kind == GoalKind.CAPTURE for goal in goals)
-
-
 def phases_in(
     request: PlanRequest, robot: Robot, parameters: NodeParameters, body: TargetBody | None
 ) -> tuple[Phase, ...]:

@@ -11,7 +11,7 @@ from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanInputs, PlanRequest
 from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
-from ff_planner_ros.messages.target_bodies import NAMED_AS
+from ff_planner_ros.messages.target_bodies import NAMED_AS, captures
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.watch import Budget
@@ -32,7 +32,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     state_from_message,
     time_in_ns,
 )
-from ff_planner_ros.ros.messages.phases import captures, longest_duration, phases_in
+from ff_planner_ros.ros.messages.phases import longest_duration, phases_in
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.continuing import continued_plan
