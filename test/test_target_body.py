@@ -193,7 +193,7 @@ def test_the_motion_is_the_same_in_every_inertial_frame() -> None:
     grasp, there = moving.grasp(times), seen.grasp(times)
     axes = turn.as_matrix()
     back = there.positions - away - np.outer(times, fast)
-    assert np.abs(back - turn.apply(grasp.positions)).max() < 1e-8
+    assert np.abs(back - turn.apply(+grasp.positions)).max() < 1e-8
     assert np.abs(there.rotations - axes @ grasp.rotations).max() < 1e-9
     both = np.kron(np.eye(2), axes)
     assert np.abs(there.accelerations - grasp.accelerations @ both.T).max() < 1e-9

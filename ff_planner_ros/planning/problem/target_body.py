@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, zero_vector
+from ff_planner_ros.common.arrays import Array, frozen, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import one_of_parts, part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
@@ -234,6 +234,10 @@ class TargetBody:
             point: In axes of the body, from its centre of mass. Shape (3,) [m].
             times: From the plan's first point on. Shape (times,) [s].
         """
+        return _motion(self, frozen(point).tobytes(), frozen(times).tobytes())
+
+    def _motion(self, point: Array, times: Array) -> PointMotion:
+        """Return `motion`, computed."""
         rotations, rates, accelerations, jerks = self._turned(times)
         # The point's derivatives in body axes: u' as the body sees it, plus w x u.
         first = cross(rates, point)
@@ -245,15 +249,14 @@ class TargetBody:
 
         def inertial(linear: Array, angular: Array) -> Array:
             parts = np.stack([linear, angular], axis=1) @ rotations.swapaxes(1, 2)
-            return parts.reshape(-1, 6)
+            return frozen(parts.reshape(-1, 6))
 
-        twists = inertial(first, rates)
-        twists[:, :3] += self.linear_velocity
+        moving = np.append(self.linear_velocity, np.zeros(3))
         centers = self.position + times[:, None] * self.linear_velocity
         return PointMotion(
-            positions=centers + rotations @ point,
-            rotations=rotations,
-            twists=twists,
+            positions=frozen(centers + rotations @ point),
+            rotations=frozen(rotations),
+            twists=frozen(inertial(first, rates) + moving),
             accelerations=inertial(second, accelerations),
             jerks=inertial(third, angular_jerks),
         )
@@ -316,3 +319,9 @@ class TargetBody:
         """Largest angular velocity over all time, but for rounding [rad/s]."""
         to_inertial = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix()
         return fastest_turn(self._relative_inertia, to_inertial, self.angular_velocity)
+
+
+@lru_cache(maxsize=16)
+def _motion(body: TargetBody, point: bytes, times: bytes) -> PointMotion:
+    """Return `TargetBody.motion`: each step of a search asks for the same times."""
+    return body._motion(np.frombuffer(point), np.frombuffer(times))  # noqa: SLF001

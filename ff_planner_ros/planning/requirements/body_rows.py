@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
@@ -67,7 +68,9 @@ def pair_rows(
     distances, jacobian, names, deep = compiled.pair_rows(
         chain_of(robot), bodies_of(robot), at.q, at.sensitivity, OF_INTEREST
     )
-    shape = len(at.q), len(robot.pairs)
+    shape, split = (len(at.q), len(robot.pairs)), split_pairs(problem)
+    near = Rows(distances, jacobian, names)
+    distances, jacobian, names, deep = without_allowed(problem, at, near, deep, shape[1], split)
     if deep.size:  # Coal knows how deep they are in each other
         rows = np.unravel_index(deep, shape)
         placed = placed_bodies(robot, at.q[:, 7:])
@@ -77,11 +80,10 @@ def pair_rows(
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
     # Some pairs are built closer together than the margin: they keep half their start distance.
-    margins, split = np.minimum(margin, room_of_pairs(problem)), split_pairs(problem)
+    margins = np.minimum(margin, room_of_pairs(problem))
     for _, touching in split.at_start:
         margins[touching] = margin
-    kept = Rows(distances - margins[names % shape[1]], jacobian, names)
-    return kept_rows(problem, at, kept, shape[1], split)
+    return Rows(distances - margins[names % shape[1]], jacobian, names)
 
 
 def sphere_rows(
@@ -100,6 +102,8 @@ def sphere_rows(
         times_by_last=at.times_by_last,
     )
     shape = len(at.q), len(robot.bodies), len(problem.spheres)
+    near, of_pairs = Rows(distances, jacobian, names), (shape[1] * shape[2], split_spheres(problem))
+    distances, jacobian, names, deep = without_allowed(problem, at, near, deep, *of_pairs)
     if deep.size:
         rows = np.unravel_index(deep, shape)
         placed = placed_bodies(robot, at.q[:, 7:])
@@ -115,28 +119,36 @@ def sphere_rows(
             )
         jacobian = np.vstack([jacobian, deeper])
     margins = margins_of_rows(margin, room_of_bodies(problem), names, at.times)
-    kept = Rows(distances - margins, jacobian, names)
-    return kept_rows(problem, at, kept, shape[1] * shape[2], split_spheres(problem))
+    return Rows(distances - margins, jacobian, names)
 
 
-def kept_rows(
-    problem: PlanningProblem, at: LookedAt, found: Rows, count: int, split: Split
-) -> Rows:
-    """Return rows without those of allowed contacts, near the goal and near the start.
+def without_allowed(
+    problem: PlanningProblem, at: LookedAt, found: Rows, deep: Indices, count: int, split: Split
+) -> tuple[Array, Array, Indices, Indices]:
+    """Leave out pairs that are allowed to touch, near the goal and near the start.
 
     Args:
         found: Rows whose names are configuration times `count` plus pair.
+        deep: Names of the pairs that are in each other.
         count: Number of pairs: of bodies, or of body and obstacle.
         split: The pairs by whether they may touch.
+
+    Returns:
+        Values, Jacobian and names of the rows that are left, and names of the deep pairs.
     """
     if not problem.allowed_collisions:
-        return found
-    configurations, numbers = np.divmod(found.names, count)
-    kept = np.isin(numbers, split.apart) | (configurations < at.until)
-    for obstacle, touching in split.at_start:
-        first = after_contact(problem, obstacle, at.times, at.q, _WITHIN)
-        kept &= (configurations >= first) | ~np.isin(numbers, touching)
-    return Rows(found.values[kept], found.jacobian[kept], found.names[kept])
+        return *found, deep
+
+    def counts(names: Indices) -> NDArray[np.bool_]:
+        configurations, numbers = np.divmod(names, count)
+        kept = np.isin(numbers, split.apart) | (configurations < at.until)
+        for obstacle, touching in split.at_start:
+            first = after_contact(problem, obstacle, at.times, at.q, _WITHIN)
+            kept &= (configurations >= first) | ~np.isin(numbers, touching)
+        return kept
+
+    kept = counts(found.names)
+    return found.values[kept], found.jacobian[kept], found.names[kept], deep[counts(deep)]
 
 
 @lru_cache(maxsize=2)

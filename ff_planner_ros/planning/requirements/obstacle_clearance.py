@@ -44,8 +44,8 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
     OF_INTEREST,
     along_variables,
-    kept_rows,
     looked_at,
+    without_allowed,
 )
 from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
 from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
@@ -162,6 +162,11 @@ def obstacle_rows(
         times_by_last=at.times_by_last,
     )
     shape = len(at.q), len(robot.bodies), len(obstacles)
+    near, of_pairs = (
+        Rows(distances, jacobian, names),
+        (shape[1] * shape[2], split_obstacles(problem)),
+    )
+    distances, jacobian, names, deep = without_allowed(problem, at, near, deep, *of_pairs)
     if deep.size:  # Coal knows how deep they are in each other
         when, bodies, numbers = np.unravel_index(deep, shape)
         few, which = np.unique(when, return_inverse=True)
@@ -178,5 +183,4 @@ def obstacle_rows(
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
     margins = margins_of_rows(margin, room_of_obstacles(problem), names, at.times)
-    kept = Rows(distances - margins, jacobian, names)
-    return kept_rows(problem, at, kept, shape[1] * shape[2], split_obstacles(problem))
+    return Rows(distances - margins, jacobian, names)
