@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 from scipy.optimize import linprog, nnls
 
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.optimisation import qp
+from ff_planner_ros.planning.optimisation import qp, solver
 from ff_planner_ros.planning.optimisation.linearisation import Linearisation
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.optimisation.solver import minimise, nearest_feasible
@@ -320,6 +321,58 @@ def test_an_equality_holds_and_the_rest_is_as_good_as_it_leaves_it(start):
     solution = minimise(on_circle, np.array(start), 60, 1e-9, 1e-14, 0.1)
     assert solution.feasible
     assert solution.x == pytest.approx(np.array([2.0, 1.0]) / np.sqrt(5.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("angle", [0.5, 1.0, -1.0])
+def test_second_order_corrections_let_full_steps_along_a_curved_equality_pass(angle, monkeypatch):
+    """The example of Maratos, least at (1, 0) on the unit circle: each step leaves the circle."""
+
+    def linearise(x):
+        beside = x @ x - 1.0
+        value = 2.0 * beside - x[0], 4.0 * x - np.array([1.0, 0.0]), np.eye(2)
+        return Linearisation(*value, *NO_ROWS, *NO_ROWS, np.array([beside]), 2.0 * x[None])
+
+    start = np.array([np.cos(angle), np.sin(angle)])
+    solution = minimise(linearise, start, 8, 1e-6, 0.0)
+    assert solution.converged
+    assert solution.x == pytest.approx([1.0, 0.0], abs=1e-6)
+    monkeypatch.setattr(solver, "_second_order_correction", lambda *_: np.full(2, np.inf))
+    without = minimise(linearise, start, 8, 1e-6, 0.0)
+    assert abs(np.arctan2(without.x[1], without.x[0])) > 0.1
+
+
+def test_a_second_order_correction_is_the_shortest_step_to_the_linearised_equalities():
+    """It meets them, and has no part along which they do not change; the rows may depend."""
+    rng = np.random.default_rng(13)
+    for number in range(50):
+        n, count = int(rng.integers(8, 60)), int(rng.integers(1, 8))
+        rows, at_trial = rng.normal(size=(count, n)), rng.normal(size=count)
+        if number % 2:
+            rows, at_trial = np.vstack([rows, rows[0]]), np.append(at_trial, at_trial[0])
+        none = np.empty(0), np.empty((0, n))
+        before, after = (
+            Linearisation(0.0, np.zeros(n), np.eye(n), *none, *none, off, rows)
+            for off in (np.zeros(len(rows)), at_trial)
+        )
+        correction = solver._second_order_correction(before, after)
+        np.testing.assert_allclose(rows @ correction, -at_trial, atol=1e-10, err_msg=str(number))
+        along = null_space(rows).T @ correction
+        np.testing.assert_allclose(along, 0.0, atol=1e-10, err_msg=str(number))
+
+
+def test_a_correction_longer_than_its_step_is_not_tried():
+    """Down the y axis on x / 1000 + y^2 = 0: the correction would be 1000 y^2 along x."""
+    asked = []
+
+    def linearise(x):
+        asked.append(x)
+        equality = np.array([1e-3 * x[0] + x[1] ** 2]), np.array([[1e-3, 2.0 * x[1]]])
+        value = quadratic(x, np.array([1.0, -3.0]))
+        return Linearisation(*value, *NO_ROWS, *NO_ROWS, *equality)
+
+    minimise(linearise, np.zeros(2), 1, 1e-6, 0.0)
+    assert len(asked) == 2
+    assert np.abs(asked).max() <= 0.5
 
 
 def test_equalities_and_inequalities_hold_together():
