@@ -50,13 +50,16 @@ def started(code: str, head: str = HEAD) -> subprocess.Popen[str]:
 
 def run_alone(code: str, head: str = HEAD) -> str:
     process = started(code, head)
-    out, _ = process.communicate()
+    try:
+        out, _ = process.communicate(timeout=600.0)
+    finally:
+        process.kill()  # if it hangs
     assert process.returncode == 0
     return out
 
 
-def ended(process: int, within: float) -> bool:
-    return bool(select.select([process], [], [], within)[0])
+def is_ready(file: int, within: float) -> bool:
+    return bool(select.select([file], [], [], within)[0])
 
 
 @NEEDS_TWO_CORES
@@ -130,11 +133,12 @@ def test_forks_do_not_outlive_the_process_that_they_help() -> None:
             list(workers.results(range(2)))
     """)
     assert process.stdout is not None
+    assert is_ready(process.stdout.fileno(), within=60.0), "no fork has begun a part"
     fork = os.pidfd_open(int(process.stdout.readline()))
-    assert not ended(fork, within=0.0)
+    assert not is_ready(fork, within=0.0)
     process.kill()
     process.wait()
-    assert ended(fork, within=60.0)
+    assert is_ready(fork, within=60.0)
     process.stdout.close()
     os.close(fork)
 

@@ -60,8 +60,8 @@ class Workers(Generic[Part, Result]):
         if not 1 < len(parts) <= _MOST_PARTS or not self._is_shared():
             yield from map(self._compute, parts)
             return
-        asked = [worker for worker in self._workers if _has_sent(worker.link, parts)]
         os.write(self._numbers, bytes(range(len(parts))))
+        asked = [worker for worker in self._workers if _has_sent(worker.link, parts)]
         found = dict(self._computed(parts))
         for worker in asked:
             with suppress(EOFError, OSError):  # it has died: this process does its part
