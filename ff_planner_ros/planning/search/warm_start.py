@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_vector
-from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.motion.followed_path import followed_joints
@@ -97,8 +97,8 @@ def plan_near_remainder(
     """Return the plan near a remainder, if there is one, and a guess for a search without it.
 
     The plan is of the first family with a path within `NEAR` of the remainder, or of the one with
-    the nearest. The remainder itself, if it passes the check, is offered to the watch before the
-    search: it is the answer if time runs out, or if no plan is found near it.
+    the nearest. The remainder itself, if it passes the check, is the answer if no plan is found
+    near it, and is offered to the watch if time runs out.
 
     Args:
         groups: Families of `path_families`.
@@ -106,9 +106,6 @@ def plan_near_remainder(
     Raises:
         OutOfTime: By the watch.
     """
-    unchanged = _unchanged(problem, settings, rest)
-    if unchanged is not None:
-        watch.offer(unchanged)
     paths = list[PathNear]()
     for family in chain.from_iterable(groups):
         paths.append(rest.path_near(problem, family))
@@ -116,11 +113,18 @@ def plan_near_remainder(
             break
     nearest = min(paths, key=lambda path: path.off)
     family, guess = nearest.family, nearest.x
-    problem = replace(problem, parametrisation=Parametrisation(family.name))
-    solver = GridSolver(path_program(problem, family, settings), settings, watch)
-    near = next(plans_near(solver, guess), None)
-    if near is None and unchanged is not None:
-        near = replace(unchanged, solver=solver.effort.report(unchanged.solver))
+    posed = replace(problem, parametrisation=Parametrisation(family.name))
+    solver = GridSolver(path_program(posed, family, settings), settings, watch)
+    try:
+        near = next(plans_near(solver, guess), None)
+    except OutOfTime:
+        unchanged = _unchanged(problem, settings, rest)
+        if unchanged is not None:
+            watch.offer(unchanged)
+        raise
+    if near is None:
+        unchanged = _unchanged(problem, settings, rest)
+        near = unchanged and replace(unchanged, solver=solver.effort.report(unchanged.solver))
     return near, guess
 
 
