@@ -6,6 +6,7 @@ else needs Drake.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
@@ -21,8 +22,10 @@ from ff_planner_ros.robot.momentum import angular_momenta
 from ff_planner_ros.robot.urdf.payload import payload_frame
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
-try:
-    from pydrake.math import RigidTransform
+try:  # others have Drake from here: what its absence means is told once
+    from pydrake import geometry as geometry
+    from pydrake.common.value import AbstractValue as AbstractValue
+    from pydrake.math import RigidTransform as RigidTransform
     from pydrake.multibody.math import SpatialVelocity
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
@@ -58,11 +61,17 @@ class Miss(NamedTuple):
     holding_torque: float
 
 
-def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
+# Told at each point of a plan: Drake's poses of the chaser and of the link that each joint moves,
+# and the time [s].
+Look = Callable[[Sequence[Any], float], None]
+
+
+def flown_in_drake(robot: Robot, trajectory: Trajectory, look: Look | None = None) -> Miss:
     """Execute a plan's torques open loop in Drake, from the plan's first state.
 
     Drake reads the URDF itself. A planar base floats freely: nothing lifts it off its plane. A base
-    that wheels hold is on three prismatic joints along the axes of its root link.
+    that wheels hold is on three prismatic joints along the axes of its root link. Nothing exerts a
+    contact force: shapes are looked at by `look` alone.
     """
     is_held = robot.base is Base.ATTITUDE_HELD
     turn = (
@@ -101,7 +110,7 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
         seen = turn.inv().apply([place, velocity])
         moving += [(slide, *start) for slide, *start in zip(slides, *seen, strict=True)]
     else:
-        plant.SetFreeBodyPose(context, base, RigidTransform(_pose(turn.as_matrix(), place)))
+        plant.SetFreeBodyPose(context, base, RigidTransform(as_pose(turn.as_matrix(), place)))
         plant.SetFreeBodySpatialVelocity(
             context=context, body=base, V_JpJc=SpatialVelocity(rate, velocity)
         )
@@ -117,6 +126,9 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
         simulator.AdvanceTo(float(time))
         pose = plant.EvalBodyPoseInWorld(context, base)
         worst = max(worst, float(np.linalg.norm(pose.multiply(center) - planned)))
+        if look is not None:
+            links = [base, *(joint.child_body() for joint in joints)]
+            look([plant.EvalBodyPoseInWorld(context, link) for link in links], float(time))
         if is_held:
             reactions = plant.get_reaction_forces_output_port().Eval(context)
             held_by.append(reactions[int(slides[-1].index())].rotational())
@@ -141,7 +153,7 @@ def _slides(plant: Any, base: Any, turn: Rotation) -> list[Any]:
     """Put the base on three prismatic joints along its own axes, and return them."""
     turned = plant.AddFrame(
         FixedOffsetFrame(
-            "turned", plant.world_frame(), RigidTransform(_pose(turn.as_matrix(), np.zeros(3)))
+            "turned", plant.world_frame(), RigidTransform(as_pose(turn.as_matrix(), np.zeros(3)))
         )
     )
     slides, parent = [], turned
@@ -160,7 +172,8 @@ def _slides(plant: Any, base: Any, turn: Rotation) -> list[Any]:
     return slides
 
 
-def _pose(rotation: Array, position: Array) -> Any:
+def as_pose(rotation: Array, position: Array) -> Any:
+    """Return a pose as a matrix, of which Drake makes its own. Shape (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
