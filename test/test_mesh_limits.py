@@ -2,17 +2,23 @@
 
 import re
 import string
+import subprocess
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
 import pytest
+import yaml
+from robots import LEMUR_SCENARIO, LEMUR_URDF
 from test_meshes import BOX, ENDS, body_of, dae, loaded, sphere, stl, urdf_with
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.model import load_robot
+from ff_planner_ros.robot.urdf import mesh_process, meshes
 from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES
 from ff_planner_ros.robot.urdf.mesh_reader import MAX_BYTES, MAX_SECONDS
 from ff_planner_ros.robot.urdf.meshes import MAX_FILE
@@ -148,6 +154,47 @@ def test_every_mesh_of_the_documented_size_is_read_in_its_processor_time(
     (tmp_path / "large.stl").write_bytes(content)
     robot = loaded(tmp_path, '<mesh filename="large.stl"/>')
     assert 0 < body_of(robot).solid.num_points <= MAX_VERTICES
+
+
+def scenario_among_meshes(directory: Path, count: int) -> Path:
+    """Write the paper's capture with meshes of equal files far away, and none of its spheres."""
+    document = yaml.safe_load(LEMUR_SCENARIO.read_text("utf-8"))
+    document["robot"]["urdf"] = str(LEMUR_URDF)
+    document["obstacles"] = []
+    for number in range(count):
+        (directory / f"{number}.stl").write_bytes(stl(BOX))
+        shape = {"mesh": {"file": f"{number}.stl"}}
+        document["obstacles"].append(
+            {"id": f"m{number}", "shape": shape, "position": [9.0, 3.0 * number, 0.0]}
+        )
+    path = directory / "capture.yaml"
+    path.write_text(yaml.safe_dump(document), "utf-8")
+    return path
+
+
+def test_all_meshes_of_obstacles_are_read_in_one_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started, start = list[object](), subprocess.Popen
+
+    def counted(*program: Any, **how: Any) -> Any:
+        started.append(program)
+        return start(*program, **how)
+
+    monkeypatch.setattr(mesh_process.subprocess, "Popen", counted)
+    problem = load_scenario(scenario_among_meshes(tmp_path, 5))
+    assert [one.solid.kind for one in problem.obstacle_bodies] == 5 * ["mesh"]
+    assert len(started) == 1
+
+
+def test_files_of_obstacles_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As those of a robot do, and as docs/reference/files.md says."""
+    size = len(stl(BOX))
+    monkeypatch.setattr(meshes, "MAX_FILES", 3 * size)
+    assert len(load_scenario(scenario_among_meshes(tmp_path, 3)).obstacles) == 3
+    words = rf"obstacles\[3\]\S* .*all files together have more than {3 * size} bytes"
+    with pytest.raises(InvalidInput, match=words):
+        load_scenario(scenario_among_meshes(tmp_path, 4))
 
 
 def test_a_binary_stl_is_read_as_assimp_reads_it(tmp_path: Path) -> None:

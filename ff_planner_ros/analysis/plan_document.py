@@ -33,6 +33,7 @@ from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
+from ff_planner_ros.robot.urdf.meshes import Meshes
 
 _ROBOT = ("urdf", "base_link", "tip_link")
 
@@ -190,10 +191,11 @@ def _asked_in(answer: Any) -> dict[str, Any]:
     faults.refuse()
     if "obstacles" in asked:
         # It carries the hulls of its meshes, and names no files.
-        asked["obstacles"] = tuple(
-            with_mesh_read(one, f"obstacles[{index}]", None)
-            for index, one in enumerate(asked["obstacles"])
-        )
+        with Meshes(None) as meshes:
+            asked["obstacles"] = tuple(
+                with_mesh_read(one, f"obstacles[{index}]", meshes)
+                for index, one in enumerate(asked["obstacles"])
+            )
     if {"obstacles", "target_body"} <= asked.keys():
         asked["obstacles"] += tuple(attached(asked["target_body"]))
     return asked

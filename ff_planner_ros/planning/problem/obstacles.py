@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import ClassVar, TypeAlias, TypeVar
 
 import numpy as np
@@ -29,6 +28,7 @@ from ff_planner_ros.planning.problem.target_body import (
 from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
+from ff_planner_ros.robot.urdf.meshes import Meshes
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,26 +275,28 @@ def bodies_in(obstacles: Sequence[Obstacle]) -> tuple[ObstacleBody, ...]:
     return tuple(one for one in obstacles if isinstance(one, ObstacleBody))
 
 
-def with_mesh_read(one: InTheWay, told: str, directory: Path | None) -> InTheWay:
+def with_mesh_read(one: InTheWay, told: str, meshes: Meshes) -> InTheWay:
     """Return an obstacle with its mesh file read, or as a `Sphere` if its shape is one.
 
     Args:
         told: Name of its field in errors.
-        directory: Where paths of files start; None: no file may be read.
+        meshes: Reads mesh files.
 
     Raises:
         InvalidInput: The file cannot be read, or its mesh has no convex hull.
     """
     if isinstance(one, ObstacleBody | AttachedBody) and isinstance(one.shape, MeshFile):
-        one = replace(one, shape=one.shape.load(f"{told}.shape.mesh", directory))
+        one = replace(one, shape=one.shape.load(f"{told}.shape.mesh", meshes))
     return simplest(one) if isinstance(one, ObstacleBody) else one
 
 
-def simplest(body: ObstacleBody) -> Obstacle:
-    """Return a body as it is, or as a `Sphere` if its shape is one."""
-    if body.solid.kind != "sphere":
-        return body
-    return Sphere(body.id, body.position, float(body.solid.sizes[0]), body.velocity)
+def simplest(one: Obstacle) -> Obstacle:
+    """Return an obstacle as it is, or as a `Sphere` if it is a body of that shape."""
+    if isinstance(one, Sphere) or one.solid.kind != "sphere":
+        return one
+    radius = float(one.solid.sizes[0]) + one.solid.grown
+    place = None if one.place_in_body is None else one.place_in_body.translation
+    return Sphere(one.id, one.position, radius, one.velocity, one.body, place)
 
 
 def carried(obstacles: Sequence[Kind], time: float) -> tuple[Kind, ...]:
@@ -321,11 +323,8 @@ def attached(body: TargetBody) -> Iterator[Obstacle]:
     now = np.zeros(1)
     for one in body.obstacles:
         if isinstance(one, AttachedBody):
-            fixed = _attached_body(one, body)
-            if fixed.solid.kind != "sphere":
-                yield fixed
-                continue
-            one = AttachedSphere(one.id, one.position, float(fixed.solid.sizes[0]))
+            yield simplest(_attached_body(one, body))
+            continue
         motion = body.motion(one.center, now)
         center, velocity = motion.positions[0], motion.twists[0, :3]
         yield Sphere(one.id, center, one.radius, velocity, body, one.center)

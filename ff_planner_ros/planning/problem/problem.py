@@ -37,6 +37,7 @@ from ff_planner_ros.planning.problem.obstacles import (
     bodies_in,
     carried,
     require_foretold,
+    simplest,
     spheres_in,
     with_attached,
 )
@@ -218,7 +219,8 @@ class PlanningProblem:
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
         check_declared(self, "")
-        # In the order of messages, which have an array of each.
+        # As messages bring them: a ball is a sphere, and there is an array of each.
+        object.__setattr__(self, "obstacles", tuple(map(simplest, self.obstacles)))
         object.__setattr__(self, "obstacles", (*self.spheres, *self.obstacle_bodies))
         window = self.duration_range
         if window is not None and not window.minimum <= self.duration <= window.maximum:

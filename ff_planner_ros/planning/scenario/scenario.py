@@ -47,6 +47,7 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import SLIDE_WEIGHT, SLIDE_WEIGHTS, Base, Robot, load_robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 
 # A scenario names no frame, since it has one; messages about it must.
@@ -242,9 +243,10 @@ def _read_meshes(read: dict[str, Any], place: str, directory: Path, faults: Faul
 
     def loaded(told: str, entries: Sequence[InTheWay]) -> tuple[InTheWay, ...]:
         found = list[InTheWay]()
-        for index, one in enumerate(entries):
-            with faults.gathered():
-                found.append(with_mesh_read(one, f"{told}[{index}]", directory))
+        with Meshes(directory) as meshes:
+            for index, one in enumerate(entries):
+                with faults.gathered():
+                    found.append(with_mesh_read(one, f"{told}[{index}]", meshes))
         return tuple(found)
 
     if "obstacles" in read:

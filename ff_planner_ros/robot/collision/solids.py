@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import coal
@@ -145,12 +144,12 @@ class MeshFile:
     file: str
     scale: tuple[float, ...]
 
-    def load(self, told: str, directory: Path | None) -> Solid:
+    def load(self, told: str, meshes: Meshes) -> Solid:
         """Read the mesh and return its convex hull.
 
         Args:
             told: Field of the mesh in errors.
-            directory: Directory that its path is relative to; None: no file may be read.
+            meshes: Reads it, from the directory that its path is relative to.
 
         Raises:
             InvalidInput: The file cannot be read within the limits of a robot's meshes, or the mesh
@@ -158,8 +157,7 @@ class MeshFile:
         """
         scale = np.array(self.scale)
         try:
-            with Meshes(directory) as meshes:
-                corners, _, share = meshes.convex(self.file, scale)
+            corners, _, share = meshes.convex(self.file, scale)
         except NoSolid as fault:
             allowed = str(fault)
             raise InvalidInput(Status.OUT_OF_RANGE, f"{told}.file", self.file, allowed) from None

@@ -28,7 +28,7 @@ from ff_planner_ros.robot.collision.solids import (
     Solid,
 )
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.robot.urdf.meshes import EMBEDDED
+from ff_planner_ros.robot.urdf.meshes import EMBEDDED, Meshes
 from ff_planner_ros.robot.urdf.srdf import MayTouch, write_pairs
 
 if TYPE_CHECKING:
@@ -124,7 +124,8 @@ class Payload:
         Raises:
             InvalidInput: A mesh cannot be read, or has no hull.
         """
-        return replace(self, shapes=tuple(_loaded(shape, directory) for shape in self.shapes))
+        with Meshes(directory) as meshes:
+            return replace(self, shapes=tuple(_loaded(shape, meshes) for shape in self.shapes))
 
 
 def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -> Robot:
@@ -182,11 +183,11 @@ def _require_moved_link(robot: Robot, link: str) -> None:
         raise InvalidInput(Status.OUT_OF_RANGE, f"{FIELD}.link", quoted(link), allowed)
 
 
-def _loaded(shape: HeldShape, directory: Path | None) -> HeldShape:
+def _loaded(shape: HeldShape, meshes: Meshes) -> HeldShape:
     if isinstance(shape.shape, Solid):
         return shape
     told = f"{FIELD}.shapes[{shape.id}].shape.{MESH}"
-    return replace(shape, shape=shape.shape.load(told, directory))
+    return replace(shape, shape=shape.shape.load(told, meshes))
 
 
 def _urdf_with(urdf: str, payload: Payload, touching: Sequence[str]) -> str:

@@ -59,6 +59,7 @@ from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.collision.solids import MESH, MeshFile
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.messages.interfaces import entry_of
 
@@ -291,7 +292,7 @@ def _body_message(body: ObstacleBody | AttachedBody | HeldShape) -> ObstacleMess
     message: ObstacleMessage = write_object(body, ObstacleMessage(), entry_of)
     shape = body.shape
     if isinstance(shape, MeshFile):
-        shape = shape.load(f"obstacles[{body.id}].shape.mesh", None)
+        shape = shape.load(f"obstacles[{body.id}].shape.mesh", Meshes(None))
     if shape.kind == MESH:
         corners = shape.corners.tolist()
         message.mesh = [Mesh(vertices=[Point(x=x, y=y, z=z) for x, y, z in corners])]
