@@ -17,9 +17,11 @@ from ff_planner_ros.common.arrays import Array, Indices, frozen
 from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base
 from ff_planner_ros.planning.distance.body_distances import (
     Distances,
+    PlacedSolid,
     between_spheres,
     coal_request,
     has_failed,
+    measured_otherwise,
     sphere_bounds,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at
@@ -193,6 +195,15 @@ def obstacle_distances(
         distance[row] = measure(here, there, request, result)
         point[row] = result.getNearestPoint2()
         normal[row] = result.normal
+    for row in np.flatnonzero(has_failed(distance, normal) | (distance < 0.0)).tolist():
+        time, body, number = (int(each[row]) for each in rows)
+        here.setTransform(placed.rotations[time, body], placed.positions[time, body])
+        there.setTransform(poses.rotations[time, number], poses.positions[time, number])
+        first = PlacedSolid(robot.bodies[body].solid, here)
+        second = PlacedSolid(obstacles[number].solid.geometry, there)
+        found = measured_otherwise(first, second, distance[row], normal[row])
+        if found is not None:
+            distance[row], point[row], normal[row] = found
     for row in np.flatnonzero(has_failed(distance, normal)).tolist():
         time, body, number = (int(each[row]) for each in rows)
         solid = obstacles[number].solid
@@ -207,9 +218,14 @@ def distance_between(
     first: coal.CollisionGeometry, at: pin.SE3, second: coal.CollisionGeometry, there: pin.SE3
 ) -> float:
     """Return the signed distance of two solids whose poses are in one frame [m]."""
-    places = [coal.Transform3s(place.rotation, place.translation) for place in (at, there)]
+    one, other = (
+        PlacedSolid(solid, coal.Transform3s(place.rotation, place.translation))
+        for solid, place in ((first, at), (second, there))
+    )
     result = coal.DistanceResult()
-    return float(coal.distance(first, places[0], second, places[1], coal_request(), result))
+    distance = float(coal.distance(*one, *other, coal_request(), result))
+    found = measured_otherwise(one, other, distance, np.array(result.normal))
+    return distance if found is None else found[0]
 
 
 @lru_cache(maxsize=4096)

@@ -1,0 +1,246 @@
+"""Distances of solids that are apart, touch, or are deep in each other, against bounds that agree.
+
+Those of the compiled core, which knows nothing of cores that meet, and those of the check, which
+the search takes for solids that are deep in each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from bodied_robots import random_robot, random_solid
+from exact_solids import AGREED, Placed, gap_along, signed_distance
+from scipy.spatial.transform import Rotation
+from test_body_distances import configurations
+from test_obstacle_shapes import FAR, core_rows
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_distances import (
+    Distances,
+    pair_distances,
+    sphere_distances,
+)
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    distance_between,
+    obstacle_distances,
+    seen_from_chaser,
+)
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.solids import Solid
+from ff_planner_ros.robot.model import Robot
+
+KINDS = ("box", "cylinder", "capsule", "cone", "mesh", "sphere")
+STATES = ("apart", "touching", "deep")
+OF_EACH = 3  # pairs of a group in each state
+# Of those that are apart 1.2e-7 was measured by Coal, 1.9e-7 by the core [m].
+EXACT = 1e-6
+# Coal's depth where cores meet of which one is curved: 2.5e-6 measured, nearly always too little.
+EXACT_IN_CURVED = 4e-6
+# Cores that come so near are in each other for the core [m], which knows this to a hundredth.
+CORES_MEET, SURELY = 1e-6, 1e-8
+
+
+class Group(NamedTuple):
+    """A solid, others, how far they are from it, and how far what is in their middle is."""
+
+    first: Placed
+    others: list[Placed]
+    truth: Array  # shape (others,) [m]
+    of_cores: Array  # likewise; those of two boxes are the boxes
+
+
+def random_placed(rng: np.random.Generator, kind: str) -> Placed:
+    turn = Rotation.random(random_state=rng).as_matrix()
+    return Placed(random_solid(rng, kind), turn, rng.normal(0.0, 0.5, 3))
+
+
+def random_group(rng: np.random.Generator, kind: str, other: str) -> Group:
+    """Others in any direction, moved to their distances along the normals between them."""
+    first, others, truth, of_cores = random_placed(rng, kind), [], [], []
+    for number in range(OF_EACH * len(STATES)):
+        one, away = random_placed(rng, other), rng.normal(size=3)
+        reach = first.solid.reach + one.solid.reach + rng.uniform(0.01, 0.3)
+        one = replace(one, position=first.position + reach * away / np.linalg.norm(away))
+        before, way = signed_distance(first, one)
+        state = STATES[number % len(STATES)]
+        smaller = min(first.width, one.width)
+        wanted = {
+            "apart": rng.uniform(0.0, 1.0) ** 4,
+            "touching": 0.0,
+            "deep": -rng.uniform(0.0, 0.75) * smaller,
+        }[state]
+        one = replace(one, position=one.position + (wanted - before) * way)
+        # Out of what is deep another way may be shorter.
+        found = signed_distance(first, one)[0] if state == "deep" else wanted
+        assert found >= wanted - AGREED
+        others.append(one)
+        truth.append(found)
+        of_cores.append(found + first.radius + one.radius)
+    return Group(first, others, np.array(truth), np.array(of_cores))
+
+
+def robot_of(arm: Robot, *solids: Placed) -> Robot:
+    """A chaser of these solids; the first must touch none of the others."""
+    bodies = []
+    for number, one in enumerate(solids):
+        place = pin.SE3(one.rotation, one.position)
+        around = place.act(one.solid.center), one.solid.radius
+        bodies.append(Body(str(number), "bus", 1, one.solid.geometry, place, *around))
+    pairs = tuple((0, number) for number in range(1, len(solids)))
+    return replace(arm, bodies=tuple(bodies), pairs=pairs)
+
+
+def obstacle_of(number: int, one: Placed) -> ObstacleBody:
+    return ObstacleBody(
+        str(number), one.solid, one.position, Rotation.from_matrix(one.rotation).as_quat()
+    )
+
+
+def known(rows: tuple[Any, ...], count: int) -> Array:
+    """Return the core's distances, and nan where it does not know."""
+    distances, _, names, unknown = rows
+    found = np.full(count, np.nan)
+    found[names] = distances
+    assert sorted([*names, *unknown]) == list(range(count))
+    return found
+
+
+def answers(arm: Robot, group: Group) -> tuple[dict[str, Array], dict[str, Distances]]:
+    """Return the distances that the core finds, and those of the check, each in every way."""
+    count = len(group.others)
+    alone, together = robot_of(arm, group.first), robot_of(arm, group.first, *group.others)
+    q, now = configurations(arm, 1, 1), np.zeros(1)
+    q[0, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    columns = np.zeros((1, 6 + arm.joints, 1))
+    placed, together_placed = (placed_bodies(robot, q[:, 7:]) for robot in (alone, together))
+    rows, of_pairs = (
+        tuple(np.indices(shape).reshape(len(shape), -1)) for shape in ((1, 1, count), (1, count))
+    )
+    obstacles = tuple(obstacle_of(*one) for one in enumerate(group.others))
+    poses = seen_from_chaser(q, now, obstacles)
+    pairs = compiled.pair_rows(chain_of(together), bodies_of(together), q, columns, FAR)
+    core = {
+        "obstacles": known(core_rows(alone, q, now, obstacles, FAR), count),
+        "pairs": known(pairs, count),
+    }
+    checked = {
+        "obstacles": obstacle_distances(alone, placed, poses, obstacles, rows),
+        "pairs": pair_distances(together, together_placed, of_pairs),
+    }
+    if group.others[0].solid.kind == "sphere":
+        spheres = [Sphere(str(k), one.position, one.radius) for k, one in enumerate(group.others)]
+        of = chain_of(alone), bodies_of(alone), q, columns, now, spheres_of(spheres, 0.0), FAR
+        core["spheres"] = known(compiled.sphere_rows(*of), count)
+        centers = np.array([[one.center for one in spheres]])
+        radii = np.array([one.radius for one in spheres])
+        checked["spheres"] = sphere_distances(alone, placed, centers, radii, rows)
+    return core, checked
+
+
+@pytest.mark.parametrize("other", KINDS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_solids_are_as_far_apart_as_bounds_on_both_sides_say(
+    kind: str, other: str, times: Callable[[int, int], int]
+) -> None:
+    """Ten thousand pairs in CI: a third apart, a third touching, a third deep in each other."""
+    rng = np.random.default_rng([KINDS.index(kind), KINDS.index(other)])
+    arm, deep, cases = random_robot(1), 0, times(31, 62)
+    for case in range(cases):
+        group = random_group(rng, kind, other)
+        core, checked = answers(arm, group)
+        deep += (group.truth < -AGREED).sum()
+        for way, number in product(checked, range(len(group.others))):
+            where = f"{kind} {other} {case} {number} {way}"
+            require_distances(group, number, way, core[way][number], checked[way], where)
+    assert deep > cases * OF_EACH / 2, "what is moved through a thin solid is apart again"
+
+
+def require_distances(
+    group: Group, number: int, way: str, core: float, checked: Distances, where: str
+) -> None:
+    """Hold the core's distance, and that of the check with its normal, against the truth."""
+    first, one = group.first, group.others[number]
+    truth, of_cores = group.truth[number], group.of_cores[number]
+    is_curved = first.is_curved or one.is_curved
+    if np.isnan(core):
+        assert of_cores < CORES_MEET + SURELY, where
+    else:
+        assert core == pytest.approx(truth, abs=EXACT), where
+        # How deep a point is in a box or cylinder the core knows.
+        has_formula = way == "spheres" and first.solid.kind in ("box", "cylinder")
+        assert of_cores > CORES_MEET - SURELY or has_formula, where
+    in_curved = is_curved and of_cores < CORES_MEET
+    exact = EXACT_IN_CURVED if in_curved else EXACT
+    assert checked.distance[number] == pytest.approx(truth, abs=exact), where
+    if not in_curved:  # or Coal's normal is none of theirs at one pair in twenty that touch
+        gap = gap_along(first, one, checked.normal[number])
+        assert gap == pytest.approx(truth, abs=EXACT), where
+
+
+@pytest.mark.parametrize(
+    ("kind", "other", "seed"),
+    [
+        *(("box", "cone", 671), ("box", "cone", 927), ("cone", "box", 323), ("cone", "box", 5422)),
+        *(("box", "cylinder", 1719), ("mesh", "box", 71), ("mesh", "box", 537)),
+    ],
+)
+def test_solids_that_touch_are_not_told_as_deep_where_coal_fails(
+    kind: str, other: str, seed: int
+) -> None:
+    """It does so in this order; the spheres around both are decimetres in each other."""
+    rng, away = np.random.default_rng(seed), np.array([1.0, 0.0, 0.0])
+    first, one = random_placed(rng, kind), random_placed(rng, other)
+    apart = first.position + (first.solid.reach + one.solid.reach) * away
+    one = replace(one, position=apart)
+    distance, way = signed_distance(first, one)
+    one = replace(one, position=apart - distance * way)
+    _, checked = answers(random_robot(1), Group(first, [one], np.zeros(1), np.zeros(1)))
+    for found in checked.values():
+        assert found.distance[0] == pytest.approx(0.0, abs=EXACT_IN_CURVED)
+        assert np.linalg.norm(found.normal[0]) == pytest.approx(1.0)
+    assert between(first, one) == pytest.approx(0.0, abs=EXACT_IN_CURVED)
+
+
+def between(first: Placed, second: Placed) -> float:
+    places = [pin.SE3(one.rotation, one.position) for one in (first, second)]
+    return distance_between(first.solid.geometry, places[0], second.solid.geometry, places[1])
+
+
+@pytest.mark.parametrize("grown", [0.0, 0.05])
+@pytest.mark.parametrize(
+    ("middle", "depth", "out"),
+    [
+        ([0.0, 0.0, 0.9], 0.1, [0.0, 0.0, 1.0]),  # on the axis, near an end
+        ([0.1, 0.2, -0.8], 0.2, [0.0, 0.0, -1.0]),
+        ([0.0, 0.45, 0.9], 0.05, [0.0, 1.0, 0.0]),
+        ([-0.3, 0.0, 0.2], 0.2, [-1.0, 0.0, 0.0]),
+        ([0.4, 0.0, 0.95], 0.05, [0.0, 0.0, 1.0]),
+        ([0.3, 0.4, 1.1], -0.1, [0.0, 0.0, 1.0]),  # the middle is outside
+    ],
+)
+def test_a_sphere_in_a_cylinder_leaves_by_the_nearest_face_be_it_an_end(
+    middle: list[float], depth: float, out: list[float], grown: float
+) -> None:
+    """By hand: a cylinder of one metre in diameter and two in length, in any pose."""
+    turn = Rotation.from_rotvec([0.3, -1.0, 0.7]).as_matrix()
+    place, tube = np.array([0.2, -0.1, 0.4]), Solid("cylinder", np.array([0.5, 2.0]), grown=grown)
+    ball = Solid("sphere", np.array([0.2]))
+    held, inside = Placed(tube, turn, place), Placed(ball, turn, place + turn @ middle)
+    truth = -depth - 0.2 - grown
+    for first, second, sign in ((held, inside, 1.0), (inside, held, -1.0)):
+        group = Group(first, [second], np.array([truth]), np.array([-depth]))
+        _, checked = answers(random_robot(1), group)
+        for way in ("obstacles", "pairs"):
+            assert checked[way].distance[0] == pytest.approx(truth, abs=1e-9), way
+            assert checked[way].normal[0] == pytest.approx(sign * turn @ out, abs=1e-7), way
+        assert between(first, second) == pytest.approx(truth, abs=1e-9)
