@@ -292,7 +292,8 @@ def _body_message(body: ObstacleBody | AttachedBody | HeldShape) -> ObstacleMess
     message: ObstacleMessage = write_object(body, ObstacleMessage(), entry_of)
     shape = body.shape
     if isinstance(shape, MeshFile):
-        shape = shape.load(f"obstacles[{body.id}].shape.mesh", Meshes(None))
+        with Meshes(None) as meshes:
+            shape = shape.load(f"obstacles[{body.id}].shape.mesh", meshes)
     if shape.kind == MESH:
         corners = shape.corners.tolist()
         message.mesh = [Mesh(vertices=[Point(x=x, y=y, z=z) for x, y, z in corners])]
