@@ -10,10 +10,12 @@ import pinocchio as pin
 import pytest
 from bodied_robots import body_placements, coal_distance
 from robots import CONFIG
+from shaped_problems import SOLIDS
 
 from ff_planner_ros.analysis.drawing.before_plan import figure_before_plan
 from ff_planner_ros.analysis.scene_distances import gaps_at_goal, gaps_at_start
 from ff_planner_ros.cli import main
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.configuration import configuration
@@ -105,3 +107,16 @@ def test_the_command_prints_distances_and_writes_a_page(
     }
     assert told[name] in printed
     assert str(page) in printed
+
+
+def test_the_command_tells_of_meshes_whose_hulls_are_larger(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = load_scenario(SCENARIOS / "panel_capture.yaml")
+    solid = replace(SOLIDS["mesh"], hull_share=1.5)
+    dish = ObstacleBody("dish", solid, np.full(3, 9.0))
+    changed = replace(problem, obstacles=(*problem.obstacles, dish))
+    name = "ff_planner_ros.planning.scenario.scenario.load_scenario"
+    monkeypatch.setattr(name, lambda _: changed)
+    assert main(["scene", "panel_capture.yaml", "--output", str(tmp_path / "page.html")]) == 0
+    assert "which have more volume: dish by 50 %" in capsys.readouterr().err

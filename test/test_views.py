@@ -1,13 +1,14 @@
 """Views that open ready-made: every topic, field and frame in them is one that the node has.
 
 Foxglove and RViz are not here: their files are read as JSON and YAML, and held against the node's
-table of interfaces and its messages. Rerun itself checks the blueprint in CI.
+table of interfaces and its messages. Rerun itself checks its files in CI.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 import venv
@@ -21,6 +22,7 @@ import yaml
 from ff_planner_msgs.msg import ObstacleArray
 from robots import CONFIG
 from test_node_interfaces import INTERFACES, ROW, Interface
+from visualization_msgs.msg import Marker
 
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.ros.messages import foreign  # noqa: F401 (finds the messages of /tf)
@@ -123,6 +125,18 @@ def test_rvizs_displays_hear_what_the_node_publishes() -> None:
             assert f"{display['TF Prefix']}/" == parameters.tf.preview_prefix
 
 
+def test_the_scene_for_rerun_knows_markers() -> None:
+    text = (VIEWS / "rerun_scene.py").read_text(encoding="utf-8")
+    assert TABLE["/markers"].type == "visualization_msgs/msg/MarkerArray"
+    assert 'topics=["/markers"]' in text
+    types = dict(re.findall(r"^    ([A-Z_]+) = (\d+)$", text, re.MULTILINE))
+    assert {name: getattr(Marker, name) for name in types} == {
+        name: int(number) for name, number in types.items()
+    }
+    drawn = (CONFIG.parent / "ff_planner_ros/ros/outputs/markers.py").read_text(encoding="utf-8")
+    assert set(re.findall(r"Marker\.([A-Z_]+)", drawn)) - {"DELETEALL"} == {*types}
+
+
 def test_reruns_blueprint_names_topics() -> None:
     text = (VIEWS / "rerun_blueprint.py").read_text(encoding="utf-8")
     named = set(re.findall(r'"(/\w+)"', text))
@@ -132,34 +146,38 @@ def test_reruns_blueprint_names_topics() -> None:
 
 
 @pytest.mark.ci
-def test_rerun_reads_the_blueprint_that_the_script_writes(tmp_path: Path) -> None:
+def test_rerun_reads_what_the_scripts_write(tmp_path: Path) -> None:
     venv.create(tmp_path / "rerun")
     binaries, uv = tmp_path / "rerun" / "bin", Path(sys.prefix) / "bin" / "uv"
     for_it = ["--python", str(binaries / "python")]
     pip = [str(uv), "pip", "install", *for_it]
     if not uv.exists():
         pip = [sys.executable, "-m", "pip", *for_it, "install"]
-    if subprocess.run([*pip, "--quiet", "rerun-sdk>=0.28"], check=False).returncode:
+    wanted = ("rerun-sdk>=0.28", "mcap-ros2-support")
+    if subprocess.run([*pip, "--quiet", *wanted], check=False).returncode:
         pytest.skip("rerun-sdk cannot be had here")
-    made, script = tmp_path / "planner.rbl", VIEWS / "rerun_blueprint.py"
-    bag = tmp_path / "run_0.mcap"
-    subprocess.run([str(binaries / "python"), str(script), str(bag), str(made)], check=True)
-    verified = subprocess.run(
-        [str(binaries / "rerun"), "rrd", "verify", str(made)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert verified.returncode == 0, verified.stderr
-    assert "1 file verified without error" in verified.stdout + verified.stderr
+    bag, blueprint = tmp_path / "run_0.mcap", tmp_path / "planner.rbl"
+    shutil.copy(next((Path(__file__).parent / "golden_bags/node_0_2").glob("*.mcap")), bag)
     # Rerun shows a file by the blueprint whose application is named as the file is.
-    printed = subprocess.run(
-        [str(binaries / "rerun"), "rrd", "print", str(made)],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert f'"{bag.stem}"' in printed.stdout
+    run = f'"{bag.stem}"'
+    scene, recorded = tmp_path / "planner.rrd", (run, "/drawn/obstacles/0 ", "/drawn/bodies/4 ")
+    for script, made, words in (
+        ("rerun_blueprint.py", blueprint, (run,)),
+        ("rerun_scene.py", scene, (*recorded, "/planned_joint_states ", "/view/")),
+    ):
+        written = [str(binaries / "python"), str(VIEWS / script), str(bag), str(made)]
+        subprocess.run(written, check=True)
+        told = []
+        for verb in ("verify", "print"):
+            found = subprocess.run(
+                [str(binaries / "rerun"), "rrd", verb, str(made)],
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            told.append(found.stdout + found.stderr)
+        assert "1 file verified without error" in told[0]
+        assert all(word in told[1] for word in words)
 
 
 @pytest.mark.parametrize("topic", [*TABLE])

@@ -126,9 +126,10 @@ def show_scene(options: Namespace) -> int:
     from ff_planner_ros.analysis.drawing.before_plan import save_before_plan
     from ff_planner_ros.analysis.scene_distances import gaps_at_goal, gaps_at_start
     from ff_planner_ros.planning.scenario.scenario import load_scenario
+    from ff_planner_ros.planning.task.notes import hull_notes
 
     problem = load_scenario(options.scenario)
-    print_notes(problem.robot.notes)
+    print_notes([*problem.robot.notes, *hull_notes(problem.obstacle_bodies)])
     start, goal = gaps_at_start(problem), gaps_at_goal(problem)
     _print_gaps("At the start", start)
     if goal is None:

@@ -50,6 +50,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     target_body_message,
     time_message,
 )
+from ff_planner_ros.ros.outputs.markers import plan_markers
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STATE_QOS
 from ff_planner_ros.ros.recorder.recorder import offered_qos
 from ff_planner_ros.ros.requests.reading import Provenance
@@ -97,7 +98,8 @@ def record_answer(
     if isinstance(answer, Plan):
         told, total = (start_ns, SCENARIO_FRAME), whole(answer)
         each = plan_messages(answer, *told, bodies_of(task, answer))
-        captured = captured_in(whole_scene(task, answer))
+        scene = whole_scene(task, answer)
+        captured = captured_in(scene)
         written = plan_message(total, *told, captured) if answer.then else each[0]
         response = answer_with_plan(total, each, plan_id, solve_time)
     else:
@@ -142,6 +144,7 @@ def record_answer(
             put("/predicted_chaser_path", LATCHED_QOS, written.chaser_path)
             if captured is not None:
                 put("/predicted_target_path", LATCHED_QOS, written.target_path)
+            put("/markers", LATCHED_QOS, plan_markers(robot, total, scene, SCENARIO_FRAME))
 
 
 def require_recordable(task: PlanningTask) -> None:

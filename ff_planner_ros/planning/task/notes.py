@@ -1,9 +1,10 @@
-"""Notes for the user on the problem that a plan was made for."""
+"""Notes for the user on the problem that a plan was made for, or refused."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 
 # Of a hull's volume beyond its mesh's [%], and meshes that a note names.
@@ -19,3 +20,20 @@ def hull_notes(bodies: Sequence[ObstacleBody]) -> tuple[str, ...]:
     more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
     names = ", ".join(told[:_MOST_TOLD])
     return (f"meshes count by their convex hulls, which have more volume: {names}{more}",)
+
+
+def with_notes(refused: NoPlanFound, notes: Sequence[str]) -> NoPlanFound:
+    """Return a refusal whose message ends with notes, as the message of a plan does."""
+    if not notes:
+        return refused
+    words = "; ".join([refused.constraint, *notes])
+    return NoPlanFound(refused.status, words, refused.attempt, refused.failures, refused.effort)
+
+
+def with_hull_note(error: InvalidInput, bodies: Sequence[ObstacleBody]) -> InvalidInput:
+    """Return the refusal of a start, with the note on the obstacle at fault, if there is one."""
+    notes = hull_notes([one for one in bodies if error.field == f"obstacles[{one.id}]"])
+    if not notes:
+        return error
+    allowed = "; ".join([error.allowed, *notes])
+    return InvalidInput(error.status, error.field, error.value, allowed)

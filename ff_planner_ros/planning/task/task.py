@@ -30,7 +30,7 @@ from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
 from ff_planner_ros.planning.task.controller_rules import Command, Controller, require_acceptable
 from ff_planner_ros.planning.task.following import following
-from ff_planner_ros.planning.task.notes import hull_notes
+from ff_planner_ros.planning.task.notes import hull_notes, with_hull_note, with_notes
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
 from ff_planner_ros.robot.state import SystemState
@@ -212,17 +212,19 @@ def _perform(task: PlanningTask, watch: Watch, method: Method) -> Plan:
         rest = replace(running, time=running.time - task.ahead)
         guess = Remainder(rest, task.running_goal - task.ahead)
         frame, problem = _seen_from_system(problem, start)
-    steps = Steps(watch, task.effort)
+    steps, bodies = Steps(watch, task.effort), task.problem.obstacle_bodies
+    notes = hull_notes(bodies)
     try:
         found = _performed(task, problem, steps, method, guess)
-        notes = hull_notes(task.problem.obstacle_bodies)
         return frame.plan_seen_by_user(replace(found, effort=steps.ended_at, notes=notes))
     except OutOfTime as end:
         refused = end.refusal or out_of_time(end)
     except NoPlanFound as found_none:
         refused = found_none
-    except InvalidInput as error:
+    except InvalidInput as fault:
+        error = with_hull_note(fault, bodies)
         raise as_measured(error, problem.robot, task.problem.start, task.ahead) from None
+    refused = with_notes(refused, notes)
     refused.effort = steps.ended_at
     if isinstance(refused.attempt, Plan):
         refused.attempt = frame.plan_seen_by_user(refused.attempt)
