@@ -46,6 +46,8 @@ OF_EACH = 3  # pairs of a group in each state
 EXACT = 1e-6
 # Coal's depth where cores meet of which one is curved: 2.5e-6 measured, nearly always too little.
 EXACT_IN_CURVED = 4e-6
+# Of two hulls Coal finds one pair in thousands too deep, as another face has it: by 3e-5 measured.
+TOO_DEEP, RARELY = 1e-4, 0.01
 # Cores that come so near are in each other for the core [m], which knows this to a hundredth.
 CORES_MEET, SURELY = 1e-6, 1e-8
 
@@ -154,21 +156,25 @@ def test_solids_are_as_far_apart_as_bounds_on_both_sides_say(
 ) -> None:
     """Ten thousand pairs in CI: a third apart, a third touching, a third deep in each other."""
     rng = np.random.default_rng([KINDS.index(kind), KINDS.index(other)])
-    arm, deep, cases = random_robot(1), 0, times(31, 62)
+    arm, deep, rough, cases = random_robot(1), 0, 0, times(31, 62)
     for case in range(cases):
         group = random_group(rng, kind, other)
         core, checked = answers(arm, group)
         deep += (group.truth < -AGREED).sum()
         for way, number in product(checked, range(len(group.others))):
             where = f"{kind} {other} {case} {number} {way}"
-            require_distances(group, number, way, core[way][number], checked[way], where)
+            rough += require_distances(group, number, way, core[way][number], checked[way], where)
     assert deep > cases * OF_EACH / 2, "what is moved through a thin solid is apart again"
+    assert rough <= RARELY * cases * OF_EACH
 
 
 def require_distances(
     group: Group, number: int, way: str, core: float, checked: Distances, where: str
-) -> None:
-    """Hold the core's distance, and that of the check with its normal, against the truth."""
+) -> bool:
+    """Hold the core's distance, and that of the check with its normal, against the truth.
+
+    Return whether the check's is too deep.
+    """
     first, one = group.first, group.others[number]
     truth, of_cores = group.truth[number], group.of_cores[number]
     is_curved = first.is_curved or one.is_curved
@@ -181,10 +187,12 @@ def require_distances(
         assert of_cores > CORES_MEET - SURELY or has_formula, where
     in_curved = is_curved and of_cores < CORES_MEET
     exact = EXACT_IN_CURVED if in_curved else EXACT
-    assert checked.distance[number] == pytest.approx(truth, abs=exact), where
+    error = checked.distance[number] - truth
+    assert -(TOO_DEEP if of_cores < CORES_MEET else exact) < error < exact, f"{where} {error}"
     if not in_curved:  # or Coal's normal is none of theirs at one pair in twenty that touch
         gap = gap_along(first, one, checked.normal[number])
-        assert gap == pytest.approx(truth, abs=EXACT), where
+        assert abs(gap - truth) < (TOO_DEEP if of_cores < CORES_MEET else EXACT), where
+    return bool(error < -exact)
 
 
 @pytest.mark.parametrize(
