@@ -254,6 +254,7 @@ def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):
     assert sorted(topics) == [
         "/chaser_state",
         "/joint_trajectory",
+        "/markers",
         "/obstacles",
         "/plan_trajectory/_service_event",
         "/plan_trajectory/_service_event",
