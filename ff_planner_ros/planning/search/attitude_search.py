@@ -144,7 +144,7 @@ class AttitudeSearch:
         return self._with_effort()
 
     def _glance(self) -> None:
-        """Keep the plan that few steps lead to, for whose time is short."""
+        """Keep the plan that a few steps lead to: a better one, early."""
         grid = self._coarsest(RACE[0].norm).with_stage(iterations=RACE[0].iterations)
         path = self.solver.solve(grid, self.seeds[0])
         self._keep(self._plans_near(self._objective, path.x, None, GLANCE))

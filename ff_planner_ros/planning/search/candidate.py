@@ -37,7 +37,7 @@ class Effort:
     met: Counter[str] = field(default_factory=Counter)
 
     def add(self, report: SolverReport | Effort) -> None:
-        """Add the effort that led to a plan."""
+        """Add the effort that led to a plan, or that of a part of the search."""
         self.starts += report.starts
         self.iterations += report.iterations
         self.rollouts += report.rollouts
