@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.obstacle_distances import (
     around_obstacles,
+    nearest_points,
     obstacle_geometry,
     obstacle_poses,
 )
@@ -99,16 +99,7 @@ def nearest_of(
         if found is not None and bounds[row, pair] >= found.distance:
             break
         a, b = pairs[pair]
-        distance, ends = _measured(solids[a], placed[row][a], solids[b], placed[row][b])
+        distance, ends = nearest_points(solids[a], placed[row][a], solids[b], placed[row][b])
         if found is None or distance < found.distance:
             found = Nearest(f"{names[a]}/{names[b]}", float(times[row]), distance, ends)
     return found
-
-
-def _measured(
-    one: coal.CollisionGeometry, at_one: pin.SE3, other: coal.CollisionGeometry, at_other: pin.SE3
-) -> tuple[float, Array]:
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    places = [coal.Transform3s(at.rotation, at.translation) for at in (at_one, at_other)]
-    distance = coal.distance(one, places[0], other, places[1], request, result)
-    return float(distance), np.array([result.getNearestPoint1(), result.getNearestPoint2()])

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-import coal
-import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_place
+from ff_planner_ros.planning.distance.obstacle_distances import (
+    nearest_points,
+    obstacle_geometry,
+    obstacle_place,
+)
 from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -87,14 +89,12 @@ def _gap(
         solid, name, link = other.solid, other.name, other.link
     else:
         solid, name, link = obstacle_geometry(other), other.id, other.id
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    places = [coal.Transform3s(place.rotation, place.translation) for place in (at, there)]
-    distance = float(coal.distance(body.solid, places[0], solid, places[1], request, result))
+    distance, ends = nearest_points(body.solid, at, solid, there)
     allowed = problem.allowed_collisions
     return Gap(
         body.name,
         name,
         distance,
-        np.array([result.getNearestPoint1(), result.getNearestPoint2()]),
+        ends,
         f"{body.link}/{link}" in allowed or f"{link}/{body.link}" in allowed,
     )

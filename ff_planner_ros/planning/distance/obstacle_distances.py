@@ -218,6 +218,13 @@ def distance_between(
     first: coal.CollisionGeometry, at: pin.SE3, second: coal.CollisionGeometry, there: pin.SE3
 ) -> float:
     """Return the signed distance of two solids whose poses are in one frame [m]."""
+    return nearest_points(first, at, second, there)[0]
+
+
+def nearest_points(
+    first: coal.CollisionGeometry, at: pin.SE3, second: coal.CollisionGeometry, there: pin.SE3
+) -> tuple[float, Array]:
+    """Return the signed distance of two solids [m], and where they are nearest, (2, 3) [m]."""
     one, other = (
         PlacedSolid(solid, coal.Transform3s(place.rotation, place.translation))
         for solid, place in ((first, at), (second, there))
@@ -225,7 +232,10 @@ def distance_between(
     result = coal.DistanceResult()
     distance = float(coal.distance(*one, *other, coal_request(), result))
     found = measured_otherwise(one, other, distance, np.array(result.normal))
-    return distance if found is None else found[0]
+    if found is None:
+        return distance, np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+    distance, point, normal = found
+    return distance, np.array([point - distance * normal, point])
 
 
 @lru_cache(maxsize=4096)
