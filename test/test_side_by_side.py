@@ -18,6 +18,8 @@ import pytest
 from ff_planner_ros.common.process_environment import PLANNING
 from ff_planner_ros.errors import EndedBy, OutOfTime
 from ff_planner_ros.planning.motion.watch import REFINING, Progress, Steps, Watch
+from ff_planner_ros.planning.search.candidate import Effort
+from ff_planner_ros.planning.search.side_by_side import SideBySide
 
 NEEDS_TWO_CORES = pytest.mark.skipif(
     len(os.sched_getaffinity(0)) < 2, reason="processes share the work of one core by turns"
@@ -119,6 +121,11 @@ def test_a_process_with_threads_is_not_forked() -> None:
             results = workers.results(range(5))
             assert next(results) == (0, me)
             assert list(results) == [(n * n, me) for n in range(1, 5)]
+            try:
+                os.waitpid(-1, os.WNOHANG)
+            except ChildProcessError:
+                sys.exit(0)
+            sys.exit("there is a fork")
     """)
 
 
@@ -223,13 +230,22 @@ def test_whatever_the_clock_ended_among_parts_the_effort_gives_it_again(
 
 
 def test_steps_of_parts_count_and_one_of_them_may_be_the_last() -> None:
-    steps = Steps(Watch(), last=6)
-    steps.require_time()
-    steps.passed(3)
-    assert steps.ended_at == 0
-    with pytest.raises(OutOfTime) as end:  # the sixth would be one of them
-        steps.passed(3)
-    assert (steps.ended_at, end.value.ended_by) == (6, EndedBy.EFFORT)
+    """Nothing begins at the last one; a part that would reach it does not count."""
+
+    def compute(part: int, watch: Watch, effort: Effort) -> int:
+        for _ in range(part):
+            watch.require_time()
+        effort.rollouts += part
+        return part
+
+    for parts, counted in (([2, 3, 4], 5), ([2, 4, 1], 6), ([7], 0)):
+        steps, effort = Steps(Watch(), last=8), Effort()
+        steps.require_time()
+        values = SideBySide(compute, steps, effort, threads=1).values(parts)
+        with pytest.raises(OutOfTime) as end:
+            list(values)
+        assert (steps.ended_at, end.value.ended_by) == (8, EndedBy.EFFORT)
+        assert effort.rollouts == counted
 
 
 def test_what_ends_a_part_ends_the_search_at_the_step_before_it() -> None:
