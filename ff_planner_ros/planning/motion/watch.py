@@ -146,9 +146,7 @@ class Steps(PassingOn):
             OutOfTime: The step is the last one, or the other watch ends the search. Every call
                 after that raises it, too.
         """
-        if self._step == self._last:
-            self.ended_at = self._last
-            raise OutOfTime(f"the search ends at step {self._last}", EndedBy.EFFORT)
+        self._require_before_last(1)
         with self._ending_here():
             self._watch.require_time(phase)
         self._step += 1
@@ -159,12 +157,16 @@ class Steps(PassingOn):
         Raises:
             OutOfTime: One of them is the last one, or the part was ended.
         """
-        if self._step <= self._last < self._step + steps:
-            self.ended_at = self._last
-            raise OutOfTime(f"the search ends at step {self._last}", EndedBy.EFFORT)
+        self._require_before_last(steps)
         with self._ending_here():
             super().passed(steps, end)
         self._step += steps
+
+    def _require_before_last(self, steps: int) -> None:
+        """Raise OutOfTime if one of the next steps is the last one."""
+        if self._step <= self._last < self._step + steps:
+            self.ended_at = self._last
+            raise OutOfTime(f"the search ends at step {self._last}", EndedBy.EFFORT)
 
     @contextmanager
     def _ending_here(self) -> Iterator[None]:

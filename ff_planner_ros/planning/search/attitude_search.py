@@ -234,7 +234,7 @@ class AttitudeSearch:
 
     def _found(self, parts: Sequence[Callable[[AttitudeSearch], Value]]) -> Iterator[Value]:
         """Yield what parts of the search find, each from what is known now."""
-        known = self.solver.on_demand
+        known = self.solver.program.on_demand
         for value, on_demand in self._parts.values([(part, known) for part in parts]):
             self.solver.with_rows_but_for(on_demand)
             yield value
@@ -244,7 +244,7 @@ class AttitudeSearch:
         search, (compute, on_demand) = copy(self), part
         search.solver = GridSolver(self.solver.program, self.solver.settings, watch, effort)
         search.solver.with_rows_but_for(on_demand)
-        return compute(search), search.solver.on_demand
+        return compute(search), search.solver.program.on_demand
 
     def _keep(self, plans: Iterable[Plan]) -> None:
         """Keep the best plan, the first where several are equal."""

@@ -62,11 +62,6 @@ class GridSolver:
         """The planning problem."""
         return self.program.problem
 
-    @property
-    def on_demand(self) -> frozenset[str]:
-        """Names of the requirements that have no rows yet."""
-        return self.program.on_demand
-
     def with_rows_but_for(self, on_demand: frozenset[str]) -> None:
         """Add the rows of requirements that are not among those on demand any more."""
         self._keep(self.program.on_demand - on_demand)
