@@ -11,10 +11,11 @@ from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
-from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Watch
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation
 from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search import planner
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems.robots import arm_urdf
 from ff_planner_ros.problems.scenarios import scenario
@@ -206,6 +207,27 @@ def test_where_the_paper_path_is_a_detour_joint_splines_compete(robot, number, l
     assert not list(failures(in_own_frame(problem), made, SETTINGS))
 
 
+def detour():
+    """Return a problem whose path among the paper's is a detour."""
+    problem = scenario("cluttered", "arm7", 9, turned=False).problem
+    return in_own_frame(replace(problem, objective=LENGTH))
+
+
+def test_a_detour_on_few_points_is_continued_by_joint_splines_at_once():
+    looks = Looks()
+    made = plan(detour(), SETTINGS, looks)
+    assert made.family == Parametrisation.JOINT_SPLINE
+    assert REFINING not in looks.phases  # the paper's paths on all points
+    assert looks.phases.count(CHECKING) == 1
+
+
+def test_a_detour_is_refined_if_joint_splines_yield_no_plan(monkeypatch):
+    monkeypatch.setattr(planner, "plans_from", lambda *_: iter(()))
+    papers = replace(detour(), parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
+    made, alone = (plan(one, SETTINGS) for one in (detour(), papers))
+    assert (made.coefficients == alone.coefficients).all()
+
+
 def test_a_direct_path_is_left_as_it_is(lemur_capture):
     """It would hardly become shorter."""
     problem = replace(lemur_capture, objective=LENGTH)
@@ -224,6 +246,16 @@ def test_a_refusal_begins_with_what_is_hardest_to_meet(lemur_capture):
     assert "in the best, the chaser's largest Euler angle is" in refused.value.constraint
     assert "inside obstacle" in refused.value.constraint
     assert refused.value.failures[0].status is Status.LIMIT_VIOLATED
+
+
+class Looks(Watch):
+    """Keeps the phase of every look."""
+
+    def __init__(self):
+        self.phases = []
+
+    def require_time(self, phase=SEARCHING, /):
+        self.phases.append(phase)
 
 
 class Patience(Watch):

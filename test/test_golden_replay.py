@@ -93,7 +93,7 @@ def test_a_node_of_version_0_2_had_the_tasks_that_it_would_have_now() -> None:
 def _is_detour(recorded: RecordedRequest) -> bool:
     """Tell whether a plan's joints go far round: version 0.3 looks for shorter ways, too."""
     assert recorded.response is not None
-    return is_detour(plan_from_answer(recorded.response))
+    return is_detour(plan_from_answer(recorded.response).trajectory.joint_positions)
 
 
 def _require_no_worse(recorded: RecordedRequest, found: Replayed, told: tuple[str, ...]) -> None:

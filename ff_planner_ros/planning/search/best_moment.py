@@ -107,7 +107,8 @@ def plan_at_best_moment(
     if best is None and known:
         best, moment = _best_of(asked, known, _LATER)
     held = best and (
-        is_held(problem, settings, best) or is_detour(best, problem.robot.joint_weights)
+        is_held(problem, settings, best)
+        or is_detour(best.trajectory.joint_positions, problem.robot.joint_weights)
     )
     if best and not problem.objective.only_duration and held:
         best, moment = _better_in_another_family(asked, best, moment)

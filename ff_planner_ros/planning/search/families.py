@@ -29,7 +29,7 @@ from ff_planner_ros.robot.model import Base
 # A limit is active for a plan that is no further from it than so many times the margin.
 _AT_LIMIT = 2.0
 # A joint path longer than so many times the straight line between its ends is a detour.
-_DETOUR = 1.3
+_DETOUR = 1.25
 
 
 @lru_cache(maxsize=2)
@@ -96,7 +96,12 @@ def is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> 
     )
 
 
-def is_detour(plan: Plan, weights: Array | float = 1.0) -> bool:
-    """Tell whether a plan's joint path is a detour, with these weights of the joints."""
-    direct = straight_way(plan.trajectory.joint_positions[[0, -1]], weights)
-    return plan.metrics.joint_path_length > _DETOUR * direct
+def is_detour(joints: Array, weights: Array | float = 1.0) -> bool:
+    """Tell whether a joint path is a detour.
+
+    Args:
+        joints: Joint positions on the way. Shape (points, joints) [rad, m].
+        weights: Weight of each joint. Shape (joints,).
+    """
+    length = np.linalg.norm(weights * np.diff(joints, axis=0), axis=1).sum()
+    return bool(length > _DETOUR * straight_way(joints[[0, -1]], weights))

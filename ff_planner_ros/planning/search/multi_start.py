@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain, islice
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.errors import OutOfTime
+from ff_planner_ros.planning.check.check import out_of_time, refusal
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.paths.path_family import singular_refusal
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution, rank
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -22,26 +25,54 @@ _PROMISING_OPTIMALITY_OF_BODIES = 1.0
 _RECONSIDER = 5
 
 
-def plans(solver: GridSolver, first_guess: Array | None) -> Iterator[Plan]:
-    """Yield plans that pass the check, one for each initial guess that leads to one.
+def first_plan(
+    solver: GridSolver,
+    first_guess: Array | None,
+    elsewhere: Callable[[PathSolution], Plan | None],
+) -> Plan:
+    """Return the first plan to which an initial guess leads.
 
     Args:
         first_guess: Tried before the family's own guesses.
+        elsewhere: A plan to return instead of refining a path on the coarsest grid, if any.
 
     Raises:
-        OutOfTime: By the watch.
+        NoPlanFound: No path was feasible, or the check refused it.
+        OutOfTime: By the watch; `refusal` says how far the search came.
     """
-    for coarse in _coarse_paths(solver, first_guess):
-        solution = coarse
-        for grid in solver.grids[1:-1]:
-            finer = solver.solve(grid, solution.x)
-            solution = finer if finer.at_x.is_defined else solution
-        grid = solver.grids[-1].with_correction(solution.x)
-        found, followed = solver.tighten(
-            grid, solver.solve(grid, solution.x), solver.solve_and_restore
-        )
-        yield from solver.sound_plans(found, followed)
+    if first_guess is not None:
+        first_guess = finite_vector("first_guess", first_guess, solver.program.family.variables)
+    try:
+        for coarse in _coarse_paths(solver, first_guess):
+            found = elsewhere(coarse) or _plan_along(solver, coarse)
+            if found is not None:
+                return found
+    except OutOfTime as end:
+        attempt, violated, _ = solver.best_attempt()
+        end.refusal = out_of_time(end, attempt, [failure for _, failure in violated])
+        raise
+    attempt, violated, singular_at = solver.best_attempt()
+    if attempt is None:
+        refused = singular_refusal(singular_at, solver.problem.duration)
+    else:
+        refused = refusal(attempt, [one for _, one in violated])
+        refused.requirement = violated[0][0]
+    refused.met = solver.effort.met
+    raise refused
+
+
+def _plan_along(solver: GridSolver, coarse: PathSolution) -> Plan | None:
+    """Return the plan to which a path on the coarsest grid leads, if it passes the check."""
+    solution = coarse
+    for grid in solver.grids[1:-1]:
+        finer = solver.solve(grid, solution.x)
+        solution = finer if finer.at_x.is_defined else solution
+    grid = solver.grids[-1].with_correction(solution.x)
+    found, followed = solver.tighten(grid, solver.solve(grid, solution.x), solver.solve_and_restore)
+    plan = next(solver.sound_plans(found, followed), None)
+    if plan is None:
         solver.keep_attempt(found)
+    return plan
 
 
 def _coarse_paths(solver: GridSolver, first_guess: Array | None) -> Iterator[PathSolution]:
