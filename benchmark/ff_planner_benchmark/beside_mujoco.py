@@ -19,11 +19,14 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.simulation.deviation import Deviation
+from ff_planner_ros.simulation.deviation import Deviation, is_allowed
 from ff_planner_ros.simulation.other_engines import Flown
 
 # It warns that joint limits stop nothing: a plan keeps them, or the check refuses it.
 logging.getLogger("drake").setLevel(logging.ERROR)
+# Factors by which the samples of the torques are refined while deviations exceed their tolerances:
+# an arm with a heavy payload diverges from its plan faster than it moves.
+_FINER = (1, 2, 4)
 
 
 def flown(robot: Robot, trajectory: Trajectory, scene: Scene, parts: int) -> Flown:
@@ -38,17 +41,22 @@ def flown(robot: Robot, trajectory: Trajectory, scene: Scene, parts: int) -> Flo
         FfPlannerError: Drake refuses the robot or a shape, or cannot integrate the motion.
     """
     try:
-        return _flown(robot, trajectory, scene, parts)
+        for finer in _FINER:
+            found = _flown(robot, trajectory, scene, parts, finer)
+            if is_allowed(found.deviation):
+                break
     except RuntimeError as error:
         words = f"Drake cannot execute the plan: {error}"
         raise FfPlannerError(Status.UNSUPPORTED, words) from error
+    return found
 
 
-def _flown(robot: Robot, trajectory: Trajectory, scene: Scene, parts: int) -> Flown:
+def _flown(robot: Robot, trajectory: Trajectory, scene: Scene, parts: int, finer: int) -> Flown:
     solids = Shapes(robot, scene.obstacles, scene.allowed_collisions)
     seen, misses = [(math.inf, "", 0.0)], list[Miss]()
     for begin, part in parts_of(trajectory, parts):
-        misses.append(flown_in_drake(robot, part, partial(_look, solids, seen, begin)))
+        look = partial(_look, solids, seen, begin)
+        misses.append(flown_in_drake(robot, part, look, finer))
     total = Miss(*(parts * np.sum(misses, axis=0)))
     off = Deviation(total.position, total.orientation, total.chaser, total.chaser_orientation)
     distance, pair, time = min(seen)

@@ -67,12 +67,17 @@ class Miss(NamedTuple):
 Look = Callable[[Sequence[Any], float], None]
 
 
-def flown_in_drake(robot: Robot, trajectory: Trajectory, look: Look | None = None) -> Miss:
+def flown_in_drake(
+    robot: Robot, trajectory: Trajectory, look: Look | None = None, finer: int = 1
+) -> Miss:
     """Execute a plan's torques open loop in Drake, from the plan's first state.
 
     Drake reads the URDF itself. A planar base floats freely: nothing lifts it off its plane. A base
     that wheels hold is on three prismatic joints along the axes of its root link. Nothing exerts a
     contact force: shapes are looked at by `look` alone.
+
+    Args:
+        finer: Factor of the number of samples of the torques.
     """
     is_held = robot.base is Base.ATTITUDE_HELD
     to_base = Rotation.from_matrix(robot.rotation_chaser_to_base)
@@ -87,7 +92,8 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory, look: Look | None = Non
     plant.Finalize()
     joints = [plant.GetJointByName(name) for name in robot.joint_names]
     needs_more = is_held or payload_frame(robot) is not None
-    command = feed_forward(robot, trajectory, _MORE_STEPS if needs_more else _STEPS_PER_POINT)
+    steps = _MORE_STEPS if needs_more else _STEPS_PER_POINT
+    command = feed_forward(robot, trajectory, finer * steps)
     forces = np.zeros((plant.num_velocities(), len(command.time)))
     for joint, torques in zip(joints, command.torques.T, strict=True):
         forces[joint.velocity_start()] = torques

@@ -18,8 +18,9 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import shapes
+from ff_planner_ros.problems import captured, shapes
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.simulation.other_engines import ENGINES
 
@@ -114,6 +115,14 @@ def test_how_far_off_the_plan_it_is_has_the_chasers_attitude(tumbling):
     off = flown(problem.robot, other, scene_of(problem), 1).deviation
     assert off.max_chaser_orientation_error == pytest.approx(angle, abs=1e-4)
     assert off.max_chaser_position_error < EXACT
+
+
+def test_a_motion_that_diverges_with_few_samples_of_its_torques_comes_true_with_more():
+    """The last phase of a capture, with the body as a payload."""
+    task = captured.problem("whole capture", 0).task(load_parameters().planner)
+    *_, (last, plan) = phase_tasks(task, perform(task))
+    problem = last.problem
+    assert flown(problem.robot, plan.trajectory, scene_of(problem), 1).passed
 
 
 def test_a_robot_that_drake_refuses_is_told_in_words(tumbling, monkeypatch):
