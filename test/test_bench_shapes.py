@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import coal_distance
+from scipy.spatial import ConvexHull
 
 from ff_planner_ros.bench import scaling
 from ff_planner_ros.bench.success import shapes_measurement
@@ -27,7 +28,6 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.urdf.convex_hull import hull_volume
 
 FINE, FAR = 601, 0.05  # [m] of what is further apart a bound will do
 # Every robot and every situation, with lines, too; then every robot in every situation.
@@ -201,7 +201,7 @@ def test_what_is_compared_is_nearly_the_same() -> None:
     assert len(hull.solid.corners) == 200
     edge = float(box.solid.sizes[0])
     assert np.abs(hull.solid.corners).max() <= edge / 2
-    assert 0.8 < hull_volume(hull.solid.corners) / edge**3 < 1.0
+    assert 0.8 < ConvexHull(hull.solid.corners).volume / edge**3 < 1.0
 
 
 def test_among_edges_lines_too_are_planned_from_the_first_guess() -> None:

@@ -27,8 +27,8 @@ WORDS = "meshes count by their convex hulls, which have more volume: client by 1
 SETTINGS = load_parameters().planner
 
 
-def _mesh(name: str, share: float, place: Array = FAR) -> ObstacleBody:
-    return ObstacleBody(name, replace(SOLIDS["mesh"], hull_share=share), place)
+def _mesh(name: str, added: float, place: Array = FAR) -> ObstacleBody:
+    return ObstacleBody(name, replace(SOLIDS["mesh"], hull_added=added), place)
 
 
 def _task(*bodies: ObstacleBody) -> PlanningTask:
@@ -37,26 +37,26 @@ def _task(*bodies: ObstacleBody) -> PlanningTask:
 
 
 @pytest.mark.parametrize(
-    ("shares", "words"),
+    ("added", "words"),
     [
         ((), []),
-        ((1.0, 1.05, 1.0999), []),
-        ((1.0, 1.11), ["which have more volume: m1 by 11 %"]),
-        ((2.0, 1.0, 1.5), ["m0 by 100 %, m2 by 50 %"]),
-        ((2.0,) * 7, ["m4 by 100 % and 2 more"]),
+        ((0.0, 0.05, 0.0999), []),
+        ((0.0, 0.11), ["which have more volume: m1 by 11 %"]),
+        ((1.0, 0.0, 0.5), ["m0 by 100 %, m2 by 50 %"]),
+        ((1.0,) * 7, ["m4 by 100 % and 2 more"]),
     ],
 )
 def test_hulls_of_a_tenth_more_volume_or_more_are_told(
-    shares: tuple[float, ...], words: list[str]
+    added: tuple[float, ...], words: list[str]
 ) -> None:
-    bodies = [_mesh(f"m{number}", share) for number, share in enumerate(shares)]
+    bodies = [_mesh(f"m{number}", one) for number, one in enumerate(added)]
     found = hull_notes([*bodies, ObstacleBody("box", SOLIDS["box"], FAR)])
     assert len(found) == len(words)
     assert all(word in note for word, note in zip(words, found, strict=True))
 
 
-def test_a_plan_says_so_in_its_message_and_table_and_a_digest_knows_no_shares() -> None:
-    tasks = [_task(_mesh("client", share)) for share in (2.0, 1.0)]
+def test_a_plan_says_so_in_its_message_and_table_and_a_digest_does_not() -> None:
+    tasks = [_task(_mesh("client", added)) for added in (1.0, 0.0)]
     assert tasks[0].digest == tasks[1].digest
     plan, plain = (perform(task) for task in tasks)
     assert plan.message == f"{plain.message}; {WORDS}"
@@ -79,7 +79,7 @@ def _refuse(_problem: PlanningProblem, _settings: PlannerSettings) -> Plan:
 
 
 def test_a_refusal_says_so_wherever_it_is_told() -> None:
-    task = _task(_mesh("client", 2.0))
+    task = _task(_mesh("client", 1.0))
     with pytest.raises(NoPlanFound) as refused:
         perform(task, method=without_search(_refuse))
     error, words = refused.value, f"link_2 is in client; {WORDS}"
@@ -88,16 +88,16 @@ def test_a_refusal_says_so_wherever_it_is_told() -> None:
     assert refusal_dictionary(error, 0.1)["message"] == words
     assert answer_of_error(error, "plan", 0.1).status.message == words
     with pytest.raises(NoPlanFound, match=r"^link_2 is in client$"):
-        perform(_task(_mesh("client", 1.0)), method=without_search(_refuse))
+        perform(_task(_mesh("client", 0.0)), method=without_search(_refuse))
 
 
 def test_a_refused_start_says_so_of_the_mesh_that_it_is_in() -> None:
     place = _end_effector() - [0.03, 0.03, 0.02]
     with pytest.raises(InvalidInput, match=r"client by 100 %$") as refused:
-        perform(_task(_mesh("client", 2.0, place), _mesh("far", 3.0)))
+        perform(_task(_mesh("client", 1.0, place), _mesh("far", 2.0)))
     assert refused.value.status is Status.START_IN_COLLISION
     assert refused.value.field == "obstacles[client]"
     assert answer_of_error(refused.value, "plan", 0.1).status.allowed.endswith(WORDS)
     with pytest.raises(InvalidInput) as refused:
-        perform(_task(_mesh("client", 1.0, place), _mesh("far", 3.0)))
+        perform(_task(_mesh("client", 0.0, place), _mesh("far", 2.0)))
     assert "hull" not in str(refused.value)

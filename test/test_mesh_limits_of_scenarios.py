@@ -204,7 +204,7 @@ def test_the_hull_of_an_l_of_two_boxes_is_told_to_have_a_sixth_more_volume(
     (tmp_path / f"l.{kind}").write_bytes(WRITERS[kind](corner))
     for scale in ([1.0, 1.0, 1.0], [0.5, -3.0, 0.01]):
         solid = solid_of(written(tmp_path, f"l.{kind}", scale=scale))
-        assert solid.hull_share == pytest.approx(3.5 / 3.0, rel=1e-5), scale
+        assert solid.hull_added == pytest.approx(0.5 / 3.0, rel=1e-5), scale
         assert len(solid.corners) == 10
 
 

@@ -113,7 +113,7 @@ def test_the_command_tells_of_meshes_whose_hulls_are_larger(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     problem = load_scenario(SCENARIOS / "panel_capture.yaml")
-    solid = replace(SOLIDS["mesh"], hull_share=1.5)
+    solid = replace(SOLIDS["mesh"], hull_added=0.5)
     dish = ObstacleBody("dish", solid, np.full(3, 9.0))
     changed = replace(problem, obstacles=(*problem.obstacles, dish))
     name = "ff_planner_ros.planning.scenario.scenario.load_scenario"

@@ -56,6 +56,7 @@ class Miss(NamedTuple):
     position: float  # of the end effector at the end [m]
     orientation: float  # of the end effector at the end [rad]
     chaser: float  # of its centre of mass, at the worst point [m]
+    chaser_orientation: float  # at the worst point [rad]
     # Largest difference about any axis, at the points, between the torque that holds the base and
     # the plan's wheel torque [N m]; zero: no wheels hold the base
     holding_torque: float
@@ -66,18 +67,22 @@ class Miss(NamedTuple):
 Look = Callable[[Sequence[Any], float], None]
 
 
-def flown_in_drake(robot: Robot, trajectory: Trajectory, look: Look | None = None) -> Miss:
+def flown_in_drake(
+    robot: Robot, trajectory: Trajectory, look: Look | None = None, finer: int = 1
+) -> Miss:
     """Execute a plan's torques open loop in Drake, from the plan's first state.
 
     Drake reads the URDF itself. A planar base floats freely: nothing lifts it off its plane. A base
     that wheels hold is on three prismatic joints along the axes of its root link. Nothing exerts a
     contact force: shapes are looked at by `look` alone.
+
+    Args:
+        finer: Factor of the number of samples of the torques.
     """
     is_held = robot.base is Base.ATTITUDE_HELD
-    turn = (
-        Rotation.from_quat(trajectory.chaser_quaternions_xyzw[0])
-        * Rotation.from_matrix(robot.rotation_chaser_to_base).inv()
-    )
+    to_base = Rotation.from_matrix(robot.rotation_chaser_to_base)
+    attitudes = Rotation.from_quat(trajectory.chaser_quaternions_xyzw)
+    turn = attitudes[0] * to_base.inv()
     builder = DiagramBuilder()
     plant: Any = builder.AddSystem(MultibodyPlant(0.0))  # Drake's stubs take it for any system
     Parser(plant).AddModelsFromString(_without_shapes(robot.drawn_urdf), "urdf")
@@ -87,7 +92,8 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory, look: Look | None = Non
     plant.Finalize()
     joints = [plant.GetJointByName(name) for name in robot.joint_names]
     needs_more = is_held or payload_frame(robot) is not None
-    command = feed_forward(robot, trajectory, _MORE_STEPS if needs_more else _STEPS_PER_POINT)
+    steps = _MORE_STEPS if needs_more else _STEPS_PER_POINT
+    command = feed_forward(robot, trajectory, finer * steps)
     forces = np.zeros((plant.num_velocities(), len(command.time)))
     for joint, torques in zip(joints, command.torques.T, strict=True):
         forces[joint.velocity_start()] = torques
@@ -121,11 +127,14 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory, look: Look | None = Non
     plant.SetPositions(context, positions)
     plant.SetVelocities(context, speeds)
     simulator.Initialize()
-    worst, held_by = 0.0, []
-    for time, planned in zip(trajectory.time, trajectory.chaser_positions, strict=True):
+    worst, worst_turn, held_by = 0.0, 0.0, []
+    planned_poses = zip(trajectory.time, trajectory.chaser_positions, attitudes, strict=True)
+    for time, planned, attitude in planned_poses:
         simulator.AdvanceTo(float(time))
         pose = plant.EvalBodyPoseInWorld(context, base)
         worst = max(worst, float(np.linalg.norm(pose.multiply(center) - planned)))
+        turned = Rotation.from_matrix(pose.rotation().matrix()) * to_base
+        worst_turn = max(worst_turn, float((attitude.inv() * turned).magnitude()))
         if look is not None:
             links = [base, *(joint.child_body() for joint in joints)]
             look([plant.EvalBodyPoseInWorld(context, link) for link in links], float(time))
@@ -142,7 +151,7 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory, look: Look | None = Non
     wanted = Rotation.from_quat(trajectory.ee_quaternions_xyzw[-1])
     off = wanted.inv() * Rotation.from_matrix(reached.rotation().matrix())
     missed = float(np.linalg.norm(reached.translation() - trajectory.ee_positions[-1]))
-    return Miss(missed, float(off.magnitude()), worst, off_wheels)
+    return Miss(missed, float(off.magnitude()), worst, worst_turn, off_wheels)
 
 
 def _starts(trajectory: Trajectory) -> tuple[Array, Array]:

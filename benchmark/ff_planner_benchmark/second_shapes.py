@@ -6,7 +6,7 @@ the plan's first point alone, not by the planner.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -34,11 +34,14 @@ _ACCURACY = 1e-10
 class Shapes:
     """Drake's distances of a robot's bodies, or centre lines, from each other and obstacles."""
 
-    def __init__(self, robot: Robot, obstacles: Sequence[Obstacle]) -> None:
+    def __init__(
+        self, robot: Robot, obstacles: Sequence[Obstacle], may_touch: Collection[str] = ()
+    ) -> None:
         """Register all solids.
 
         Args:
             obstacles: At the plan's first point.
+            may_touch: Pairs that are not measured, named as in `allowed_collisions`.
         """
         robot = with_bodies(robot)
         self._bodies, self._obstacles = robot.bodies, obstacles
@@ -51,7 +54,13 @@ class Shapes:
         names = [one.name for one in robot.bodies]
         pairs = [(names[first], names[second]) for first, second in robot.pairs]
         pairs += [(name, one.id) for name in names for one in obstacles]
-        self._pairs = {"/".join(pair): [added[name][1] for name in pair] for pair in pairs}
+        links = {one.name: one.link for one in robot.bodies}
+        told = [[links.get(name, name) for name in pair] for pair in pairs]
+        self._pairs = {
+            "/".join(pair): [added[name][1] for name in pair]
+            for pair, (a, b) in zip(pairs, told, strict=True)
+            if not {f"{a}/{b}", f"{b}/{a}"}.intersection(may_touch)
+        }
         self._context = self._graph.CreateDefaultContext()
 
     def _added(self, name: str, solid: coal.CollisionGeometry) -> tuple[Any, Any]:

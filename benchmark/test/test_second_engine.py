@@ -1,8 +1,5 @@
 """Plans in a second engine, Drake, beside MuJoCo; skipped where Drake is not installed."""
 
-from dataclasses import fields, replace
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -73,18 +70,12 @@ def require_reproduced_in_drake(robot, motion, number):
     Each part begins on the plan: without feedback some of these motions are unstable, in any
     engine. The sum is multiplied by the number of parts, as `verify` does and for its reason.
     """
+    from ff_planner_benchmark.beside_mujoco import parts_of
     from ff_planner_benchmark.second_engine import Miss, flown_in_drake
 
-    parts = [flown_in_drake(robot, part) for part in parts_of(motion)]
+    parts = [flown_in_drake(robot, part) for _, part in parts_of(motion, PARTS)]
     missed = Miss(*(len(parts) * np.sum(parts, axis=0)))
     assert missed.position < 1e-4, number
     assert missed.orientation < np.deg2rad(0.01), number
     assert missed.chaser < 1e-4, number
     return missed
-
-
-def parts_of(motion):
-    ends = np.linspace(0, len(motion.time) - 1, PARTS + 1).astype(int)
-    for begin, end in pairwise(ends):
-        rows = {one.name: getattr(motion, one.name)[begin : end + 1] for one in fields(motion)}
-        yield replace(motion, **rows | {"time": rows["time"] - rows["time"][0]})

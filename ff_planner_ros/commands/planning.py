@@ -130,8 +130,8 @@ def add_verify(add: Add) -> None:
         verify_plans,
         "execute plans open loop in an independent physics engine",
         parents=[_how_to_plan()],
-        description="Execute plans open loop in MuJoCo: joint torques only, nothing fed back. "
-        "Options of planning count for a scenario only.",
+        description="Execute plans open loop in MuJoCo, and in other engines that are installed: "
+        "joint torques only, nothing fed back. Options of planning count for a scenario only.",
         epilog="Exit code: 0 every plan was reproduced, 2 bad input, 3 one was not or is none.",
     )
     verify.add_argument(

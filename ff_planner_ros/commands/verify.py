@@ -1,15 +1,16 @@
-"""Execute a plan in the independent engine, and print how far the motion is from the plan."""
+"""Execute a plan in independent engines, and print how far the motion is from the plan."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.analysis.nearest import Nearest, nearest
 from ff_planner_ros.analysis.plan_document import (
     phases_of,
     planned_motion,
@@ -22,7 +23,7 @@ from ff_planner_ros.commands.monte_carlo import Draw, print_monte_carlo, uncerta
 from ff_planner_ros.commands.printed import print_notes, write_json
 from ff_planner_ros.commands.tasks import task_of
 from ff_planner_ros.common.text_table import print_table
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Limits, lasting
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
@@ -31,6 +32,7 @@ from ff_planner_ros.planning.robust.robust import withstood
 from ff_planner_ros.planning.scenario.scenario import limits_from
 from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import perform
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
 from ff_planner_ros.simulation.corridor import Corridor
@@ -38,6 +40,7 @@ from ff_planner_ros.simulation.deviation import ALLOWED, Deviation
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
 from ff_planner_ros.simulation.monte_carlo import require_runs
+from ff_planner_ros.simulation.other_engines import Engine, Flown, other_engines
 from ff_planner_ros.simulation.verification import (
     MOMENTUM_TOLERANCE,
     TORQUE_TOLERANCE,
@@ -51,10 +54,12 @@ _COLUMNS = ("end effector [mm]", "[deg]", "chaser [mm]", "[deg]")
 def print_verdicts(options: Namespace) -> int:
     """Execute the plans of a source, print and write the verdicts, and return the exit code."""
     total, asked = _runs_asked_for(options)
+    engines, notes = other_engines()
+    print_notes(notes)
     verdicts, answers = list[bool](), list[dict[str, Any]]()
     for one in _motions(options.source, options):
         motion = one.name, one.robot, one.trajectory
-        verdicts.append(print_verdict(*motion, options.sensitivity, one.scene))
+        verdicts.append(print_verdict(*motion, options.sensitivity, one.scene, engines))
         answers.append({"name": one.name, "passed": verdicts[-1]})
         if total is not None:
             draw = Draw(total, options.seed, options.execution, asked or one.uncertainty)
@@ -135,17 +140,26 @@ def print_verdict(
     trajectory: Trajectory,
     sensitivity: bool,
     scene: Scene | None = None,
+    engines: Sequence[Engine] = (),
 ) -> bool:
     """Execute a plan open loop, print the deviations, and tell whether it passed.
 
     Args:
         sensitivity: Whether to execute it with model errors, too.
         scene: In the plan's inertial frame; None: it is not known.
+        engines: They execute it after MuJoCo, if it came true there.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
     """
-    found = verify(robot, trajectory, scene or Scene())
+    among = scene or Scene()
+    found = verify(robot, trajectory, among)
+    flown = list[Flown]()
+    for engine in engines if found.came_true else ():
+        try:
+            flown.append(engine(robot, trajectory, among, found.parts))
+        except FfPlannerError as error:
+            print_notes([str(error)])
     print_table(
         f"{name}, open loop in {ENGINE}: end effector at the end, chaser at worst",
         ("", *_COLUMNS, "momentum"),
@@ -176,14 +190,17 @@ def print_verdict(
     if found.corridor is not None:
         print(f"approach: {_told(found.corridor)}")
     _print_contacts(found, "bodies" if robot.bodies else "lines", unknown=scene is None)
-    print(f"verdict: {_verdict(found)}")
+    if flown:
+        told = with_bodies(robot), trajectory, among.obstacles, among.allowed_collisions
+        _print_flown(name, flown, nearest(*told))
+    print(f"verdict: {_verdict(found, flown)}")
     if sensitivity:
         print_table(
             f"{name}, open loop with something wrong: how far off the plan",
             ("what is wrong", *_COLUMNS),
             [(row.cause, *_cells(row.deviation, 2)) for row in model_errors(robot, trajectory)],
         )
-    return found.passed
+    return found.passed and all(one.passed for one in flown)
 
 
 def _relative(found: Capture) -> list[str]:
@@ -220,7 +237,24 @@ def _print_contacts(found: Verification, of: str, unknown: bool) -> None:
     )
 
 
-def _verdict(found: Verification) -> str:
+def _print_flown(name: str, flown: Sequence[Flown], planned: Nearest | None) -> None:
+    """Print what other engines say of a plan, and which pair is nearest as planned."""
+    rows = [(one.engine, *_cells(one.deviation, 4), *_apart(one)) for one in flown]
+    print_table(
+        f"{name}, in other engines: off the plan, and nearest at its points",
+        ("", *_COLUMNS, "nearest", "at [s]", "apart [mm]", "contact"),
+        [*rows, ("as planned", *[""] * len(_COLUMNS), *_apart(planned))],
+    )
+
+
+def _apart(nearest: Flown | Nearest | None) -> tuple[str, str, str, str]:
+    if nearest is None or not nearest.pair:
+        return "no pair", "", "", ""
+    touches = "no" if nearest.distance > 0.0 else "yes"
+    return nearest.pair, f"{nearest.time:.3f}", f"{nearest.distance * 1e3:.2f}", touches
+
+
+def _verdict(found: Verification, flown: Sequence[Flown]) -> str:
     if not found.momentum_drift <= MOMENTUM_TOLERANCE:
         return "failed: the momentum changes, the motion is too fast to be integrated"
     if found.capture is not None and not is_soft(found.capture):
@@ -232,6 +266,9 @@ def _verdict(found: Verification) -> str:
     if found.contacts:
         first = found.contacts[0]
         return f"failed: {first.pair} touch at {first.first_time:.3f} s, and must not"
+    for one in flown:
+        if not one.passed:
+            return f"failed: in {one.engine} the plan does not come true, or bodies touch"
     return "passed"
 
 

@@ -8,6 +8,11 @@ from typing import Any
 from ff_planner_ros.errors import InvalidInput, Status
 
 
+def names_in_group(group: str) -> list[str]:
+    """Return the names of a group's entry points, of whatever distribution, in order."""
+    return sorted(entry_points(group=group).names)
+
+
 def plug_in(group: str, name: str, field: str) -> Any:
     """Load the object behind an entry point.
 
@@ -18,14 +23,13 @@ def plug_in(group: str, name: str, field: str) -> Any:
     Raises:
         InvalidInput: There is no entry point of this name, or it cannot be imported.
     """
-    installed = entry_points(group=group)
-    for one in installed:
+    for one in entry_points(group=group):
         if one.name == name:
             try:
                 return one.load()
             except Exception as error:  # whatever a module of others does when it is imported
                 allowed = f"its entry point cannot be loaded: {type(error).__name__}: {error}"
                 raise InvalidInput(Status.UNSUPPORTED, field, one.value, allowed) from error
-    names = ", ".join(sorted(one.name for one in installed)) or "none"
+    names = ", ".join(names_in_group(group)) or "none"
     allowed = f"no installed distribution has it; entry points of {group}: {names}"
     raise InvalidInput(Status.UNSUPPORTED, field, "unknown", allowed)

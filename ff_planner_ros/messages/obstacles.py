@@ -14,12 +14,13 @@ from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere, simplest
 from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.robot.collision.solids import (
+    ADDED_FIELD,
     MAX_MESH_VERTICES,
     SIZES,
     Solid,
     hull_of_vertices,
 )
-from ff_planner_ros.robot.urdf.convex_hull import enclosed_volume, hull_volume
+from ff_planner_ros.robot.urdf.convex_hull import enclosed_volume, hull_added
 
 BODIES = "bodies"  # field of a scene, of an array of a topic, and of a target body
 # Numbers of shape_msgs/SolidPrimitive for each kind, and of ff_planner_msgs/Obstacle for a capsule.
@@ -106,8 +107,11 @@ def solid_in(message: Any, field: str) -> Solid:
         found, allowed = "given twice" if len(primitives) else "missing", "give it or a mesh"
         raise InvalidInput(Status.WRONG_SIZE, f"{field}.primitive", found, allowed)
     if len(primitives):
-        return _primitive(primitives[0], f"{field}.primitive")
-    return _mesh(meshes[0], f"{field}.mesh")
+        solid = _primitive(primitives[0], f"{field}.primitive")
+    else:
+        solid = _mesh(meshes[0], f"{field}.mesh")
+    with fields_named({ADDED_FIELD: f"{field}.hull_added"}):
+        return replace(solid, hull_added=value_at(message, "hull_added", 0.0) or solid.hull_added)
 
 
 def primitive_sizes(solid: Solid) -> list[float]:
@@ -196,9 +200,8 @@ def _mesh(message: Any, field: str) -> Solid:
         index = int(np.flatnonzero(rows.max(axis=1) >= len(vertices))[0])
         told, allowed = f"{field}.triangles[{index}]", f"there are {len(vertices)} vertices"
         raise InvalidInput(Status.OUT_OF_RANGE, told, rows[index].tolist(), allowed)
-    volume = enclosed_volume(vertices[rows])
-    share = hull_volume(solid.corners) / volume if volume > 0.0 else 1.0
-    return replace(solid, hull_share=share)
+    added = hull_added(solid.corners, enclosed_volume(vertices[rows]))
+    return replace(solid, hull_added=added)
 
 
 def _require_few(field: str, count: int, most: int) -> None:

@@ -94,7 +94,7 @@ def _is_absent(value: Any, name: str) -> bool:
     given = getattr(value, name)
     if isinstance(value, Sphere | ObstacleBody) and value.body is not None:
         return name not in ("id", "radius", "shape")
-    if isinstance(value, Solid) and name == "hull_share":
+    if isinstance(value, Solid) and name == "hull_added":
         return True
     if isinstance(value, PlanningProblem):
         if name in ("allowed_collisions", "contact_distance"):

@@ -13,7 +13,7 @@ _MUCH, _MOST_TOLD = 10.0, 5
 
 def hull_notes(bodies: Sequence[ObstacleBody]) -> tuple[str, ...]:
     """Return a note on meshes whose convex hulls have over 10 % more volume; empty: none has."""
-    larger = {one.id: 100.0 * (one.solid.hull_share - 1.0) for one in bodies}
+    larger = {one.id: 100.0 * one.solid.hull_added for one in bodies}
     told = [f"{name} by {by:.0f} %" for name, by in larger.items() if by > _MUCH]
     if not told:
         return ()

@@ -95,8 +95,8 @@ def _read(text: str, directory: Path | None) -> UrdfBody:
                 if geometry is not None:
                     called = name if number == 1 else f"{name}#{number}"
                     place = center * places[name] * placement(collision.find("origin"))
-                    share = meshes.shares.get(collision, 1.0)
-                    solid = replace(solid_of(geometry), hull_share=share)
+                    added = meshes.added.get(collision, 0.0)
+                    solid = replace(solid_of(geometry), hull_added=added)
                     solids.append(PlacedSolid(called, solid, place))
     faults.refuse_if_any()
     return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass))

@@ -15,6 +15,9 @@ from ff_planner_ros.robot.urdf.outermost import Boxes
 SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
 # Thickness over length below which points are flat but for rounding, and have no convex hull.
 _THINNEST = 1e-6
+# In parts of the hull's volume: triangles that enclose less are no closed surface, or not wound one
+# way, and cancel but for rounding.
+_LEAST_ENCLOSED = 1e-6
 # Hulls of robots have a few hundred corners; each costs time in every distance query.
 MAX_VERTICES = 1000
 # Directions in which a simplified hull touches the original: it has at most twice as many vertices.
@@ -63,9 +66,18 @@ def _convex(corners: Array) -> coal.Convex:
     return coal.Convex.convexHull(rows, True, "Qt")
 
 
-def hull_volume(points: Array) -> float:
-    """Return the volume of the convex hull of points, shape (points, 3)."""
-    return float(_hull(points).volume)
+def hull_added(corners: Array, volume: float) -> float:
+    """Return the volume that a mesh's convex hull adds, in parts of the mesh's; 0: not known.
+
+    Args:
+        corners: Of the hull. Shape (corners, 3).
+        volume: That the mesh's triangles enclose.
+    """
+    of_hull = float(_hull(corners).volume)
+    if not volume > _LEAST_ENCLOSED * of_hull:
+        return 0.0
+    # Below zero by rounding, or where triangles enclose a space twice
+    return max(0.0, of_hull / volume - 1.0)
 
 
 def enclosed_volume(triangles: Array) -> float:

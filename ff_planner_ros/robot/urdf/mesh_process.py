@@ -38,7 +38,7 @@ class Hull(NamedTuple):
     growth: float  # by simplification, relative to its width
     vertices: int  # number of the mesh's vertices
     unit: float  # of the file's lengths [m]
-    share: float  # volume of the hull divided by that of the mesh; 1: not known
+    added: float  # as `hull_added` returns it
 
 
 class MeshProcess:
@@ -69,7 +69,7 @@ class MeshProcess:
             raise NoSolid(said["fault"])
         corners = np.frombuffer(base64.b64decode(said["corners"]), "<f4").reshape(-1, 3)
         return Hull(
-            corners.astype(float), said["growth"], said["vertices"], said["unit"], said["share"]
+            corners.astype(float), said["growth"], said["vertices"], said["unit"], said["added"]
         )
 
     def close(self) -> None:

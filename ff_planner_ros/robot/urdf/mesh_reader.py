@@ -27,7 +27,7 @@ from ff_planner_ros.robot.urdf.convex_hull import (
     NoSolid,
     convex_solid,
     enclosed_volume,
-    hull_volume,
+    hull_added,
     once,
 )
 
@@ -82,7 +82,7 @@ def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float, float]])
             files[path] = _vertices(Path(path))
         points, unit, volume = files[path]
         corners, _, growth = convex_solid(points, scale)
-        share = hull_volume(corners) / volume if volume > 0.0 else 1.0
+        added = hull_added(corners, volume)
     except NoSolid as fault:
         return {"fault": str(fault)}
     except MemoryError:
@@ -90,7 +90,7 @@ def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float, float]])
     except (RuntimeError, ValueError, OSError):  # of Coal, say
         return {"fault": "it cannot be read"}
     text = base64.b64encode(corners.astype("<f4").tobytes()).decode()
-    told = {"growth": growth, "vertices": len(points), "unit": unit, "share": share}
+    told = {"growth": growth, "vertices": len(points), "unit": unit, "added": added}
     return {"corners": text} | told
 
 
