@@ -98,7 +98,8 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     }
     held = obstacle | {"kind": 4, "sizes": np.array([0.3, 0.4, 0.0])}
     held |= {"vertices": np.empty((0, 3)), "body": compiled.TumblingBody(**tumbling)}
-    obstacles = {"obstacles": [compiled.Obstacle(**one) for one in (obstacle, held)]}
+    both = [compiled.Obstacle(**one) for one in (obstacle, held)]
+    obstacles = {"obstacles": compiled.Obstacles(both)}
     hull = {
         "carriers": 1,
         "rotation": np.eye(3),
@@ -220,6 +221,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         ),
         "TumblingBody": (compiled.TumblingBody, tumbling),
         "Obstacle": (compiled.Obstacle, obstacle),
+        "Obstacles": (compiled.Obstacles, {"obstacles": both}),
         "obstacle_rows": (
             compiled.obstacle_rows,
             of_bodies

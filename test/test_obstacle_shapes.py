@@ -321,6 +321,21 @@ def test_interest_and_spheres_around_leave_nothing_out_that_is_near() -> None:
     assert of_near.shape[1] == jacobian.shape[1]
 
 
+@pytest.mark.parametrize("turning", [0.0, 0.1])
+def test_what_flies_past_is_near_in_the_middle_of_its_way(turning: float) -> None:
+    robot, times = random_robot(5), np.linspace(0.0, 20.0, 41)
+    q = np.repeat(configurations(robot, 1, 5), len(times), axis=0)
+    ahead, rate = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, turning])
+    begin, turn = q[0, :3] - 10.0 * ahead, np.array([0.0, 0.0, 0.0, 1.0])
+    cube = ObstacleBody("cube", Solid("box", np.full(3, 0.8)), begin, turn, ahead, rate)
+    everything, _, names, unknown = core_rows(robot, q, times, (cube,), FAR)
+    _, _, near, near_unknown = core_rows(robot, q, times, (cube,), 0.3)
+    at = near // len(robot.bodies)
+    assert 0 < at.min() <= at.max() < len(times) - 1
+    np.testing.assert_array_equal(near, names[everything < 0.3])
+    np.testing.assert_array_equal(near_unknown, unknown)
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_how_deep_something_is_changes_with_time_as_it_moves_and_turns(seed: int) -> None:
     """The rows of what GJK knows nothing of: all of an arm is in a wall that comes along."""

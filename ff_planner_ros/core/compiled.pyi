@@ -331,13 +331,18 @@ class Obstacle:
         body: TumblingBody | None,  # that it is fixed to
     ) -> None: ...
 
+class Obstacles:
+    """Several of them."""
+
+    def __init__(self, obstacles: Sequence[Obstacle]) -> None: ...
+
 def obstacle_rows(
     chain: Chain,
     bodies: Bodies,
     q: Array,
     q_sensitivity: Array,
     times: Array,
-    obstacles: Sequence[Obstacle],
+    obstacles: Obstacles,
     interest: float,
     times_by_last: Array = ...,
 ) -> tuple[Array, Array, Indices, Indices]:
@@ -379,7 +384,7 @@ def certified_obstacle_distance(
     motion: CubicMotion,
     bodies: Bodies,
     ways: Array,
-    obstacles: Sequence[Obstacle],
+    obstacles: Obstacles,
     chosen: Indices,
     last: int,
     gap: float,

@@ -73,13 +73,13 @@ def _body_of(body: Body) -> compiled.Body:
     )
 
 
-def obstacles_of(obstacles: Sequence[ObstacleBody], until: float) -> list[compiled.Obstacle]:
+def obstacles_of(obstacles: Sequence[ObstacleBody], until: float) -> compiled.Obstacles:
     """Return obstacles, with their motion until a time [s] after the plan's first point."""
     return _obstacles_of(tuple(obstacles), until)
 
 
 @lru_cache(maxsize=8)
-def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> list[compiled.Obstacle]:
+def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> compiled.Obstacles:
     carriers = {
         id(body): compiled.TumblingBody(
             body.position, body.linear_velocity, *body.attitude_series(until)
@@ -109,7 +109,7 @@ def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> list[com
                 body=carriers.get(id(one.body)),
             )
         )
-    return found
+    return compiled.Obstacles(found)
 
 
 def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:

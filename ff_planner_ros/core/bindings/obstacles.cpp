@@ -10,6 +10,11 @@
 namespace ff {
 namespace {
 
+// Obstacles as Python holds them: they are not copied with every question.
+struct Obstacles {
+  std::vector<Obstacle> all;
+};
+
 Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, double grown,
                   const Array& center, double radius, const Array& rotation, const Array& position,
                   const Array& velocity, const Array& rate, double highest_speed,
@@ -28,26 +33,26 @@ Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, double gr
 }
 
 py::tuple rows_of_obstacles(const Chain& chain, const Bodies& of, const Array& q, const Array& dq,
-                            const Array& times, const std::vector<Obstacle>& obstacles,
-                            double interest, const Array& times_by_last) {
+                            const Array& times, const Obstacles& obstacles, double interest,
+                            const Array& times_by_last) {
   const Path along = path(chain, q, dq);
   const Times at = times_of(along, q.shape(0), times, times_by_last);
   require_carried(chain, of);
   if (q.shape(0) == 0) throw std::invalid_argument("q has no configuration");
-  return written(obstacle_rows(chain, of, along, at, obstacles, checked(interest, "interest")),
+  return written(obstacle_rows(chain, of, along, at, obstacles.all, checked(interest, "interest")),
                  dq.shape(2));
 }
 
 double certified_obstacles(const CubicMotion& motion, const Bodies& of, const Array& ways,
-                           const std::vector<Obstacle>& obstacles, const Numbers& chosen, int last,
-                           double gap, double part) {
+                           const Obstacles& obstacles, const Numbers& chosen, int last, double gap,
+                           double part) {
   require_carried(motion.chain, of);
   const size_t count = of.bodies.size();
   const RowMajor moved = sums(motion, ways, count);
-  const Asked asked(chosen, static_cast<py::ssize_t>(count * obstacles.size()), last, motion, gap,
-                    part);
+  const Asked asked(chosen, static_cast<py::ssize_t>(count * obstacles.all.size()), last, motion,
+                    gap, part);
   BodiesOnTheWay bodies(motion, of);
-  return asked.least(ObstaclesOnTheWay{bodies, moved, obstacles});
+  return asked.least(ObstaclesOnTheWay{bodies, moved, obstacles.all});
 }
 
 }  // namespace
@@ -61,6 +66,9 @@ void bind_obstacles(py::module_& m) {
            py::arg("grown"), py::arg("center"), py::arg("radius"), py::arg("rotation"),
            py::arg("position"), py::arg("velocity"), py::arg("rate"), py::arg("highest_speed"),
            py::arg("body"));
+  py::class_<Obstacles>(m, "Obstacles")
+      .def(py::init([](const std::vector<Obstacle>& all) { return Obstacles{all}; }),
+           py::arg("obstacles"));
   m.def("obstacle_rows", &rows_of_obstacles, py::arg("chain"), py::arg("bodies"), py::arg("q"),
         py::arg("q_sensitivity"), py::arg("times"), py::arg("obstacles"), py::arg("interest"),
         py::arg("times_by_last") = Array(0));

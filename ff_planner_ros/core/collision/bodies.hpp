@@ -40,6 +40,8 @@ struct PlacedBodies {
       slides.col(k) = links[k + 1].rotation * chain.slides[k];
       links[k + 1] = chain.moved(links[k + 1], k, joints[k]);
     }
+    solids.reserve(of.bodies.size());
+    centers.reserve(of.bodies.size());
     for (const Body& body : of.bodies) {
       const Pose& link = links[body.carriers];
       solids.push_back(link * body.placement);
@@ -52,6 +54,38 @@ struct PlacedBodies {
     const Vector3 moved = axes.col(k).cross(found.point - origins.col(k)) + slides.col(k);
     return found.normal.dot(moved);
   }
+
+  // The derivatives of a carried body's distance from what is no part of the robot, by the tangent
+  // of the configuration. Seen from a chaser that moves, that moves the other way.
+  Velocity gradient(const Gap& found, int carriers) const {
+    Velocity by_q(6 + carriers);
+    by_q.head<6>() = -stack(found.normal, found.point.cross(found.normal));
+    for (int k = 0; k < carriers; ++k) by_q[6 + k] = -along(found, k);
+    return by_q;
+  }
+};
+
+// How far two boxes are apart. Eigen's own function branches at every axis, unpredictably.
+inline double apart(const Eigen::AlignedBox3d& a, const Eigen::AlignedBox3d& b) {
+  return (a.min() - b.max()).cwiseMax(b.min() - a.max()).cwiseMax(0).norm();
+}
+
+// Where the bodies are along a path.
+struct BodiesAlong {
+  std::vector<Configuration> at;
+  std::vector<PlacedBodies> placed;
+  std::vector<Eigen::AlignedBox3d> ways;  // of each body's centre, in the inertial frame
+
+  BodiesAlong(const Chain& chain, const Bodies& of, const Path& path) : ways(of.bodies.size()) {
+    at.reserve(path.q.rows());
+    placed.reserve(path.q.rows());
+    for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+      at.push_back(Configuration::read(path.q.row(i)));
+      placed.emplace_back(chain, of, at[i].joints);
+      for (size_t body = 0; body < ways.size(); ++body)
+        ways[body].extend(at[i].position + at[i].attitude * placed[i].centers[body]);
+    }
+  }
 };
 
 struct BodyRows {
@@ -59,12 +93,18 @@ struct BodyRows {
   std::vector<long long> names;             // configuration, then pair, or body and sphere
   std::vector<long long> unknown;           // names of those that are in each other
 
-  // Adds a distance; returns its derivatives, which are zero so far.
+  // Adds a distance that is of interest; returns its derivatives, which are zero so far.
   Eigen::Map<Eigen::RowVectorXd> add(double distance, long long name, Eigen::Index columns) {
     distances.push_back(distance);
     names.push_back(name);
     jacobian.resize(jacobian.size() + columns, 0.);
     return {jacobian.data() + jacobian.size() - columns, columns};
+  }
+  // Tells whether a distance is to be added.
+  bool counts(const Gap& found, double distance, long long name, double interest) {
+    if (!found.is_known) unknown.push_back(name);
+    if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
+    return found.is_known && distance < interest;
   }
 };
 
@@ -84,9 +124,7 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const Path& path
       const Gap found = gap(first.solid, placed.solids[a], second.solid, placed.solids[b],
                             known[number], interest);
       const long long name = static_cast<long long>(i) * pairs + number;
-      if (!found.is_known) rows.unknown.push_back(name);
-      if (std::isnan(found.distance)) throw std::domain_error("a distance is not a number");
-      if (!found.is_known || !(found.distance < interest)) continue;
+      if (!rows.counts(found, found.distance, name, interest)) continue;
       auto row = rows.add(found.distance, name, by_x.cols());
       const double sign = first.carriers < second.carriers ? 1 : -1;
       for (int k = std::min(first.carriers, second.carriers);
@@ -102,21 +140,13 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const Path& pa
                             double interest) {
   BodyRows rows;
   const int bodies = static_cast<int>(of.bodies.size());
-  std::vector<Configuration> at;
-  std::vector<PlacedBodies> placed;
-  std::vector<Eigen::AlignedBox3d> ways(bodies);  // of the bodies' centres, in the inertial frame
-  for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
-    at.push_back(Configuration::read(path.q.row(i)));
-    placed.emplace_back(chain, of, at[i].joints);
-    for (int body = 0; body < bodies; ++body)
-      ways[body].extend(at[i].position + at[i].attitude * placed[i].centers[body]);
-  }
+  const BodiesAlong along(chain, of, path);
   std::vector<std::vector<int>> near(bodies);
   std::vector<bool> is_near(spheres.size(), false);  // any of the bodies
   for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
     const Eigen::AlignedBox3d way = spheres[sphere].way(times.at);
     for (int body = 0; body < bodies; ++body)
-      if (ways[body].exteriorDistance(way) <
+      if (apart(along.ways[body], way) <
           of.bodies[body].radius + spheres[sphere].radius + interest) {
         near[body].push_back(static_cast<int>(sphere));
         is_near[sphere] = true;
@@ -124,31 +154,27 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const Path& pa
   }
   std::vector<Vector3> centers(spheres.size());
   for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
-    const Matrix3 to_base = at[i].attitude.toRotationMatrix().transpose();
+    const PlacedBodies& placed = along.placed[i];
+    const Matrix3 to_base = along.at[i].attitude.toRotationMatrix().transpose();
     const auto by_x = path.derivatives(i);
     for (size_t sphere = 0; sphere < spheres.size(); ++sphere)
       if (is_near[sphere])
-        centers[sphere] = to_base * (spheres[sphere].center_at(times.at[i]) - at[i].position);
+        centers[sphere] = to_base * (spheres[sphere].center_at(times.at[i]) - along.at[i].position);
     for (int body = 0; body < bodies; ++body)
       for (const int sphere : near[body]) {
         const Body& solid = of.bodies[body];
         const Vector3& center = centers[sphere];
         const double around = solid.radius + spheres[sphere].radius + interest;
-        if ((placed[i].centers[body] - center).squaredNorm() >= around * around) continue;
-        const Gap found = gap(solid.solid, placed[i].solids[body], center);
+        if ((placed.centers[body] - center).squaredNorm() >= around * around) continue;
+        const Gap found = gap(solid.solid, placed.solids[body], center);
+        const double distance = found.distance - spheres[sphere].radius;
         const long long name =
             (static_cast<long long>(i) * bodies + body) * static_cast<long long>(spheres.size()) +
             sphere;
-        if (!found.is_known) rows.unknown.push_back(name);
-        const double distance = found.distance - spheres[sphere].radius;
-        if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
-        if (!found.is_known || !(distance < interest)) continue;
+        if (!rows.counts(found, distance, name, interest)) continue;
         auto row = rows.add(distance, name, by_x.cols());
-        // Seen from a chaser that moves, a centre moves the other way.
-        const Vector3 by_turn = -center.cross(found.normal);
-        row -= found.normal.transpose() * by_x.topRows<3>();
-        row += by_turn.transpose() * by_x.middleRows<3>(3);
-        for (int k = 0; k < solid.carriers; ++k) row -= placed[i].along(found, k) * by_x.row(6 + k);
+        const Velocity by_q = placed.gradient(found, solid.carriers);
+        row.noalias() = by_q.transpose() * by_x.topRows(by_q.size());
         if (times.by_last.size() > 0)
           row[row.size() - 1] +=
               times.by_last[i] *

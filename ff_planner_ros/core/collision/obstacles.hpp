@@ -1,6 +1,8 @@
 // Obstacles of any convex shape, and how far a robot's bodies are from them. They rest, move
 // uniformly and turn at a constant rate, or are fixed to a body that turns freely.
 #pragma once
+#include <map>
+
 #include "collision/bodies.hpp"
 
 namespace ff {
@@ -14,7 +16,8 @@ struct Obstacle {
   double highest_speed;                      // that no point of it ever exceeds [m/s]
   std::shared_ptr<const TumblingBody> body;  // none: it moves uniformly
 
-  bool rests() const { return !body && velocity.isZero(0) && rate.isZero(0); }
+  bool turns() const { return body || !rate.isZero(0); }
+  bool rests() const { return !turns() && velocity.isZero(0); }
 
   Pose at(double time) const {
     if (body) return body->pose(time) * begin;
@@ -42,6 +45,38 @@ inline double bound(const Vector3& center, double radius, const Obstacle& obstac
   return (closed ? std::max(around, gap(obstacle.solid, there, center).distance) : around) - radius;
 }
 
+// Where obstacles are at some times; what is fixed to one body shares its poses.
+class ObstaclesAt {
+ public:
+  ObstaclesAt(const std::vector<Obstacle>& obstacles, const Values& times) : times_(times) {
+    for (const Obstacle& obstacle : obstacles) {
+      if (!obstacle.body) continue;
+      std::vector<Pose>& poses = of_bodies_[obstacle.body.get()];
+      if (poses.empty())
+        for (const double time : times) poses.push_back(obstacle.body->pose(time));
+    }
+  }
+  Pose pose(const Obstacle& obstacle, Eigen::Index i) const {
+    if (obstacle.body) return of_bodies_.at(obstacle.body.get())[i] * obstacle.begin;
+    return obstacle.at(times_[i]);
+  }
+  // The box around the centre of an obstacle at all times.
+  Eigen::AlignedBox3d way(const Obstacle& obstacle) const {
+    Eigen::AlignedBox3d box;
+    if (!obstacle.turns()) {  // it flies straight on
+      box.extend(obstacle.at(times_.minCoeff()) * obstacle.center);
+      return box.extend(obstacle.at(times_.maxCoeff()) * obstacle.center);
+    }
+    for (Eigen::Index i = 0; i < times_.size(); ++i)
+      box.extend(pose(obstacle, i) * obstacle.center);
+    return box;
+  }
+
+ private:
+  Values times_;
+  std::map<const TumblingBody*, std::vector<Pose>> of_bodies_;
+};
+
 // As `sphere_rows`; names: configuration, body, then obstacle.
 inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& path,
                               const Times& times, const std::vector<Obstacle>& obstacles,
@@ -49,15 +84,8 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
   BodyRows rows;
   const auto count = static_cast<long long>(of.bodies.size() * obstacles.size());
   const int bodies = static_cast<int>(of.bodies.size());
-  std::vector<Configuration> at;
-  std::vector<PlacedBodies> placed;
-  std::vector<Eigen::AlignedBox3d> ways(bodies);  // of the bodies' centres, in the inertial frame
-  for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
-    at.push_back(Configuration::read(path.q.row(i)));
-    placed.emplace_back(chain, of, at[i].joints);
-    for (int body = 0; body < bodies; ++body)
-      ways[body].extend(at[i].position + at[i].attitude * placed[i].centers[body]);
-  }
+  const BodiesAlong along(chain, of, path);
+  const ObstaclesAt obstacles_at(obstacles, times.at);
   // What is never near costs nothing: of an obstacle, the bodies that come into its sphere, or, if
   // it rests, near what the box around their way is from it.
   struct Near {
@@ -68,16 +96,13 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
   std::vector<bool> is_near(obstacles.size(), false);
   for (size_t number = 0; number < obstacles.size(); ++number) {
     const Obstacle& obstacle = obstacles[number];
-    Eigen::AlignedBox3d way;
-    for (const double time : times.at) {
-      way.extend(obstacle.at(time) * obstacle.center);
-      if (obstacle.rests()) break;
-    }
+    const Eigen::AlignedBox3d way = obstacles_at.way(obstacle);
     for (int body = 0; body < bodies; ++body) {
+      const Eigen::AlignedBox3d& moved = along.ways[body];
       const double around = of.bodies[body].radius + interest;
-      if (ways[body].exteriorDistance(way) >= around + obstacle.radius) continue;
-      if (obstacle.rests() && bound(ways[body].center(), ways[body].diagonal().norm() / 2, obstacle,
-                                    obstacle.begin) >= around)
+      if (apart(moved, way) >= around + obstacle.radius) continue;
+      if (obstacle.rests() &&
+          bound(moved.center(), moved.diagonal().norm() / 2, obstacle, obstacle.begin) >= around)
         continue;
       near.push_back({body, static_cast<int>(number), {}});
       is_near[number] = true;
@@ -85,37 +110,31 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
   }
   std::vector<Pose> seen(obstacles.size());
   for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
-    const Pose to_base = Pose{at[i].position, at[i].attitude.toRotationMatrix()}.inverse();
+    const PlacedBodies& placed = along.placed[i];
+    const Pose here{along.at[i].position, along.at[i].attitude.toRotationMatrix()};
+    const Pose to_base = here.inverse();
     const auto by_x = path.derivatives(i);
     for (size_t number = 0; number < obstacles.size(); ++number)
-      if (is_near[number]) seen[number] = to_base * obstacles[number].at(times.at[i]);
+      if (is_near[number]) seen[number] = to_base * obstacles_at.pose(obstacles[number], i);
     for (Near& pair : near) {
       const Body& solid = of.bodies[pair.body];
       const Obstacle& obstacle = obstacles[pair.obstacle];
       const Pose& there = seen[pair.obstacle];
-      if (bound(placed[i].centers[pair.body], solid.radius, obstacle, there) >= interest) continue;
-      const Gap found = gap(solid.solid, placed[i].solids[pair.body], obstacle.solid, there,
-                            pair.known, interest);
+      if (bound(placed.centers[pair.body], solid.radius, obstacle, there) >= interest) continue;
+      const Gap found =
+          gap(solid.solid, placed.solids[pair.body], obstacle.solid, there, pair.known, interest);
       const long long name =
           static_cast<long long>(i) * count +
           static_cast<long long>(pair.body) * static_cast<long long>(obstacles.size()) +
           pair.obstacle;
-      if (!found.is_known) rows.unknown.push_back(name);
-      if (std::isnan(found.distance)) throw std::domain_error("a distance is not a number");
-      if (!found.is_known || !(found.distance < interest)) continue;
+      if (!rows.counts(found, found.distance, name, interest)) continue;
       auto row = rows.add(found.distance, name, by_x.cols());
-      // Seen from a chaser that moves, an obstacle moves the other way.
-      const Vector3 by_turn = -found.point.cross(found.normal);
-      row -= found.normal.transpose() * by_x.topRows<3>();
-      row += by_turn.transpose() * by_x.middleRows<3>(3);
-      for (int k = 0; k < solid.carriers; ++k) row -= placed[i].along(found, k) * by_x.row(6 + k);
-      if (times.by_last.size() > 0) {
-        const Matrix3 to_inertial = at[i].attitude.toRotationMatrix();
-        const Vector3 point = at[i].position + to_inertial * found.point;
+      const Velocity by_q = placed.gradient(found, solid.carriers);
+      row.noalias() = by_q.transpose() * by_x.topRows(by_q.size());
+      if (times.by_last.size() > 0)
         row[row.size() - 1] +=
-            times.by_last[i] *
-            (to_inertial * found.normal).dot(obstacle.velocity_at(point, times.at[i]));
-      }
+            times.by_last[i] * (here.rotation * found.normal)
+                                   .dot(obstacle.velocity_at(here * found.point, times.at[i]));
     }
   }
   return rows;
