@@ -17,6 +17,7 @@ from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search import planner
 from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.problems import shapes
 from ff_planner_ros.problems.robots import arm_urdf
 from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.model import robot_from_urdf_text
@@ -207,6 +208,14 @@ def test_where_the_paper_path_is_a_detour_joint_splines_compete(robot, number, l
     assert made.family == Parametrisation.JOINT_SPLINE
     assert made.metrics.joint_path_length < length
     assert not list(failures(in_own_frame(problem), made, SETTINGS))
+
+
+def test_a_path_that_becomes_a_detour_when_it_is_refined_leads_to_joint_splines():
+    """The paper's path is far from free on few points, and takes 4.8 rad on all of them."""
+    problem = in_own_frame(shapes.problem(37).problem)
+    made = plan(problem, SETTINGS)
+    assert made.family == Parametrisation.JOINT_SPLINE
+    assert made.metrics.joint_path_length < 1.8
 
 
 def detour():

@@ -127,7 +127,8 @@ def test_a_tangent_capture_ends_with_the_wanted_twist(capture, settings):
         linear_velocity=np.array([0.02, 0.0, 0.03]),
         angular_velocity=np.array([0.0, 0.02, -0.01]),
     )
-    motion = plan(replace(capture, objective=LENGTH, target=target), settings).trajectory
+    problem = replace(capture, objective=LENGTH, target=target, parametrisation=PAPERS)
+    motion = plan(problem, settings).trajectory
     assert motion.ee_linear_velocities[-1] == pytest.approx(target.linear_velocity, abs=1e-10)
     assert motion.ee_angular_velocities[-1] == pytest.approx(target.angular_velocity, abs=1e-10)
 

@@ -33,7 +33,7 @@ from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
 from ff_planner_ros.planning.search.families import is_detour, is_held, path_families
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution
 from ff_planner_ros.planning.search.guided_search import Allowance, plans_from
-from ff_planner_ros.planning.search.multi_start import first_plan
+from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION, first_plan
 from ff_planner_ros.planning.search.warm_start import (
     SHORTEST,
     plan_near_guess,
@@ -224,7 +224,7 @@ def _ways_round(
     """Return the plan of each way round that has one.
 
     If the attitude has a weight, plans are of minimum joint path, or of the objective itself if
-    there are none. Where a way round is a detour, the plan may be of the most general family.
+    there are none. Where its path is a detour or blocked, it may be of the most general family.
 
     Raises:
         NoPlanFound: There is none.
@@ -237,7 +237,7 @@ def _ways_round(
             try:
                 posed = replace(problem, parametrisation=way, objective=objective)
                 solver = GridSolver(path_program(posed, family, settings), settings, watch)
-                elsewhere = partial(_instead_of_detour, solver, most_general)
+                elsewhere = partial(_with_more_room, solver, most_general)
                 plan = first_plan(solver, first_guess, elsewhere)
                 found.append(_Found(family if plan.family == way else most_general, plan))
             except NoPlanFound as refused:
@@ -247,17 +247,17 @@ def _ways_round(
     raise refusals[0]
 
 
-def _instead_of_detour(solver: GridSolver, family: PathFamily, coarse: PathSolution) -> Plan | None:
-    """Return the plan of a more general family to which a feasible detour leads, if there is one.
+def _with_more_room(solver: GridSolver, family: PathFamily, coarse: PathSolution) -> Plan | None:
+    """Return the plan of a more general family near a coarse detour or violation, if it has one.
 
-    It is hardly worse than from the end of the detour's own search, in half of the time.
+    It is hardly worse than from the end of the path's own search, in half of the time.
     """
-    of_detour, joints = solver.program.family, coarse.at_x.motion.q[:, 7:]
-    if family.name == of_detour.name or not coarse.feasible:
+    own, joints = solver.program.family, coarse.at_x.motion.q[:, 7:]
+    if family.name == own.name or coarse.at_x.violation > PROMISING_VIOLATION:
         return None
-    if not is_detour(joints, solver.problem.robot.joint_weights):
+    if coarse.feasible and not is_detour(joints, solver.problem.robot.joint_weights):
         return None
-    seen = of_detour.motion(coarse.x, SAMPLES)
+    seen = own.motion(coarse.x, SAMPLES)
     if seen.singular_at is not None:
         return None
     seed = family.near(seen.q)
