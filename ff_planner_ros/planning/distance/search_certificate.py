@@ -11,13 +11,11 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of, spheres_of
 from ff_planner_ros.planning.distance.body_certificate import (
     Least,
-    body_ways,
-    cubics_of,
     least_obstacle_distance,
     least_pair_distance,
     least_sphere_distance,
-    pair_ways,
 )
+from ff_planner_ros.planning.distance.body_motion import body_ways, cubics_of, pair_ways
 from ff_planner_ros.planning.distance.certificate import (
     CERTIFICATE_GAP,
     cubics_between,
