@@ -141,7 +141,10 @@ def test_a_plate_that_turns_past_a_ball_loses_what_it_bends_and_no_more() -> Non
     # Either end: the ball's centre is 0.215 m from the plate's, at a slant of 0.05.
     at_ends, bend = 0.215 * np.cos(0.05) - 0.205, 0.1**2 * (0.215 + 0.2)
     assert one.distance(0.5) == pytest.approx(0.01, abs=1e-9)
-    assert one.bound(one.normals()) == pytest.approx(at_ends - bend / 8, abs=1e-9)
+    begin_normal, end_normal = one.normals()
+    aside = np.array([0.0, 0.6, -0.8])
+    for normals in ([begin_normal, end_normal], [begin_normal, aside], [aside, end_normal]):
+        assert one.bound(normals) == pytest.approx(at_ends - bend / 8, abs=1e-9)
 
 
 @pytest.mark.law("PLAN-09")

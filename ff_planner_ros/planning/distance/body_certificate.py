@@ -268,30 +268,32 @@ def _least(
     """Halve pieces of the motion until the least distance is known."""
     steps = np.append(np.arange(0.0, last, _STRIDE), float(last))
     bounds = kind.bounds(steps)[:, chosen]
-    # What is met where two may be nearest tells which others need not be looked at.
-    first_look = bounds.argmin(axis=0)
-    candidate = int(bounds.min(axis=0).argmin())
-    met = kind.measure(steps[first_look[[candidate]]], chosen[[candidate]]).distance[0]
+    # What is met where two may be nearest tells where others need not be looked at.
+    at, which = np.divmod(np.array([bounds.argmin()]), len(chosen))
+    met = kind.measure(steps[at], chosen[which]).distance[0]
     ways = np.diff(kind.ways(steps[:, None], chosen[None]), axis=0)
-    between = ((bounds[:-1] + bounds[1:] - ways) / 2).min(axis=0, initial=np.inf)
-    lowest = np.minimum(bounds.min(axis=0), between)
+    between = (bounds[:-1] + bounds[1:] - ways) / 2
     # A bound that is exact may be above what is met, by rounding.
-    within = np.flatnonzero(lowest <= max(met, float(lowest.min())))
-    which = np.repeat(chosen[within], len(steps))
-    at = np.tile(steps, len(within))
-    every = kind.measure(at, which)
+    most = max(met, float(bounds.min()))
+    low, looked_at = between <= most, bounds <= most
+    looked_at[:-1] |= low
+    looked_at[1:] |= low
+    at, which = np.nonzero(looked_at)
+    row = np.cumsum(looked_at).reshape(looked_at.shape) - 1
+    every = kind.measure(steps[at], chosen[which])
     best = int(every.distance.argmin())
-    found, pair, step = float(every.distance[best]), int(which[best]), float(at[best])
-    table = np.arange(len(at)).reshape(len(within), len(steps))
+    found = float(every.distance[best])
+    pair, step = int(chosen[which[best]]), float(steps[at[best]])
+    at, which = np.nonzero(low)
     pieces = _Pieces(
-        np.repeat(chosen[within], len(steps) - 1),
-        np.tile(steps[:-1], len(within)),
-        np.tile(steps[1:], len(within)),
-        every.rows(table[:, :-1].ravel()),
-        every.rows(table[:, 1:].ravel()),
+        chosen[which],
+        steps[at],
+        steps[at + 1],
+        every.rows(row[at, which]),
+        every.rows(row[at + 1, which]),
     )
     certified = found
-    rounding = _ROUNDING * float(ways.sum(axis=0)[within].max(initial=0.0))
+    rounding = _ROUNDING * float(ways.sum(axis=0)[which].max(initial=0.0))
     while True:
         finest = max(CERTIFICATE_GAP if found < 0.0 else gap, rounding)
         enough = found - max(finest, part * found)
