@@ -175,7 +175,8 @@ def bends_beside(
 class _Axes(NamedTuple):
     """Bounds of the rates of all axes by s and of their derivatives, each (points - 1, axes).
 
-    The axes are the base's displacement [m], its rotation and the joints [rad, m].
+    The axes are the base's displacement [m], its rotation and the joints [rad, m]; s is the part of
+    an interval.
     """
 
     rates: Array
@@ -212,7 +213,8 @@ def _axes(robot: Robot, motion: FollowedMotion) -> _Axes:
 def _bounds_of(obstacles: tuple[Obstacle, ...]) -> Array:
     """Return highest speed, acceleration and rate of rotation, reach and size. (5, obstacles).
 
-    Of a sphere, its centre moves, and counts: its size is its radius [m/s, m/s2, rad/s, m, m].
+    Speeds and accelerations are those of all points [m/s, m/s2, rad/s, m, m]. Of a sphere the
+    centre counts, which is the radius from the surface.
     """
     found = []
     for one in obstacles:

@@ -55,7 +55,7 @@ def search_certificate(
 def search_pair_distance(
     robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float
 ) -> float:
-    """Return the bound that `least_pair_distance` certifies, or one as tight [m]."""
+    """Return a bound within the same gap as that of `least_pair_distance` [m]."""
     return _certified(
         chosen,
         last,
@@ -81,7 +81,7 @@ def search_sphere_distance(
     part: float,
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return the bound that `least_sphere_distance` certifies, or one as tight [m]."""
+    """Return a bound within the same gap as that of `least_sphere_distance` [m]."""
     return _certified(
         chosen,
         last,
@@ -108,7 +108,7 @@ def search_obstacle_distance(
     part: float,
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return the bound that `least_obstacle_distance` certifies, or one as tight [m]."""
+    """Return a bound within the same gap as that of `least_obstacle_distance` [m]."""
     return _certified(
         chosen,
         last,
