@@ -13,16 +13,16 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.distance.base_spread import (
+from ff_planner_ros.planning.motion.motion import state_at, to_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.uncertainty import Draws, Uncertainty, directions, draws
+from ff_planner_ros.planning.robust.base_spread import (
     TrackedMotion,
     base_spread,
     torques_by_errors,
     tracked_motion,
 )
-from ff_planner_ros.planning.motion.motion import state_at, to_trajectory
-from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.problem.uncertainty import Draws, Uncertainty, directions, draws
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.dynamics import accelerations

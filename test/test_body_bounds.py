@@ -105,15 +105,17 @@ def test_reaches_of_a_straight_arm_of_balls_are_exact() -> None:
         ('<capsule radius="0.1" length="0.8"/>', 0.5, 0.6, np.hypot(0.5, 0.4) + 0.1),
         # A prism of sixteen sides around it is thicker by less than two per cent.
         ('<cylinder radius="0.1" length="0.8"/>', np.hypot(0.1, 0.4), 0.6, np.hypot(0.6, 0.4)),
+        ('<cone radius="0.1" length="0.8"/>', np.hypot(0.1, 0.4), 0.6, np.hypot(0.6, 0.4)),
     ],
-    ids=["box", "sphere", "capsule", "cylinder"],
+    ids=["box", "sphere", "capsule", "cylinder", "cone"],
 )
 def test_reaches_of_every_kind_of_solid_are_those_of_its_farthest_point(
     solid: str, around: float, about_z: float, away: float
 ) -> None:
     """Upright, half a metre behind the last joint."""
     # Between two of the prism's edges, where it is thinnest.
-    turn = np.pi / 16 if "cylinder" in solid else 0.0
+    has_rim = "cylinder" in solid or "cone" in solid
+    turn = np.pi / 16 if has_rim else 0.0
     origin = f'<origin xyz="0.5 0 0" rpy="0 0 {turn}"/>'
     place = f"<collision>{origin}<geometry>{solid}</geometry></collision>"
     arm = straight_arm(0.4, 1.0, 0.6, solids=(("link_2", place),))
@@ -124,7 +126,7 @@ def test_reaches_of_every_kind_of_solid_are_those_of_its_farthest_point(
         (base_reaches(arm)[0], 1.4 + away),
     ):
         assert exact - 1e-12 <= found <= exact + 0.0021
-        assert "cylinder" in solid or found == pytest.approx(exact, abs=1e-12)
+        assert has_rim or found == pytest.approx(exact, abs=1e-12)
 
 
 def test_a_body_seen_from_the_joints_behind_it_is_as_far_as_its_farthest_point() -> None:

@@ -16,12 +16,11 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
-    body_ways,
     least_of,
     least_pair_distance,
     least_sphere_distance,
-    pair_ways,
 )
+from ff_planner_ros.planning.distance.body_motion import body_ways, pair_ways
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,

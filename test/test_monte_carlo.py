@@ -14,14 +14,13 @@ from shaped_problems import among_cubes
 from ff_planner_ros.common.intervals import exact_interval
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.distance.base_spread import base_spread, tracked_motion
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.distance.nearness import nearness
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, directions, draws
+from ff_planner_ros.planning.robust.base_spread import base_spread, tracked_motion
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
     CLEARANCE,
@@ -30,6 +29,7 @@ from ff_planner_ros.planning.robust.margins import (
     TORQUE,
     margins,
 )
+from ff_planner_ros.planning.robust.nearness import nearness
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.simulation.monte_carlo import MonteCarlo, monte_carlo

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from straight_arms import ball, straight_arm
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.nearness import Nearness, nearness
 from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere, Target
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.robust.nearness import Nearness, nearness
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
 from ff_planner_ros.robot.model import Robot
 

@@ -7,10 +7,10 @@ import pinocchio as pin
 import pytest
 from robots import LEMUR_URDF, random_state, random_urdf
 
-from ff_planner_ros.planning.distance.base_spread import tracked_motion
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.motion import to_trajectory
+from ff_planner_ros.planning.robust.base_spread import tracked_motion
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum

@@ -17,14 +17,13 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.intervals import exact_interval
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.distance.base_spread import TrackedMotion, base_spread, tracked_motion
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.nearness import Nearness, nearness
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Draws, Uncertainty, directions, draws
+from ff_planner_ros.planning.robust.base_spread import TrackedMotion, base_spread, tracked_motion
 from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
@@ -38,6 +37,7 @@ from ff_planner_ros.planning.robust.margins import (
     rotated_since_start,
     turned_from_start,
 )
+from ff_planner_ros.planning.robust.nearness import Nearness, nearness
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.tracked_runs import TrackedRuns, run_torques, tracked_runs

@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.distance.nearness import nearness
 from ff_planner_ros.planning.motion.motion import from_trajectory, state_at
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, draws
 from ff_planner_ros.planning.robust.margins import CLEARANCE
+from ff_planner_ros.planning.robust.nearness import nearness
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.deviation import deviation

@@ -15,8 +15,8 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.base_spread import TrackedMotion
 from ff_planner_ros.planning.problem.uncertainty import Draws
+from ff_planner_ros.planning.robust.base_spread import TrackedMotion
 from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.momentum_regressor import PARAMETERS

@@ -3,7 +3,8 @@
 Between two points the motion is the cubic through both configurations and velocities, as for the
 centre lines. Along it a point of a body moves at most by s = sum |dq_i| r_i, with r_i the distance
 of joint i from the body's farthest point. So a distance is at least the mean of both ends' less
-s / 2; intervals are halved until the bound is tight. Between two bodies of the robot only the
+s / 2. Where that is too low between two points, accelerations bound it, too: see `body_gaps`.
+Intervals are halved until the better bound is tight. Between two bodies of the robot only the
 joints between them count; between body and obstacle the motions of base and obstacle do, too.
 """
 
@@ -11,31 +12,41 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
+import coal
 import numpy as np
-import pinocchio as pin
+from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base, placed_bodies
+from ff_planner_ros.planning.distance.bodies import centers_in_base, pairs
 from ff_planner_ros.planning.distance.body_distances import (
     pair_bounds,
     pair_distances,
     sphere_bounds,
     sphere_distances,
 )
-from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, cubics_between
+from ff_planner_ros.planning.distance.body_gaps import Measured, Solids, gap_bounds, measured
+from ff_planner_ros.planning.distance.body_motion import (
+    bends_beside,
+    body_ways,
+    pair_bends,
+    pair_ways,
+    seen_at,
+    times_at,
+)
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_bounds,
     obstacle_distances,
+    obstacle_geometry,
     seen_from_chaser,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Obstacle, ObstacleBody, Sphere
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 # Large distances need not be known to half a millimetre, but to this fraction of themselves.
 EXACT_PART = 0.02
@@ -64,15 +75,42 @@ def least_of(*every: Least) -> Least:
     return nearest._replace(certified=min(least.certified for least in every))
 
 
+class _Pieces(NamedTuple):
+    """Pieces of the motion, each of one pair."""
+
+    pair: Indices  # shape (pieces,)
+    begin: Array  # first step; shape (pieces,)
+    end: Array
+    at_begin: Measured
+    at_end: Measured
+
+    def rows(self, which: Indices | NDArray[np.bool_]) -> _Pieces:
+        """Return some of the pieces."""
+        ends = self.at_begin.rows(which), self.at_end.rows(which)
+        return _Pieces(self.pair[which], self.begin[which], self.end[which], *ends)
+
+    def halved(self, middle: Array, at_middle: Measured) -> _Pieces:
+        """Return the first part of each piece, then the second parts."""
+        return _Pieces(
+            np.concatenate([self.pair, self.pair]),
+            np.concatenate([self.begin, middle]),
+            np.concatenate([middle, self.end]),
+            self.at_begin.followed_by(at_middle),
+            at_middle.followed_by(self.at_end),
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class _Kind:
     """What is measured: the pairs of bodies, or each body with each obstacle."""
 
-    # Lower bounds at steps for all pairs, (steps, pairs); distances of pairs, each at its own step
+    # Lower bounds at steps for all pairs, (steps, pairs); pairs measured, each at its own step
     bounds: Callable[[Array], Array]
-    distances: Callable[[Array, Indices], Array]
+    measure: Callable[[Array, Indices], Measured]
     # How far pairs have moved against each other at most, each at its own step
     ways: Callable[[Array, Indices], Array]
+    # Lower bounds of distances by `gap_bounds`, of pieces between two points
+    gaps: Callable[[_Pieces], Array]
 
 
 def least_pair_distance(
@@ -89,18 +127,25 @@ def least_pair_distance(
         return NOTHING
 
     def bounds(steps: Array) -> Array:
-        return pair_bounds(robot, _seen_at(robot, motion, steps).placed)
+        return pair_bounds(robot, seen_at(robot, motion, steps).placed)
 
-    def distances(steps: Array, which: Indices) -> Array:
-        at = _seen_at(robot, motion, steps)
-        return pair_distances(robot, at.placed, (at.rows, which)).distance
+    def measure(steps: Array, which: Indices) -> Measured:
+        at = seen_at(robot, motion, steps)
+        found = pair_distances(robot, at.placed, (at.rows, which))
+        return measured(found, *(at.poses(side[which]) for side in pairs(robot)))
 
     sums = _sums(pair_ways(robot, motion))
 
     def ways(steps: Array, which: Indices) -> Array:
         return _reached(sums, steps, which)
 
-    return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)
+    def gaps(pieces: _Pieces) -> Array:
+        first, second = (Solids(_solids(robot), side[pieces.pair]) for side in pairs(robot))
+        bends = pair_bends(robot, motion, pieces.pair, pieces.begin, pieces.end)
+        return gap_bounds(first, second, pieces.at_begin, pieces.at_end, bends)
+
+    kind = _Kind(bounds, measure, ways, gaps)
+    return _least(kind, chosen, last, motion.time, part)
 
 
 def least_sphere_distance(
@@ -125,19 +170,21 @@ def least_sphere_distance(
     radius = np.array([sphere.radius for sphere in spheres])
 
     def bounds(steps: Array) -> Array:
-        at = _seen_at(robot, motion, steps)
+        at = seen_at(robot, motion, steps)
         centers = centers_in_base(at.q, centers_at(at.times, spheres))
         return sphere_bounds(robot, at.placed, centers, radius).reshape(len(steps), -1)
 
-    def distances(steps: Array, which: Indices) -> Array:
-        at = _seen_at(robot, motion, steps)
+    def measure(steps: Array, which: Indices) -> Measured:
+        at = seen_at(robot, motion, steps)
         bodies, sphere = np.divmod(which, len(spheres))
         few, column = np.unique(sphere, return_inverse=True)
         centers = centers_in_base(at.q, centers_at(at.times, [spheres[k] for k in few]))
         rows = at.rows, bodies, column
-        return sphere_distances(robot, at.placed, centers, radius[few], rows).distance
+        found = sphere_distances(robot, at.placed, centers, radius[few], rows)
+        axes = rotation_from_quaternion(at.q[:, 3:7]).swapaxes(1, 2)
+        return measured(found, at.poses(bodies), (axes[at.rows], centers[at.rows, column]))
 
-    kind = _Kind(bounds, distances, _ways_beside(robot, motion, spheres))
+    kind = _beside(robot, motion, spheres, bounds, measure)
     return _least(kind, chosen, last, motion.time, part, gap)
 
 
@@ -159,84 +206,55 @@ def least_obstacle_distance(
         return NOTHING
 
     def bounds(steps: Array) -> Array:
-        at = _seen_at(robot, motion, steps)
+        at = seen_at(robot, motion, steps)
         found = obstacle_bounds(robot, at.placed, at.q, at.times, obstacles)
         return found.reshape(len(steps), -1)
 
-    def distances(steps: Array, which: Indices) -> Array:
-        at = _seen_at(robot, motion, steps)
+    def measure(steps: Array, which: Indices) -> Measured:
+        at = seen_at(robot, motion, steps)
         bodies, obstacle = np.divmod(which, len(obstacles))
         few, column = np.unique(obstacle, return_inverse=True)
         chosen_ones = [obstacles[k] for k in few]
         poses, rows = seen_from_chaser(at.q, at.times, chosen_ones), (at.rows, bodies, column)
-        return obstacle_distances(robot, at.placed, poses, chosen_ones, rows).distance
+        found = obstacle_distances(robot, at.placed, poses, chosen_ones, rows)
+        there = poses.rotations[at.rows, column], poses.positions[at.rows, column]
+        return measured(found, at.poses(bodies), there)
 
-    kind = _Kind(bounds, distances, _ways_beside(robot, motion, obstacles))
+    kind = _beside(robot, motion, obstacles, bounds, measure)
     return _least(kind, chosen, last, motion.time, part, gap)
 
 
-def _ways_beside(
-    robot: Robot, motion: FollowedMotion, obstacles: Sequence[Obstacle]
-) -> Callable[[Array, Indices], Array]:
-    """Return how far bodies and obstacles have moved against each other at most, for `_Kind`."""
+def _beside(
+    robot: Robot,
+    motion: FollowedMotion,
+    obstacles: Sequence[Obstacle],
+    bounds: Callable[[Array], Array],
+    measure: Callable[[Array, Indices], Measured],
+) -> _Kind:
+    """Return bodies and obstacles as what is measured."""
     speeds = np.array([one.highest_speed for one in obstacles])
     of_bodies = _sums(body_ways(robot, motion))
 
     def ways(steps: Array, which: Indices) -> Array:
         body, obstacle = np.divmod(which, len(obstacles))
-        moved: Array = _reached(of_bodies, steps, body) + _times(motion, steps) * speeds[obstacle]
+        moved: Array = _reached(of_bodies, steps, body) + times_at(motion, steps) * speeds[obstacle]
         return moved
 
-    return ways
+    def gaps(pieces: _Pieces) -> Array:
+        which, begin, end, at_begin, at_end = pieces
+        body, obstacle = np.divmod(which, len(obstacles))
+        way = ways(end, which) - ways(begin, which)
+        apart = np.maximum((at_begin.distance + at_end.distance + way) / 2, 0.0)
+        bends = bends_beside(robot, motion, obstacles, which, begin, end, apart)
+        others = [obstacle_geometry(one) for one in obstacles]
+        solids = Solids(_solids(robot), body), Solids(others, obstacle)
+        return gap_bounds(*solids, at_begin, at_end, bends)
+
+    return _Kind(bounds, measure, ways, gaps)
 
 
-@lru_cache(maxsize=4)
-def cubics_of(robot: Robot, motion: FollowedMotion) -> Array:
-    """Return the cubics between the points of a motion; see `cubics_between`."""
-    return cubics_between(robot, motion.q, motion.v, np.diff(motion.time))
-
-
-def pair_ways(robot: Robot, motion: FollowedMotion) -> Array:
-    """Return bounds of pairs' relative displacement in each interval. (points - 1, pairs) [m]."""
-    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics_of(robot, motion)[:, :, 6:])
-    return np.asarray(rates @ pair_reaches(robot), np.float64)
-
-
-def body_ways(robot: Robot, motion: FollowedMotion) -> Array:
-    """Return bounds of the bodies' displacement in each interval. (points - 1, bodies) [m]."""
-    cubics = cubics_of(robot, motion)
-    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
-    # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
-    way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
-    moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
-    of_base = moving[:, None] + turning[:, None] * (base_reaches(robot) + way[:, None] / 2)
-    return np.asarray(of_base + rates[:, 6:] @ body_reaches(robot), np.float64)
-
-
-class _Seen(NamedTuple):
-    """Where the robot is at some steps, each once."""
-
-    q: Array  # shape (configurations, 7 + joints)
-    times: Array  # shape (configurations,) [s]
-    placed: Placed
-    rows: Indices  # the configuration of each step
-
-
-def _seen_at(robot: Robot, motion: FollowedMotion, steps: Array) -> _Seen:
-    """Return where the robot is at steps, points or parts of the way between two."""
-    different, rows = np.unique(steps, return_inverse=True)
-    if not (different % 1.0).any():
-        placed, which = _placed_at_points(robot, motion), different.astype(np.intp)
-        return _Seen(
-            motion.q[which], motion.time[which], Placed(*(each[which] for each in placed)), rows
-        )
-    q = _between(robot, motion.q, cubics_of(robot, motion), different)
-    return _Seen(q, _times(motion, different), placed_bodies(robot, q[:, 7:]), rows)
-
-
-@lru_cache(maxsize=4)
-def _placed_at_points(robot: Robot, motion: FollowedMotion) -> Placed:
-    return placed_bodies(robot, motion.q[:, 7:])
+def _solids(robot: Robot) -> list[coal.CollisionGeometry]:
+    return [body.solid for body in robot.bodies]
 
 
 def _least(
@@ -250,46 +268,53 @@ def _least(
     """Halve pieces of the motion until the least distance is known."""
     steps = np.append(np.arange(0.0, last, _STRIDE), float(last))
     bounds = kind.bounds(steps)[:, chosen]
-    # What is met where two may be nearest tells which others need not be looked at.
-    first_look = bounds.argmin(axis=0)
-    candidate = int(bounds.min(axis=0).argmin())
-    met = kind.distances(steps[first_look[[candidate]]], chosen[[candidate]])[0]
+    # What is met where two may be nearest tells where others need not be looked at.
+    at, which = np.divmod(np.array([bounds.argmin()]), len(chosen))
+    met = kind.measure(steps[at], chosen[which]).distance[0]
     ways = np.diff(kind.ways(steps[:, None], chosen[None]), axis=0)
-    between = ((bounds[:-1] + bounds[1:] - ways) / 2).min(axis=0, initial=np.inf)
-    lowest = np.minimum(bounds.min(axis=0), between)
+    between = (bounds[:-1] + bounds[1:] - ways) / 2
     # A bound that is exact may be above what is met, by rounding.
-    within = np.flatnonzero(lowest <= max(met, float(lowest.min())))
-    which = np.repeat(chosen[within], len(steps))
-    at = np.tile(steps, len(within))
-    distance = kind.distances(at, which)
-    best = int(distance.argmin())
-    found, pair, step = float(distance[best]), int(which[best]), float(at[best])
-    table = distance.reshape(len(within), len(steps))
-    pair_of = np.repeat(chosen[within], len(steps) - 1)
-    begin, end = np.tile(steps[:-1], len(within)), np.tile(steps[1:], len(within))
-    at_begin, at_end = table[:, :-1].ravel(), table[:, 1:].ravel()
+    most = max(met, float(bounds.min()))
+    low, looked_at = between <= most, bounds <= most
+    looked_at[:-1] |= low
+    looked_at[1:] |= low
+    at, which = np.nonzero(looked_at)
+    row = np.cumsum(looked_at).reshape(looked_at.shape) - 1
+    every = kind.measure(steps[at], chosen[which])
+    best = int(every.distance.argmin())
+    found = float(every.distance[best])
+    pair, step = int(chosen[which[best]]), float(steps[at[best]])
+    at, which = np.nonzero(low)
+    pieces = _Pieces(
+        chosen[which],
+        steps[at],
+        steps[at + 1],
+        every.rows(row[at, which]),
+        every.rows(row[at + 1, which]),
+    )
     certified = found
-    rounding = _ROUNDING * float(ways.sum(axis=0)[within].max(initial=0.0))
+    rounding = _ROUNDING * float(ways.sum(axis=0)[which].max(initial=0.0))
     while True:
         finest = max(CERTIFICATE_GAP if found < 0.0 else gap, rounding)
-        way = kind.ways(end, pair_of) - kind.ways(begin, pair_of)
-        bound = (at_begin + at_end - way) / 2
-        open_ = bound < found - max(finest, part * found)
+        enough = found - max(finest, part * found)
+        way = kind.ways(pieces.end, pieces.pair) - kind.ways(pieces.begin, pieces.pair)
+        bound = (pieces.at_begin.distance + pieces.at_end.distance - way) / 2
+        short = np.flatnonzero((bound < enough) & (pieces.end - pieces.begin <= 1.0))
+        if short.size:
+            bound[short] = np.maximum(bound[short], kind.gaps(pieces.rows(short)))
+        open_ = bound < enough
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return Least(certified, found, pair, float(np.interp(step, np.arange(len(time)), time)))
-        pair_of, begin, end = pair_of[open_], begin[open_], end[open_]
-        middle = (begin + end) / 2
-        middle = np.where(end - begin > 1.0, np.floor(middle), middle)
-        at_middle = kind.distances(middle, pair_of)
-        best = int(at_middle.argmin())
-        if at_middle[best] < found:
-            found, pair, step = float(at_middle[best]), int(pair_of[best]), float(middle[best])
+        pieces = pieces.rows(open_)
+        middle = (pieces.begin + pieces.end) / 2
+        middle = np.where(pieces.end - pieces.begin > 1.0, np.floor(middle), middle)
+        at_middle = kind.measure(middle, pieces.pair)
+        best = int(at_middle.distance.argmin())
+        if (nearest := float(at_middle.distance[best])) < found:
+            found, pair, step = nearest, int(pieces.pair[best]), float(middle[best])
             certified = min(certified, found)
-        pair_of = np.concatenate([pair_of, pair_of])
-        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
-        at_begin = np.concatenate([at_begin[open_], at_middle])
-        at_end = np.concatenate([at_middle, at_end[open_]])
+        pieces = pieces.halved(middle, at_middle)
 
 
 def _sums(ways: Array) -> Array:
@@ -303,21 +328,3 @@ def _reached(sums: Array, steps: Array, column: Indices) -> Array:
     before, after = sums[whole, column], sums[whole + 1, column]
     reached: Array = before + (steps - whole) * (after - before)
     return reached
-
-
-def _times(motion: FollowedMotion, steps: Array) -> Array:
-    return np.interp(steps, np.arange(len(motion.time)), motion.time)
-
-
-def _between(robot: Robot, q: Array, cubics: Array, steps: Array) -> Array:
-    """Return configurations at steps, points or parts of the way between two."""
-    whole = np.minimum(steps.astype(np.intp), len(q) - 2)
-    part = steps - whole
-    at_points = q[np.round(steps).astype(np.intp)]
-    rows = np.flatnonzero(part % 1.0)
-    if rows.size:
-        powers = part[rows, None] ** np.array([1, 2, 3])
-        moved = np.einsum("ip,ipj->ij", powers, cubics[whole[rows]])
-        begin = q[whole[rows]]
-        at_points[rows] = [pin.integrate(robot.model, *at) for at in zip(begin, moved, strict=True)]
-    return at_points

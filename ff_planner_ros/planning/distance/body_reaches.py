@@ -15,7 +15,7 @@ from ff_planner_ros.planning.distance.bodies import carriers, kinds_and_sizes, p
 from ff_planner_ros.robot.collision.bodies import Kind
 from ff_planner_ros.robot.model import Robot
 
-# A cylinder is in the prism around it; one of so many sides is hardly thicker.
+# A cylinder, or a cone in it, is in the prism around it; one of so many sides is hardly thicker.
 _SIDES = 16
 # No joint slides further beyond its limits [m]: the check refuses plans that exceed them by more.
 _BEYOND = 1e-3
@@ -35,7 +35,7 @@ def pair_reaches(robot: Robot) -> Array:
     order = np.argsort([carried[side] for side in sides], axis=0)
     before, behind = np.take_along_axis(np.array(sides), order, axis=0)
     joint = np.arange(robot.joints)[:, None]
-    nearer = np.minimum(_reaches_back(robot)[:, before], body_reaches(robot)[:, behind])
+    nearer = np.minimum(reaches_back(robot)[:, before], body_reaches(robot)[:, behind])
     return np.where((inner <= joint) & (joint < outer), nearer, 0.0)
 
 
@@ -65,10 +65,12 @@ def base_reaches(robot: Robot) -> Array:
     return np.asarray(_stretched(robot)[carriers(robot)] + farthest, np.float64)
 
 
-def _reaches_back(robot: Robot) -> Array:
+@lru_cache(maxsize=8)
+def reaches_back(robot: Robot) -> Array:
     """Return how far any point of a body is at most from each joint beyond it.
 
-    Of the first of them it is the distance from the axis. Shape (joints, bodies) [m].
+    Of the first of them it is the distance from the axis. 1 for prismatic joints, zero for joints
+    that carry the body. Shape (joints, bodies) [m per rad, m per m].
     """
     along, reaches = _stretched(robot), np.zeros((robot.joints, len(robot.bodies)))
     for number, body in enumerate(_outlines(robot)):
@@ -128,7 +130,8 @@ def _outlines(robot: Robot) -> tuple[_Outline, ...]:
             points = sizes * list(product((1.0, -1.0), repeat=3))
         else:
             radius, half_length, _ = sizes
-            thick = radius / np.cos(np.pi / _SIDES) if kind == Kind.CYLINDER else 0.0
+            has_rim = kind in (Kind.CYLINDER, Kind.CONE)
+            thick = radius / np.cos(np.pi / _SIDES) if has_rim else 0.0
             angles = 2 * np.pi / _SIDES * np.arange(_SIDES)
             ring = thick * np.column_stack([np.cos(angles), np.sin(angles)])
             points = np.array([(*at, end) for at in ring for end in (half_length, -half_length)])

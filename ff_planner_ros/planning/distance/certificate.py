@@ -157,13 +157,25 @@ def _lower_bounds(at_begin: Array, at_end: Array, ways: Array, bends: Array, rad
         bends: Their second derivative at most, by the part of the piece. Same shape [m].
         radii: Of the spheres. Shape (spheres,) [m].
     """
-    first, rise = (at_begin + at_end - ways) / 2, at_end - at_begin
+    first = (at_begin + at_end - ways) / 2
     with np.errstate(over="ignore"):  # infinite where the arm may come to the centre
-        curvature = ways**2 / np.maximum(radii + first, _TINY) + bends + _TINY
-        second = (at_begin + at_end) / 2 - curvature / 8 - rise * (rise / curvature) / 2
-    second = np.where(2 * np.abs(rise) < curvature, second, np.minimum(at_begin, at_end))
-    bounds: Array = np.maximum(first, second)
+        curvature = ways**2 / np.maximum(radii + first, _TINY) + bends
+    bounds: Array = np.maximum(first, parabola_bounds(at_begin, at_end, curvature))
     return bounds
+
+
+def parabola_bounds(at_begin: Array, at_end: Array, curvature: Array) -> Array:
+    """Return the least values, from begin to end, of parabolas through values at both.
+
+    Args:
+        at_begin: Values at the begin. Any shape.
+        at_end: As at_begin.
+        curvature: Second derivative by the part of the way, not negative. Same shape.
+    """
+    rise, curvature = at_end - at_begin, curvature + _TINY
+    with np.errstate(over="ignore"):
+        vertex = (at_begin + at_end) / 2 - curvature / 8 - rise * (rise / curvature) / 2
+    return np.where(2 * np.abs(rise) < curvature, vertex, np.minimum(at_begin, at_end))
 
 
 def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:

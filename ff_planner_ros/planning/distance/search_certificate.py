@@ -11,13 +11,11 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of, spheres_of
 from ff_planner_ros.planning.distance.body_certificate import (
     Least,
-    body_ways,
-    cubics_of,
     least_obstacle_distance,
     least_pair_distance,
     least_sphere_distance,
-    pair_ways,
 )
+from ff_planner_ros.planning.distance.body_motion import body_ways, cubics_of, pair_ways
 from ff_planner_ros.planning.distance.certificate import (
     CERTIFICATE_GAP,
     cubics_between,
@@ -57,7 +55,7 @@ def search_certificate(
 def search_pair_distance(
     robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float
 ) -> float:
-    """Return the bound that `least_pair_distance` certifies, or one as tight [m]."""
+    """Return a bound within the same gap as that of `least_pair_distance` [m]."""
     return _certified(
         chosen,
         last,
@@ -83,7 +81,7 @@ def search_sphere_distance(
     part: float,
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return the bound that `least_sphere_distance` certifies, or one as tight [m]."""
+    """Return a bound within the same gap as that of `least_sphere_distance` [m]."""
     return _certified(
         chosen,
         last,
@@ -110,7 +108,7 @@ def search_obstacle_distance(
     part: float,
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return the bound that `least_obstacle_distance` certifies, or one as tight [m]."""
+    """Return a bound within the same gap as that of `least_obstacle_distance` [m]."""
     return _certified(
         chosen,
         last,

@@ -10,7 +10,6 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.nearness import nearness
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.approach import Margins as Inside
 from ff_planner_ros.planning.problem.problem import (
@@ -29,6 +28,7 @@ from ff_planner_ros.planning.robust.margins import (
     TORQUE,
     Margins,
 )
+from ff_planner_ros.planning.robust.nearness import nearness
 from ff_planner_ros.robot.configuration import configuration
 
 # By kind of margin, in its unit: growth of each obstacle, reduction of each joint's torque limit,

@@ -13,17 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.planning.distance.base_spread import (
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.problem.problem import Limits
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.uncertainty import Directions
+from ff_planner_ros.planning.robust.base_spread import (
     BaseSpread,
     TrackedMotion,
     torques_by_errors,
 )
-from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.nearness import Nearness
-from ff_planner_ros.planning.problem.problem import Limits
-from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.planning.problem.uncertainty import Directions
 from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
+from ff_planner_ros.planning.robust.nearness import Nearness
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.quaternion import (
     angle_of_quaternion,

@@ -18,8 +18,6 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.check import measure
-from ff_planner_ros.planning.distance.base_spread import base_spread, tracked_motion
-from ff_planner_ros.planning.distance.nearness import nearness
 from ff_planner_ros.planning.motion.plan import Plan, RobustReport
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
@@ -34,6 +32,7 @@ from ff_planner_ros.planning.robust.back_off import (
     no_back_off,
     tighten,
 )
+from ff_planner_ros.planning.robust.base_spread import base_spread, tracked_motion
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
     CLEARANCE,
@@ -45,6 +44,7 @@ from ff_planner_ros.planning.robust.margins import (
     Margins,
     margins,
 )
+from ff_planner_ros.planning.robust.nearness import nearness
 
 # Number of plans beside the plain one: three are enough unless the way round changes.
 _ROUNDS = 6

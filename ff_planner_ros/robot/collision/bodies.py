@@ -149,6 +149,31 @@ def radius_around(solid: coal.CollisionGeometry, center: Array) -> float:
     return float(np.linalg.norm(solid.points() - center, axis=1).max())
 
 
+def furthest(solid: coal.CollisionGeometry, ways: Array) -> Array:
+    """Return a solid's support function: the largest coordinate along each direction [m].
+
+    Args:
+        ways: Directions in the solid's frame, of unit length. Shape (..., 3).
+
+    Returns:
+        One dimension less.
+    """
+    kind, (radius, half_length, _) = kind_and_sizes(solid)
+    up, across = half_length * ways[..., 2], radius * np.hypot(ways[..., 0], ways[..., 1])
+    match kind:
+        case Kind.ROUND:
+            found = np.abs(up) + radius
+        case Kind.BOX:
+            found = np.abs(ways) @ solid.halfSide
+        case Kind.CYLINDER:
+            found = np.abs(up) + across
+        case Kind.CONE:
+            found = np.maximum(up, across - up)
+        case _:
+            found = (ways @ solid.points().T).max(axis=-1)
+    return np.asarray(found + solid.getSweptSphereRadius(), np.float64)
+
+
 def collision_solid(
     link: str, collision: Element, meshes: Meshes, faults: Faults
 ) -> coal.CollisionGeometry | None:

@@ -15,7 +15,7 @@ from ff_planner_ros.common.forms import ROWS, Form, Schema, a_number, of_mapping
 from ff_planner_ros.common.plain_values import dotted, mapping, number, numbers, text
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
-from ff_planner_ros.robot.collision.bodies import radius_around
+from ff_planner_ros.robot.collision.bodies import furthest, radius_around
 from ff_planner_ros.robot.urdf.convex_hull import (
     LARGEST_SIZE,
     SMALLEST_SIZE,
@@ -124,24 +124,7 @@ class Solid:
         Args:
             ways: Directions in its frame, of unit length. Shape (ways, 3).
         """
-        return self._furthest(ways) + self.grown
-
-    def _furthest(self, ways: Array) -> Array:
-        if self.kind == MESH:
-            return np.asarray((ways @ self.corners.T).max(axis=1), np.float64)
-        if self.kind == "box":
-            return np.asarray(np.abs(ways) @ self.sizes / 2.0, np.float64)
-        radius, length = self.sizes[0], self.sizes[-1]
-        up, across = ways[:, 2], np.hypot(ways[:, 0], ways[:, 1])
-        match self.kind:
-            case "sphere":
-                return np.full(len(ways), radius)
-            case "capsule":
-                return np.asarray(np.abs(up) * length / 2.0 + radius, np.float64)
-            case "cylinder":
-                return np.asarray(np.abs(up) * length / 2.0 + radius * across, np.float64)
-        apex, rim = up * length / 2.0, radius * across - up * length / 2.0
-        return np.asarray(np.maximum(apex, rim), np.float64)
+        return furthest(self.geometry, ways)
 
 
 @dataclass(frozen=True)
