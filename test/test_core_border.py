@@ -182,6 +182,13 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.chaser_euler,
             {"q": q, "by_x": by_q, "rotation_chaser_to_base": np.eye(3)},
         ),
+        "solve_program": (
+            compiled.solve_program,
+            {"hessian": np.eye(3), "gradient": np.array([-3.0, -2.0, 0.0])}
+            | {"equal_rows": np.array([[0.0, 0.0, 1.0]]), "equal": np.zeros(1)}
+            | {"rows": np.array([[-1.0, -1.0, 0.0]]), "least": np.array([-2.0])}
+            | {"lower": -np.ones(3), "upper": np.ones(3), "guess": np.arange(7)},
+        ),
         "certified_clearance": (
             compiled.certified_clearance,
             certified | spheres | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3},
@@ -374,7 +381,7 @@ def numbers_or_refusal(name: str, changed: Arguments) -> None:
 
 
 @pytest.mark.parametrize(
-    "argument", ["spheres", "rows", "chosen", "last", "points", "carriers", "kind"]
+    "argument", ["spheres", "rows", "chosen", "last", "points", "carriers", "kind", "guess"]
 )
 def test_numbers_of_what_there_is_not_are_refused(argument: str) -> None:
     for name, (_, arguments) in SOUND.items():

@@ -1,6 +1,7 @@
 """What bindings/ offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 from ff_planner_ros.common.arrays import Array, Indices
 
@@ -391,3 +392,26 @@ def certified_obstacle_distance(
     part: float,
 ) -> float:
     """Return likewise what `least_obstacle_distance` certifies; ways: (points - 1, bodies)."""
+
+def solve_program(
+    hessian: Array,
+    gradient: Array,
+    equal_rows: Array,
+    equal: Array,
+    rows: Array,
+    least: Array,
+    lower: Array,
+    upper: Array,
+    guess: Indices,
+) -> tuple[Array, Array, Array, Array] | Literal[False] | None:
+    """Minimise x' hessian x / 2 + gradient' x within bounds, equalities and rows x >= least.
+
+    Args:
+        guess: Numbers of constraints that the solution may keep with equality: the rows, then the
+            lower, then the upper bounds.
+
+    Returns:
+        x, and the multipliers of equalities, rows and bounds, those of upper bounds negative:
+        gradient + hessian x is the sum of each times its constraint's gradient. False: there is no
+        solution. None: rounding leaves open whether there is one.
+    """

@@ -11,5 +11,6 @@ void bind_obstacles(pybind11::module_& m);
 void bind_driven_motion(pybind11::module_& m);
 void bind_end_effector(pybind11::module_& m);
 void bind_objectives(pybind11::module_& m);
+void bind_quadratic_program(pybind11::module_& m);
 
 }  // namespace ff

@@ -11,4 +11,5 @@ PYBIND11_MODULE(compiled, m) {
   ff::bind_driven_motion(m);
   ff::bind_end_effector(m);
   ff::bind_objectives(m);
+  ff::bind_quadratic_program(m);
 }

@@ -18,7 +18,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
-from ff_planner_ros.planning.optimisation.qp import Step, elastic_mode, solve_qp
+from ff_planner_ros.planning.optimisation.qp import Step, WorkingSet, elastic_mode, solve_qp
 from ff_planner_ros.planning.optimisation.quasi_newton import sr1_update
 
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
@@ -108,11 +108,12 @@ def minimise(
     penalty, optimality = _FIRST_PENALTY, np.inf
     violations = [at_x.violation]
     converged, reason = False, f"stopped after {max_iterations} iterations, before convergence"
-    iterations = 0
+    iterations, working_set = 0, None
     while iterations < max_iterations:
         iterations += 1
-        step, penalty = _step_and_penalty(_convex_model(at_x, curvature), radius, penalty)
-        optimality = step.optimality
+        model = _convex_model(at_x, curvature)
+        step, penalty = _step_and_penalty(model, radius, penalty, working_set)
+        optimality, working_set = step.optimality, step.working_set
         stop = _convergence(at_x, step, radius, penalty, tolerance, progress)
         if stop is not None:
             converged, reason = stop
@@ -145,6 +146,7 @@ def nearest_feasible(
         at_start: Functions and derivatives at the start.
     """
     x, at_x, radius, iterations = start, at_start, _RESTORATION_RADIUS, 0
+    working_set = None
     while at_x.violation > FEASIBILITY_TOLERANCE and iterations < max_iterations:
         iterations += 1
         shortest = replace(
@@ -154,7 +156,8 @@ def nearest_feasible(
             max_terms=at_x.max_terms[:0],
             max_terms_jacobian=at_x.max_terms_jacobian[:0],
         )
-        dx = solve_qp(shortest, radius, _RESTORATION_PENALTY).dx
+        step = solve_qp(shortest, radius, _RESTORATION_PENALTY, working_set)
+        dx, working_set = step.dx, step.working_set
         at_trial = linearise(x + dx)
         if at_trial.violation < at_x.violation:
             x, at_x = x + dx, at_trial
@@ -169,7 +172,7 @@ def _optimality(at_x: Linearisation, penalty: float, known: float) -> float:
     """Return the first-order optimality at x, if not known with the multipliers of a long step."""
     if np.isfinite(known):
         return known
-    return _step_and_penalty(at_x, FIRST_RADIUS, penalty)[0].optimality
+    return _step_and_penalty(at_x, FIRST_RADIUS, penalty, None)[0].optimality
 
 
 def _convex_model(at_x: AtX, curvature: Array) -> AtX:
@@ -180,19 +183,21 @@ def _convex_model(at_x: AtX, curvature: Array) -> AtX:
     return replace(at_x, hessian=(vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-def _step_and_penalty(at_x: Linearisation, radius: float, penalty: float) -> tuple[Step, float]:
+def _step_and_penalty(
+    at_x: Linearisation, radius: float, penalty: float, guess: WorkingSet | None
+) -> tuple[Step, float]:
     """Return a step, and the penalty of the merit function that judges it (penalty update).
 
     The penalty is the lowest that leaves hardly more of the linearised violation than the highest;
     if none is left, it follows the multipliers. Too high a penalty makes the solver refuse good
     steps along curved constraints.
     """
-    steps, penalties = [solve_qp(at_x, radius, penalty)], [penalty]
+    steps, penalties = [solve_qp(at_x, radius, penalty, guess)], [penalty]
     if steps[0].is_elastic:
         at_x = elastic_mode(at_x)
     while steps[-1].violation > FEASIBILITY_TOLERANCE and penalties[-1] < _HIGHEST_PENALTY:
         penalties.append(_PENALTY_FACTOR * penalties[-1])
-        steps.append(solve_qp(at_x, radius, penalties[-1]))
+        steps.append(solve_qp(at_x, radius, penalties[-1], steps[-1].working_set))
     enough = max(_HARDLY_MORE * steps[-1].violation, FEASIBILITY_TOLERANCE)
     step, penalty = next(
         pair for pair in zip(steps, penalties, strict=True) if pair[0].violation <= enough
@@ -259,7 +264,7 @@ def _trial(
         dx = step.dx + correction
     else:
         curved = at_trial.equalities - at_x.equalities_jacobian @ step.dx
-        dx = solve_qp(replace(at_x, equalities=curved), radius, penalty).dx
+        dx = solve_qp(replace(at_x, equalities=curved), radius, penalty, step.working_set).dx
     at_corrected = linearise(x + dx)
     first = _reduction(at_x, at_trial, penalty)
     if _reduction(at_x, at_corrected, penalty) <= max(first, 0.0):
