@@ -18,7 +18,12 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.approach import Approach
-from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import (
+    Limits,
+    Parametrisation,
+    PlanningProblem,
+    Sphere,
+)
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty
@@ -164,7 +169,9 @@ def approaching(sigmas: float, share: float) -> PlanningTask:
     """Return a capture along a corridor, where inertias are known to a share."""
     task = task_of("lemur_capture", sigmas, mass=share, inertia=share, angular_velocity=7e-5)
     approach = Approach(np.array([1.0, 0.0, 0.0]), 0.15)
-    return replace(task, problem=replace(task.problem, approach=approach))
+    splines = Parametrisation.JOINT_SPLINE  # whose shortest path goes along the corridor's side
+    problem = replace(task.problem, approach=approach, parametrisation=splines)
+    return replace(task, problem=problem)
 
 
 def test_the_corridor_of_an_approach_keeps_its_deviations_too() -> None:
