@@ -32,7 +32,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Sta
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Objective, Sphere
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 
@@ -286,11 +286,17 @@ def test_a_joint_beyond_its_limit_is_marked_where_and_when_it_is(
 
 
 def test_a_search_gives_the_plan_that_the_task_has(capture: PlanningTask, plan: Plan) -> None:
-    told, answers = list[str](), list[Answer]()
-    Search(capture, told.append, answers.append).wait()
+    answers = list[Answer]()
+    Search(capture, list[str]().append, answers.append).wait()
     (answer,) = answers
     assert answer.plan is not None
     assert np.array_equal(answer.plan.trajectory.joint_positions, plan.trajectory.joint_positions)
+
+
+def test_a_search_that_goes_on_tells_of_its_best_plan(capture: PlanningTask) -> None:
+    problem = replace(capture.problem, objective=Objective(1.0, 1.0))
+    told = list[str]()
+    Search(replace(capture, problem=problem), told.append, list[Answer]().append).wait()
     assert any("best so far: joint path length" in words for words in told)
 
 

@@ -39,13 +39,11 @@ Engine: TypeAlias = Callable[[Robot, Trajectory, Scene, int], Flown]
 
 
 def other_engines() -> tuple[Sequence[Engine], Sequence[str]]:
-    """Return the engines that are installed, and notes on those that are missing."""
+    """Return the engines that are installed, and notes on those that lack something."""
     engines, notes = list[Engine](), list[str]()
     for name in names_in_group(ENGINES):
         try:
             engines.append(plug_in(ENGINES, name, f"engine {name}"))
         except InvalidInput as error:
             notes.append(str(error))
-    if not engines:
-        notes.append("plans are executed in MuJoCo only: no other engine is installed")
     return engines, notes
