@@ -40,10 +40,11 @@ COARSE = (
     Stage(13, 1e-2, 2e-3, 40, damping=0.005, extra_margin=0.001),
     Stage(25, 3e-3, 2e-4, 40),
 )
-# Where all points are many, this many find the optimum: on 500 points, two of three steps remain.
+# Where all points are many, this many find the optimum: on 500 points, one step remains.
 _MIDDLE = 100
 # Progress on all points: so small a fraction of a joint path or an angle means nothing to a user.
-_FINE_PROGRESS = 2e-5
+# Of many points, where a step takes five times as long, the larger one.
+_FINE_PROGRESS, _PROGRESS_OF_MANY = 2e-5, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +99,7 @@ def grids_of(program: PathProgram, settings: PlannerSettings) -> list[Grid]:
     coarse = COARSE[:1] if _is_smooth_in_splines(program) else COARSE
     stages = [stage for stage in coarse if stage.points < program.points]
     if program.points > 2 * _MIDDLE:
+        fine = replace(fine, progress=_PROGRESS_OF_MANY)
         stages.append(replace(fine, points=_MIDDLE))
     stages.append(fine)
     return [Grid(stage, _on_stage(program, stage), program.family.stride) for stage in stages]
