@@ -6,6 +6,7 @@ libraries read the number of threads from the environment when they load.
 
 from __future__ import annotations
 
+import gc
 import importlib.metadata
 import json
 import os
@@ -77,6 +78,8 @@ def main(quick: bool, scenarios: int, json_file: str, commit: str) -> None:
     """
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(cores)})
+    gc.collect()
+    gc.freeze()  # as in the node
     made = {"date": time.strftime("%Y-%m-%d"), "commit": commit or "unknown"}
     figures: dict[str, Any] = {"machine": machine() | made, "tables": []}
     for name, value in figures["machine"].items():

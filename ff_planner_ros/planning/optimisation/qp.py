@@ -193,7 +193,8 @@ def _numbers(at_x: Linearisation, guess: WorkingSet | None) -> Indices:
         return bounds + np.arange(variables - 2, variables)
     return np.concatenate(
         [
-            np.flatnonzero(np.isin(_names(at_x), guess.constraints)),
+            # Half of the time of `np.isin`, for a few dozen names.
+            np.flatnonzero((_names(at_x)[:, None] == guess.constraints).any(axis=1)),
             constraints + guess.max_terms[guess.max_terms < max_terms],
             bounds + guess.lower,
             bounds + variables + guess.upper,
