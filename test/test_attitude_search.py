@@ -164,7 +164,7 @@ def test_no_round_is_spent_where_the_attitude_is_a_minor_part(lemur_capture):
 @pytest.mark.ci
 @pytest.mark.parametrize(
     ("key", "weight", "gain"),
-    [(("cluttered", "off7", 1), 1.0, 0.9), (("ordinary", "lemur", 2), 0.9, 0.8)],
+    [(("cluttered", "off7", 1), 1.0, 0.9), (("ordinary", "lemur", 6), 0.9, 0.93)],
 )
 def test_rounds_are_spent_on_a_minor_part_where_others_are_in_sight(key, weight, gain):
     objective = Objective(1.0, weight)
