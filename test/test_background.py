@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import threading
+from functools import partial
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
@@ -28,6 +30,11 @@ stop.wait()
 print(stop.is_set())
 """
 
+# By default as many threads as cores, and with one a warning.
+EXECUTORS = pytest.mark.parametrize(
+    "new_executor", [SingleThreadedExecutor, partial(MultiThreadedExecutor, num_threads=2)]
+)
+
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_waiting_whatever_thread_it_comes_in(number: signal.Signals) -> None:
@@ -43,8 +50,8 @@ def test_a_signal_ends_the_waiting_whatever_thread_it_comes_in(number: signal.Si
     assert process.returncode == 0
 
 
-@pytest.mark.parametrize("executor_type", [SingleThreadedExecutor, MultiThreadedExecutor])
-def test_a_callback_that_raises_is_logged_and_the_others_go_on(executor_type: type) -> None:
+@EXECUTORS
+def test_a_callback_that_raises_is_logged_and_the_others_go_on(new_executor: Any) -> None:
     failures, others_go_on = [], threading.Event()
 
     def fail() -> None:
@@ -57,7 +64,7 @@ def test_a_callback_that_raises_is_logged_and_the_others_go_on(executor_type: ty
 
     with private_domain():
         rclpy.init(args=[])
-        node, logger, executor = rclpy.create_node("test"), Mock(), executor_type()
+        node, logger, executor = rclpy.create_node("test"), Mock(), new_executor()
         node.create_timer(0.001, fail)
         node.create_timer(0.001, go_on)
         executor.add_node(node)
@@ -68,8 +75,8 @@ def test_a_callback_that_raises_is_logged_and_the_others_go_on(executor_type: ty
     assert "the callback's fault" in logger.error.call_args_list[0].args[0]
 
 
-@pytest.mark.parametrize("executor_type", [SingleThreadedExecutor, MultiThreadedExecutor])
-def test_stopping_waits_for_the_callback_that_has_begun(executor_type: type) -> None:
+@EXECUTORS
+def test_stopping_waits_for_the_callback_that_has_begun(new_executor: Any) -> None:
     begun, may_end, stopping, events = (*(threading.Event() for _ in range(3)), [])
 
     def callback() -> None:
@@ -80,7 +87,7 @@ def test_stopping_waits_for_the_callback_that_has_begun(executor_type: type) -> 
 
     with private_domain():
         rclpy.init(args=[])
-        node, executor = rclpy.create_node("test"), executor_type()
+        node, executor = rclpy.create_node("test"), new_executor()
         node.create_timer(0.001, callback)
         executor.add_node(node)
         stop = spin_in_background(executor, Mock())
