@@ -224,7 +224,7 @@ def _ways_round(
     """Return the plan of each way round that has one.
 
     If the attitude has a weight, plans are of minimum joint path, or of the objective itself if
-    there are none. Where its path is a detour or blocked, it may be of the most general family.
+    there are none. If a way's path is a detour or blocked, its plan may be of the most general one.
 
     Raises:
         NoPlanFound: There is none.
