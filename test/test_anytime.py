@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from dense_motion import truth
+from recorded_requests import only_request
 from robots import LEMUR_SCENARIO
 
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
@@ -38,7 +38,6 @@ from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import all_features
 from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -267,8 +266,7 @@ def test_the_budget_of_a_command_gives_the_best_until_then(
     assert told["solver"]["ended_by"] == "deadline"
     document = plan_document(told)
     assert document.plan.effort == told["effort"]
-    with open_bag(bag) as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(bag)
     assert recorded.response is not None
     assert recorded.response.effort == told["effort"]
     again = replay(recorded)
@@ -283,8 +281,7 @@ def test_a_refusal_for_lack_of_time_is_replayed_to_the_step(tmp_path: Path) -> N
         perform(task, EndingAt(9))
     record_answer(tmp_path / "bag", task, refused.value, 0.1)
     assert refusal_dictionary(refused.value, 0.1)["effort"] == 9
-    with open_bag(tmp_path / "bag") as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(tmp_path / "bag")
     assert replay(recorded).verdict is Verdict.IDENTICAL
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from ff_planner_msgs.msg import Goal
 from geometry_msgs.msg import Vector3
+from recorded_requests import only_request
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES
 from test_approach import FORWARD, RESTING, TUMBLING, degrees_off, seen_from_grasp, with_approach
@@ -20,7 +21,6 @@ from visualization_msgs.msg import Marker
 from ff_planner_ros.analysis.plan_document import plan_document, planned_scene
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands.verify import print_verdict
@@ -39,7 +39,6 @@ from ff_planner_ros.ros.messages.from_messages import problem_from_request
 from ff_planner_ros.ros.messages.to_messages import request_message
 from ff_planner_ros.ros.outputs.markers import plan_markers
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import Verification, verify
 
@@ -143,8 +142,7 @@ def test_a_request_asks_for_lower_accelerations_than_the_parameter_and_for_no_hi
 def test_a_bag_holds_corridor_and_limits_and_gives_the_plan_again(
     task: PlanningTask, bag: Path, tmp_path: Path
 ) -> None:
-    with open_bag(bag) as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(bag)
     assert recorded.read_request().task.digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
     (scene,) = robot_plans(bag).scenes.values()

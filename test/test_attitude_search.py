@@ -233,7 +233,7 @@ def test_a_detour_on_few_points_is_continued_by_joint_splines_at_once():
 
 
 def test_a_detour_is_refined_if_joint_splines_yield_no_plan(monkeypatch):
-    monkeypatch.setattr(planner, "plans_from", lambda *_: iter(()))
+    monkeypatch.setattr(planner, "plan_from", lambda *_: None)
     papers = replace(detour(), parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
     made, alone = (plan(one, SETTINGS) for one in (detour(), papers))
     assert (made.coefficients == alone.coefficients).all()

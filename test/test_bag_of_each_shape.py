@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from recorded_requests import only_request
 from robots import CONFIG
 from shaped_problems import SOLIDS
 from shared_plans import planned
 from test_tumbling import body_of
 
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import from_trajectory
@@ -32,7 +32,6 @@ from ff_planner_ros.problems.bodies import Swept, sphere_gap
 from ff_planner_ros.problems.placing import Track, beside, free_body, gap_of
 from ff_planner_ros.robot.collision.solids import KINDS, Solid
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
 SETTINGS = load_parameters().planner
@@ -122,8 +121,7 @@ def require_motion(one: Obstacle, motion: str, duration: float) -> None:
 def verdict_of(task: PlanningTask, plan: Plan, bag: Path) -> Verdict:
     """Record a plan, require that its bag has the task, and plan it again from that alone."""
     record_answer(bag, task, plan, 0.5)
-    with open_bag(bag) as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(bag)
     assert recorded.read_request().task.digest == task.digest
     return replay(recorded).verdict
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_requests import only_request
 from shaped_problems import SOLIDS, capture_among_bodies
 from test_tumbling import body_of
 
@@ -89,8 +90,7 @@ def test_plans_around_each_kind_of_shape_replay_to_the_last_bit(
     free = perform(PlanningTask(replace(problem, obstacles=(), target_body=None), settings))
     assert (plan.trajectory.joint_positions != free.trajectory.joint_positions).any()
     record_answer(tmp_path / "bag", task, plan, 0.5)
-    with open_bag(tmp_path / "bag") as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(tmp_path / "bag")
     assert recorded.read_request().task.digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from recorded_requests import only_request
 
 from ff_planner_ros.bag import read_plans
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bench.success import joint_goals_measurement
 from ff_planner_ros.cli import main
 from ff_planner_ros.parameters import load_parameters
@@ -23,7 +23,6 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.wheels import momenta_of
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
@@ -133,8 +132,7 @@ def test_a_plan_of_each_kind_is_flown_recorded_replayed_and_read_in_a_report(
     plan = perform(task)
     assert verify(task.problem.robot, plan.trajectory).passed
     record_answer(tmp_path / "bag", task, plan, 0.1)
-    with open_bag(tmp_path / "bag") as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(tmp_path / "bag")
     assert replay(recorded).verdict is Verdict.IDENTICAL
     (read,) = read_plans(tmp_path / "bag")
     columns = read.columns()

@@ -16,6 +16,7 @@ import yaml
 from dense_motion import truth
 from ff_planner_msgs.msg import Camera as CameraMessage
 from geometry_msgs.msg import Vector3
+from recorded_requests import only_request
 from test_any_frame import FRAMES
 from test_approach import FAMILIES, RESTING, TUMBLING
 from test_approach_over_ros import problem_of
@@ -24,7 +25,6 @@ from test_tumbling import moved
 from ff_planner_ros.analysis.drawing.surroundings import constraint_lines
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -51,7 +51,6 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.ros.messages.to_messages import request_message
 from ff_planner_ros.ros.outputs.markers import plan_markers
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
 SETTINGS = load_parameters().planner
@@ -413,8 +412,7 @@ def test_request_json_bag_replay_report_and_markers_have_the_camera(
     assert document.scene.camera is not None
     assert document.plan.metrics.max_view_angle == plan.metrics.max_view_angle
     record_answer(bag, task, plan, 0.5)
-    with open_bag(bag) as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(bag)
     assert recorded.read_request().task.digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
     for source in (answer, bag):

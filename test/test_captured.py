@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_requests import only_request
 
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bench.captures import captured_measurement
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import lasting
@@ -16,7 +16,6 @@ from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.problems import captured
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
@@ -51,8 +50,7 @@ def test_a_plan_is_found_comes_true_and_replays(kind: str, number: int, tmp_path
         problem = lasting(one.problem, found.duration)
         assert verify(problem.robot, found.trajectory, scene_of(problem)).passed
     record_answer(tmp_path / "bag", task, plan, 0.5)
-    with open_bag(tmp_path / "bag") as bag:
-        (recorded,) = recorded_run(bag).requests
+    recorded = only_request(tmp_path / "bag")
     assert replay(recorded).verdict is Verdict.IDENTICAL
 
 

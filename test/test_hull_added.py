@@ -13,6 +13,7 @@ from ff_planner_msgs.msg import ObstacleArray
 from ff_planner_msgs.msg import Scene as SceneMessage
 from quick_capture import quick_capture
 from rclpy.serialization import serialize_message
+from recorded_requests import only_request
 from ros_processes import Scene, connected_client, private_domain, running_planner
 from test_mesh_limits_of_scenarios import IN_THE_WAY, NAME, Write, box, of_obstacles
 from test_meshes import stl
@@ -126,8 +127,7 @@ def test_a_bag_replays_with_the_note_and_scenarios_out_of_it_have_it(
     task: PlanningTask, plan: Plan, tmp_path: Path
 ) -> None:
     record_answer(tmp_path / "bag", task, plan, 0.5)
-    with open_bag(tmp_path / "bag") as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(tmp_path / "bag")
     again = replay(recorded)
     assert again.verdict is Verdict.IDENTICAL
     assert again.answer is not None

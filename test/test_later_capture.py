@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
+from recorded_requests import only_request
 
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.cli import main
 from ff_planner_ros.parameters import load_parameters
@@ -25,7 +25,6 @@ from ff_planner_ros.problems import tumbling
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.runs import offline_bag
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
 REST = Posture(at_rest=True)
@@ -73,8 +72,7 @@ def bag(task: PlanningTask, plan: Plan, tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_it_replays_with_the_body_of_the_topic(bag: Path) -> None:
-    with open_bag(bag) as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(bag)
     replayed = replay(recorded)
     assert replayed.verdict is Verdict.IDENTICAL, replayed.words
 

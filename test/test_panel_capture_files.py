@@ -17,11 +17,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from recorded_requests import only_request
 from robots import CONFIG, LEMUR_URDF
 from test_meshes import BOX, stl
 from test_tumbling import body_of
 
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -34,7 +34,6 @@ from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
@@ -238,8 +237,7 @@ def test_its_bag_alone_gives_the_same_plan_again(
     record_answer(tmp_path / "bag", task, plan, 0.5)
     for file in (path, tmp_path / f"client.{format_}", *tmp_path.glob(CUBE)):
         file.unlink()
-    with open_bag(tmp_path / "bag") as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(tmp_path / "bag")
     assert recorded.read_request().task.digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
 

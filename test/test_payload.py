@@ -14,9 +14,9 @@ import pinocchio as pin
 import pytest
 import yaml
 from ff_planner_msgs.msg import PlanRequest
+from recorded_requests import only_request
 from robots import CONFIG, random_state
 
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -48,7 +48,6 @@ from ff_planner_ros.ros.requests.waiting_plan import (
     start_differences,
 )
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
@@ -174,8 +173,7 @@ def test_a_request_brings_it_to_the_node_s_robot_and_its_bag_replays(
     assert task.problem.robot.pairs == problem.robot.pairs
     assert task.problem.robot.payload is not None
     record_answer(tmp_path / "bag", PlanningTask(problem, SETTINGS), plan, 0.5)
-    with open_bag(tmp_path / "bag") as bag:
-        (recorded,) = recorded_run(bag).requests
+    recorded = only_request(tmp_path / "bag")
     assert replay(recorded).verdict is Verdict.IDENTICAL
 
 

@@ -14,13 +14,13 @@ import pinocchio as pin
 import pytest
 import yaml
 from ff_planner_msgs.msg import PlanRequest
+from recorded_requests import only_request
 from robots import CONFIG
 from ros_processes import read_bag
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
@@ -54,7 +54,6 @@ from ff_planner_ros.ros.messages.to_messages import request_message, status_mess
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 from ff_planner_ros.ros.outputs.prediction import predicted_relative_pose, predicted_target
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
@@ -222,8 +221,7 @@ def test_a_written_scenario_is_the_same_task(task: PlanningTask, tmp_path: Path)
 @pytest.mark.ci
 def test_its_bag_replays_to_the_last_bit(task: PlanningTask, plan: Plan, tmp_path: Path) -> None:
     record_answer(tmp_path / "bag", task, plan, 0.5)
-    with open_bag(tmp_path / "bag") as bag:
-        (recorded,) = recorded_run(bag).requests
+    recorded = only_request(tmp_path / "bag")
     replayed = replay(recorded)
     assert replayed.verdict is Verdict.IDENTICAL
     assert replayed.answer is not None
@@ -461,8 +459,7 @@ def test_where_a_later_phase_has_no_plan_those_before_are_given(
     assert [one["status"] for one in told["phases"]] == ["solved"] * 2
     bag = tmp_path / "bag"
     assert main(["plan", str(file), "--bag", str(bag)]) == 3
-    with open_bag(bag) as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(bag)
     assert recorded.response is not None
     assert len(recorded.response.plans) == 2
     assert replay(recorded).verdict is Verdict.IDENTICAL

@@ -12,10 +12,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from recorded_requests import only_request
 from robots import CONFIG
 from ros_processes import Scene, connected_client, private_domain, running_planner
 
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -34,7 +34,6 @@ from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask, perform, without_search
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "keep_out_plane.py"
@@ -244,8 +243,7 @@ def test_a_bag_holds_it_and_replays_and_says_what_is_not_installed(
     (tmp_path / "kept.yaml").write_text(yaml.safe_dump(scenario | {"requirements": GIVEN}))
     bag = tmp_path / "bag"
     assert main(["plan", str(tmp_path / "kept.yaml"), "--bag", str(bag)]) == 0
-    with open_bag(bag) as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(bag)
     assert replay(recorded).verdict is Verdict.IDENTICAL
     digest = recorded.response.task_digest
     assert recorded.read_request().task.digest == digest

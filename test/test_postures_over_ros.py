@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import Goal, PlanRequest
+from recorded_requests import only_request
 from robots import CONFIG
 
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
@@ -21,7 +21,6 @@ from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.ros.messages.from_messages import problem_from_request
 from ff_planner_ros.ros.messages.to_messages import request_message
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
 FRAME = "inertial"
@@ -82,8 +81,7 @@ def test_a_recorded_plan_is_replayed_to_the_last_bit_and_reported(
     task = PlanningTask(problem, PARAMETERS.planner)
     plan = perform(task)
     record_answer(tmp_path / "bag", task, plan, 0.1)
-    with open_bag(tmp_path / "bag") as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(tmp_path / "bag")
     assert replay(recorded).verdict is Verdict.IDENTICAL
     (scene,) = robot_plans(tmp_path / "bag").scenes.values()
     assert scene.target is None

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from recorded_requests import only_request
 from robots import random_state, random_urdf
 from shaped_problems import bodies
 from test_core import WEIGHT, chain_robot
@@ -53,7 +54,6 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
@@ -419,8 +419,7 @@ def test_a_scenario_an_answer_and_a_bag_hold_a_rail(tmp_path: Path) -> None:
     assert document.robot.slide_weight == 2.5
     bag = tmp_path / "bag"
     record_answer(bag, task, plan, 0.5)
-    with open_bag(bag) as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(bag)
     assert replay(recorded).verdict is Verdict.IDENTICAL
     (read,) = read_plans(bag)
     columns = read.columns()

@@ -14,6 +14,7 @@ import pytest
 from ff_planner_msgs.msg import Goal, ObstacleSphereArray, PlanRequest, TargetBody
 from matplotlib.patches import Circle
 from rclpy.serialization import serialize_message
+from recorded_requests import only_request
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
@@ -22,7 +23,6 @@ from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.bag.export import export_npz
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
@@ -58,7 +58,6 @@ from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 from ff_planner_ros.ros.outputs.prediction import predicted_relative_pose
 from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.capture import captured
 from ff_planner_ros.simulation.verification import verify
@@ -483,8 +482,7 @@ def test_an_offline_bag_of_a_capture_is_the_same_task_again(
     asked_for = replace(problem, obstacles=(rock, *problem.obstacles))
     task = PlanningTask(asked_for, SETTINGS, ahead=ahead)
     record_answer(tmp_path / "bag", task, plan, 0.5)
-    with open_bag(tmp_path / "bag") as bag:
-        (recorded,) = recorded_run(bag).requests
+    recorded = only_request(tmp_path / "bag")
     assert recorded.read_request().task.digest == task.digest
     # What `verify` makes of the bag is what was planned.
     recovered = robot_plans(tmp_path / "bag")
@@ -528,8 +526,7 @@ def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
     assert made.duration is not None
     assert made.trajectory.time[-1] > made.duration + 0.9
     record_answer(tmp_path / "bag", free, made, 0.5)
-    with open_bag(tmp_path / "bag") as bag:
-        (recorded,) = recorded_run(bag).requests
+    recorded = only_request(tmp_path / "bag")
     assert recorded.read_request().task.digest == free.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
     assert recorded.response is not None

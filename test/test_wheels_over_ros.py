@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import ChaserState
+from recorded_requests import only_request
 from robots import CONFIG, LEMUR_SCENARIO
 
 from ff_planner_ros.bag.plans import read_plans
@@ -135,7 +136,6 @@ def test_a_weight_on_the_wheels_is_recorded_and_replayed(
     write_scenario(task, tmp_path / "weighted.yaml")
     assert load_task(tmp_path / "weighted.yaml", Defaults(SETTINGS)).digest == task.digest
     record_answer(tmp_path / "bag", task, plan, 0.1)
-    with open_bag(tmp_path / "bag") as opened:
-        (recorded,) = recorded_run(opened).requests
+    recorded = only_request(tmp_path / "bag")
     assert recorded.read_request().task.problem.objective.wheel_momentum == 5.0
     assert replay(recorded).verdict is Verdict.IDENTICAL

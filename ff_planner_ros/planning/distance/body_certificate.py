@@ -233,6 +233,7 @@ def _beside(
 ) -> _Kind:
     """Return bodies and obstacles as what is measured."""
     speeds = np.array([one.highest_speed for one in obstacles])
+    solids, others = _solids(robot), [obstacle_geometry(one) for one in obstacles]
     of_bodies = _sums(body_ways(robot, motion))
 
     def ways(steps: Array, which: Indices) -> Array:
@@ -246,9 +247,8 @@ def _beside(
         way = ways(end, which) - ways(begin, which)
         apart = np.maximum((at_begin.distance + at_end.distance + way) / 2, 0.0)
         bends = bends_beside(robot, motion, obstacles, which, begin, end, apart)
-        others = [obstacle_geometry(one) for one in obstacles]
-        solids = Solids(_solids(robot), body), Solids(others, obstacle)
-        return gap_bounds(*solids, at_begin, at_end, bends)
+        both = Solids(solids, body), Solids(others, obstacle)
+        return gap_bounds(*both, at_begin, at_end, bends)
 
     return _Kind(bounds, measure, ways, gaps)
 

@@ -56,8 +56,8 @@ class Allowance(PassingOn):
             raise OutOfTime("the initial guess has used up its evaluations")
 
 
-def plans_from(solver: GridSolver, guess: Array) -> Iterator[Plan]:
-    """Yield the plan to which a guess leads, if that is an optimum and passes the check.
+def plan_from(solver: GridSolver, guess: Array) -> Plan | None:
+    """Return the plan to which a guess leads, if that is an optimum and passes the check.
 
     On the coarsest grid the path is optimised to the end: one that is only mended around the
     obstacles would stay as long as it is. If it is long, the family's own first guess is optimised,
@@ -68,13 +68,13 @@ def plans_from(solver: GridSolver, guess: Array) -> Iterator[Plan]:
     """
     coarse = _coarse_optimum(solver, guess)
     if coarse is None:
-        return
+        return None
     grid = _near(solver.grids[-1].with_correction(coarse.x), _FINE_ITERATIONS)
     solution = solver.restore(grid, solver.solve(grid, coarse.x), _RESTORATION_ITERATIONS)
     found, followed = solver.tighten(grid, solution, solver.solve_and_restore)
     if found.feasible and not found.converged:
         found = replace(found, stop_reason=_ENOUGH)
-    yield from solver.sound_plans(found, followed)
+    return next(solver.sound_plans(found, followed), None)
 
 
 def plans_near(solver: GridSolver, guess: Array) -> Iterator[Plan]:

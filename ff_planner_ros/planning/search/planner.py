@@ -32,7 +32,7 @@ from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
 from ff_planner_ros.planning.search.families import is_detour, is_held, path_families
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution
-from ff_planner_ros.planning.search.guided_search import Allowance, plans_from
+from ff_planner_ros.planning.search.guided_search import Allowance, plan_from
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION, first_plan
 from ff_planner_ros.planning.search.warm_start import (
     SHORTEST,
@@ -302,7 +302,7 @@ def _near(
     """Return the plan of a family to which a path of it leads, if there is one."""
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
-    return next(plans_from(solver, seed), None)
+    return plan_from(solver, seed)
 
 
 def _seed(robot: Robot, family: PathFamily, found: _Found) -> Array:

@@ -26,7 +26,7 @@ from ff_planner_ros.planning.search.candidate import plan_of_motion
 from ff_planner_ros.planning.search.continuing import NEAR, PathNear, Remainder
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.grid_solver import GridSolver
-from ff_planner_ros.planning.search.guided_search import plans_from, plans_near
+from ff_planner_ros.planning.search.guided_search import plan_from, plans_near
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import accelerations
 
@@ -80,7 +80,7 @@ def _plan_in_family(
     turns_count = asked.chaser_attitude > 0.0
     first = replace(problem, objective=SHORTEST if turns_count else asked)
     solver = GridSolver(path_program(first, family, settings), settings, watch)
-    found = next(plans_from(solver, guess), None)
+    found = plan_from(solver, guess)
     if found is None or not turns_count:
         return found
     better = AttitudeSearch(solver, asked, found).better_at(guess)
