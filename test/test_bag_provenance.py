@@ -12,7 +12,6 @@ from pathlib import Path
 import mcap
 import numpy as np
 import pinocchio
-import piqp
 import pytest
 import scipy
 
@@ -23,7 +22,7 @@ from ff_planner_ros.bag.provenance import provenance
 
 def test_versions_are_those_that_the_packages_have_themselves() -> None:
     known = provenance()
-    for name, package in (("numpy", np), ("scipy", scipy), ("pin", pinocchio), ("piqp", piqp)):
+    for name, package in (("numpy", np), ("scipy", scipy), ("pin", pinocchio)):
         assert known[name] == package.__version__
     assert known["mcap"] == importlib.metadata.version("mcap") == mcap.__version__
     assert known["ff_planner_ros"] == known["ff_planner_msgs"]

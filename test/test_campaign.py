@@ -338,8 +338,8 @@ def test_a_worker_of_another_version_is_named(
     scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = cluster.environment()
-    monkeypatch.setattr(cluster, "environment", lambda: here | {"piqp": "0.0.1"})
-    with pytest.raises(InvalidInput, match=r"worker is tls://.*: piqp is .*, not 0.0.1"):
+    monkeypatch.setattr(cluster, "environment", lambda: here | {"scipy": "0.0.1"})
+    with pytest.raises(InvalidInput, match=r"worker is tls://.*: scipy is .*, not 0.0.1"):
         run_campaign(study(tmp_path), tmp_path / "out", scheduler)
     assert ids(tmp_path / "out") == []
 

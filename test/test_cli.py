@@ -275,7 +275,7 @@ def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):
         attached = {one.name: one.data for one in reader.iter_attachments()}
         records = {one.name: one.metadata for one in reader.iter_metadata()}
     assert attached["scenario.yaml"] == CAPTURE.read_bytes()
-    assert records["ff_planner_ros"]["piqp"] == importlib.metadata.version("piqp")
+    assert records["ff_planner_ros"]["scipy"] == importlib.metadata.version("scipy")
 
 
 def test_the_bag_of_a_refusal_holds_question_and_cause_and_no_trajectory(scenario, tmp_path):

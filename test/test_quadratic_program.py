@@ -1,161 +1,159 @@
-"""The dual active-set method against the conditions of an optimum, PIQP and linear programs."""
+"""Steps of the subproblem against the conditions of an optimum, which a convex program needs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
-import piqp
 import pytest
-from scipy.optimize import linprog
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.core import compiled
-from ff_planner_ros.planning.optimisation import qp
 from ff_planner_ros.planning.optimisation.linearisation import Linearisation
+from ff_planner_ros.planning.optimisation.qp import Step, solve_qp
 
-NOTHING = np.empty(0, np.intp)
-
-
-def random_program(number: int) -> dict[str, Array]:
-    """Draw a program; two in three have a solution."""
-    rng = np.random.default_rng(number)
-    n, count = int(rng.integers(2, 30)), int(rng.integers(0, 60))
-    equalities = int(rng.integers(0, 1 + n // 3))
-    root = rng.normal(size=(n, n))
-    return {
-        "hessian": root.T @ root / n + 1e-3 * np.eye(n),
-        "gradient": rng.normal(size=n),
-        "equal_rows": rng.normal(size=(equalities, n)),
-        "equal": 0.3 * rng.normal(size=equalities),
-        "rows": rng.normal(size=(count, n)),
-        "least": rng.normal(size=count) - 0.5 * np.sqrt(n),
-        "lower": -rng.uniform(0.2, 2.0, n),
-        "upper": rng.uniform(0.2, 2.0, n),
-    }
+# What the subproblem adds to the Hessian, and how far inside the constraints a step aims.
+REGULARISATION, INSIDE = 1e-4, 5e-6
+RADIUS = 0.5
 
 
-def has_solution(program: dict[str, Array]) -> bool:
-    """Ask a linear program whether anything keeps the constraints."""
-    n = len(program["gradient"])
-    found = linprog(
-        np.zeros(n),
-        -program["rows"],
-        -program["least"],
-        program["equal_rows"],
-        program["equal"],
-        np.column_stack([program["lower"], program["upper"]]),
-    )
-    return bool(found.status == 0)
+def random_model(seed: int, off: float = 0.1, size: float = 1.0) -> Linearisation:
+    """Draw a model with constraints, with equalities that are so far off, and with max terms.
 
-
-def solved_programs() -> Iterator[tuple[dict[str, Array], tuple[Array, ...]]]:
-    """Yield programs and their solutions."""
-    for number in range(300):
-        program = random_program(number)
-        found = compiled.solve_program(**program, guess=NOTHING)
-        assert found is not None, number
-        assert bool(found) == has_solution(program), number
-        if found:
-            yield program, found
-
-
-def numbers_of(on_rows: Array, on_bounds: Array) -> Array:
-    """Return the numbers of the constraints that have a multiplier."""
-    on = np.concatenate([on_rows, np.maximum(on_bounds, 0.0), np.maximum(-on_bounds, 0.0)])
-    return np.flatnonzero(on)
-
-
-def test_a_solution_keeps_the_conditions_of_karush_kuhn_and_tucker() -> None:
-    solved = active = 0
-    for program, (x, on_equalities, on_rows, on_bounds) in solved_programs():
-        gradient = program["gradient"] + program["hessian"] @ x
-        of_constraints = program["equal_rows"].T @ on_equalities + program["rows"].T @ on_rows
-        np.testing.assert_allclose(gradient, of_constraints + on_bounds, atol=1e-8)
-        np.testing.assert_allclose(program["equal_rows"] @ x, program["equal"], atol=1e-9)
-        slack = program["rows"] @ x - program["least"]
-        above, below = x - program["lower"], program["upper"] - x
-        assert min(slack.min(initial=0.0), above.min(), below.min()) >= -1e-9
-        assert on_rows.min(initial=0.0) >= 0.0
-        assert np.abs(on_rows * slack).max(initial=0.0) < 1e-8
-        assert np.abs(np.where(on_bounds > 0.0, above, below) * on_bounds).max() < 1e-8
-        solved, active = solved + 1, active + len(numbers_of(on_rows, on_bounds))
-    assert solved > 150
-    assert active > 5 * solved
-
-
-def test_an_interior_point_method_finds_the_same() -> None:
-    for program, (x, *_) in solved_programs():
-        solver = piqp.DenseSolver()
-        equalities = (program["equal_rows"], program["equal"])
-        solver.setup(
-            program["hessian"],
-            program["gradient"],
-            *(equalities if program["equal"].size else (None, None)),
-            *((program["rows"], program["least"]) if program["least"].size else (None, None)),
-            None,
-            program["lower"],
-            program["upper"],
-        )
-        assert solver.solve() == piqp.PIQP_SOLVED
-        np.testing.assert_allclose(x, solver.result.x, atol=1e-4)
-
-
-def test_a_guess_changes_nothing_but_the_way_to_the_solution() -> None:
-    """Right, of anything at all, and of everything that there is."""
-    rng = np.random.default_rng(1)
-    for program, (x, _, *multipliers) in solved_programs():
-        every = np.arange(len(program["least"]) + 2 * len(x))
-        for guess in (numbers_of(*multipliers), rng.permutation(every)[:9], every):
-            found = compiled.solve_program(**program, guess=guess)
-            assert found
-            np.testing.assert_allclose(found[0], x, atol=1e-7)
-
-
-def test_a_program_that_is_not_strictly_convex_is_left_undecided() -> None:
-    program = random_program(0)
-    program["hessian"] = np.diag([1.0, -1.0] + [1.0] * (len(program["gradient"]) - 2))
-    assert compiled.solve_program(**program, guess=NOTHING) is None
-
-
-def random_model(seed: int, off: float) -> Linearisation:
-    """Draw a model with constraints, equalities that are so far off, and max terms."""
-    rng, n = np.random.default_rng(seed), 8
-    root = rng.normal(size=(n, n))
+    Args:
+        size: Of the largest entry of the Hessian, beside one.
+    """
+    rng = np.random.default_rng(seed)
+    n, count = int(rng.integers(8, 30)), int(rng.integers(0, 60))
+    equalities, max_terms = int(rng.integers(0, 4)), int(rng.integers(0, 30)) * (seed % 2)
+    root = rng.normal(size=(n // 2, n))
+    root[0] *= np.sqrt(size)
     return Linearisation(
         1.0,
         rng.normal(size=n),
-        root.T @ root / n + np.eye(n),
-        rng.normal(size=5),
-        rng.normal(size=(5, n)),
-        rng.uniform(-0.3, 1.0, 20),
-        rng.normal(size=(20, n)),
-        off * rng.normal(size=2),
-        rng.normal(size=(2, n)),
+        root.T @ root / n,  # of half of the rank
+        rng.normal(size=max_terms),
+        rng.normal(size=(max_terms, n)),
+        rng.uniform(-0.3, 1.0, count),
+        rng.normal(size=(count, n)),
+        off * rng.normal(size=equalities),
+        rng.normal(size=(equalities, n)),
+        names=rng.permutation(3 * count)[:count],
     )
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_where_rounding_leaves_a_step_undecided_the_interior_point_method_finds_it(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    is_reached = seed % 2 == 0
-    at_x = random_model(seed, 0.1 if is_reached else 100.0)
-    expected = qp.solve_qp(at_x, 0.5, 50.0)
-    monkeypatch.setattr(compiled, "solve_program", lambda *_: None)
-    found = qp.solve_qp(at_x, 0.5, 50.0)
-    assert found.is_elastic == expected.is_elastic == (not is_reached)
-    np.testing.assert_allclose(found.dx, expected.dx, atol=1e-5)
-    for name in ("constraint_multipliers", "equality_multipliers", "max_term_multipliers"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-3)
-    for name in ("constraints", "max_terms", "lower", "upper"):
-        in_found, in_expected = (getattr(step.working_set, name) for step in (found, expected))
-        assert set(in_expected) <= set(in_found)
-        assert len(in_found) <= len(in_expected) + 1  # its zeros are a little above zero
+def models() -> Iterator[tuple[Linearisation, float]]:
+    """Yield models and penalties."""
+    for seed in range(300):
+        size = (1.0, 1.0, 1e4, 1e8)[seed % 4]
+        yield random_model(seed, 0.05 if seed % 3 else 20.0, size), (0.1, 10.0, 1e3)[seed % 3]
 
 
-def test_the_slack_leaves_a_step_whatever_rounding_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    at_x = qp.elastic_mode(random_model(0, 100.0))
-    expected = qp.solve_qp(at_x, 0.5, 50.0)
-    monkeypatch.setattr(compiled, "solve_program", lambda *_: False)
-    np.testing.assert_allclose(qp.solve_qp(at_x, 0.5, 50.0).dx, expected.dx, atol=1e-5)
+def assert_is_optimal(at_x: Linearisation, penalty: float, step: Step) -> None:
+    """Compare a step with the conditions of Karush, Kuhn and Tucker, written out for (d, t, s)."""
+    d, on = step.dx, step.constraint_multipliers
+    on_max, off_by = step.max_term_multipliers, at_x.equalities + at_x.equalities_jacobian @ d
+    assert np.abs(d).max() <= RADIUS + 1e-9
+    reached = at_x.constraints + at_x.constraints_jacobian @ d - INSIDE
+    missed = np.abs(off_by) + INSIDE if step.is_elastic else np.zeros(0)
+    slack = max(0.0, -reached.min(initial=0.0), missed.max(initial=0.0))
+    if not step.is_elastic:
+        np.testing.assert_allclose(off_by, 0.0, atol=1e-8)
+    # Who is not the largest, or not at its limit, has no multiplier.
+    scale = 1.0 + np.abs(at_x.gradient).max() + penalty
+    terms = at_x.max_terms + at_x.max_terms_jacobian @ d
+    assert min(on.min(initial=0.0), on_max.min(initial=0.0)) >= 0.0
+    assert (on * (reached + slack)).max(initial=0.0) < 1e-7 * scale
+    if terms.size:
+        largest = at_x.max_terms.max()
+        lowest = largest - max(abs(largest), 1.0)  # no step is rewarded for more
+        assert (on_max * (max(terms.max(), lowest) - terms)).max() < 1e-7 * scale
+        if terms.max() > lowest + 1e-6:
+            assert on_max.sum() == pytest.approx(1.0, abs=1e-6)
+    on_slack = on.sum() + (np.abs(step.equality_multipliers).sum() if step.is_elastic else 0.0)
+    assert on_slack <= penalty + 1e-6
+    if slack > 1e-6:
+        assert on_slack == pytest.approx(penalty, abs=1e-6)
+    rest = at_x.gradient + at_x.hessian @ d + REGULARISATION * d - at_x.constraints_jacobian.T @ on
+    rest += (
+        at_x.max_terms_jacobian.T @ on_max + at_x.equalities_jacobian.T @ step.equality_multipliers
+    )
+    inner, scale = np.abs(d) < RADIUS - 1e-7, scale + (np.abs(at_x.hessian) @ np.abs(d)).max()
+    np.testing.assert_allclose(rest[inner], 0.0, atol=1e-7 * scale)
+    assert (rest * np.sign(d))[~inner].max(initial=0.0) <= 1e-7 * scale
+
+
+def test_steps_keep_the_conditions_of_karush_kuhn_and_tucker() -> None:
+    active = at_bounds = elastic = relaxed = 0
+    for at_x, penalty in models():
+        step = solve_qp(at_x, RADIUS, penalty)
+        assert_is_optimal(at_x, penalty, step)
+        active += np.count_nonzero(step.constraint_multipliers)
+        at_bounds += np.count_nonzero(np.abs(step.dx) > RADIUS - 1e-9)
+        elastic += step.is_elastic
+        relaxed += step.violation > 1e-3
+    assert active > 1000
+    assert at_bounds > 500
+    assert elastic > 50
+    assert relaxed > 50
+
+
+def test_a_guess_changes_nothing_but_the_way_to_the_step() -> None:
+    """That of the step itself, of another penalty and radius, and of other constraints."""
+    rng = np.random.default_rng(0)
+    for at_x, penalty in models():
+        step = solve_qp(at_x, RADIUS, penalty)
+        renamed = replace(at_x, names=rng.permutation(at_x.names))
+        for other in (at_x, renamed):
+            for radius, other_penalty in ((RADIUS, penalty), (0.01, 1e4)):
+                guess = solve_qp(other, radius, other_penalty).working_set
+                found = solve_qp(at_x, RADIUS, penalty, guess)
+                assert found.is_elastic == step.is_elastic
+                assert_is_optimal(at_x, penalty, found)
+
+
+def test_a_guess_of_a_larger_program_is_taken_as_far_as_it_goes() -> None:
+    wide, narrow = (random_model(seed) for seed in (3, 11))
+    assert len(wide.gradient) > len(narrow.gradient)
+    guess = solve_qp(wide, 1e-3, 10.0).working_set
+    assert_is_optimal(narrow, 10.0, solve_qp(narrow, RADIUS, 10.0, guess))
+
+
+def test_constraints_that_say_the_same_are_no_difficulty() -> None:
+    """Each five times, and nearly so five times, as the distances of one body at many points."""
+    rng = np.random.default_rng(0)
+    for seed in range(60):
+        at_x = random_model(seed)
+
+        def many(values: Array) -> Array:
+            nearly = 1e-10 * rng.normal(size=(5, *values.shape))
+            return np.concatenate([*[values] * 5, *(values + nearly)])
+
+        crowded = replace(
+            at_x,
+            constraints=many(at_x.constraints),
+            constraints_jacobian=many(at_x.constraints_jacobian),
+            names=np.arange(10 * len(at_x.names)),
+        )
+        first = solve_qp(crowded, RADIUS, 10.0)
+        for step in (first, solve_qp(crowded, RADIUS, 10.0, first.working_set)):
+            assert_is_optimal(crowded, 10.0, step)
+
+
+def test_a_hessian_that_rounding_left_indefinite_is_made_positive_definite() -> None:
+    for seed in range(60):
+        at_x = random_model(seed)
+        least = np.linalg.eigvalsh(at_x.hessian)[0]
+        identity = np.eye(len(at_x.gradient))
+        indefinite = replace(at_x, hessian=at_x.hessian - (least + 5e-3) * identity)
+        step = solve_qp(indefinite, RADIUS, 10.0)
+        made = replace(at_x, hessian=indefinite.hessian + 1e2 * REGULARISATION * identity)
+        assert_is_optimal(made, 10.0, step)
+
+
+def test_a_hessian_far_from_positive_semidefinite_is_an_error() -> None:
+    n = 5
+    none = np.empty(0), np.empty((0, n))
+    at_x = Linearisation(0.0, np.ones(n), -10.0 * np.eye(n), *none, *none)
+    with pytest.raises(ValueError, match="hessian is not positive semidefinite"):
+        solve_qp(at_x, RADIUS, 10.0)

@@ -33,7 +33,7 @@ print("\\n", *sys.modules)
 PAGES = {"matplotlib", "plotly"}
 MIDDLEWARE = {"rclpy", "rpyutils"}
 ROS = {*MIDDLEWARE, "ff_planner_msgs", "rosidl_parser"}
-NUMERICS = {"numpy", "scipy", "pinocchio", "coal", "piqp", "ff_planner_ros.core.compiled"}
+NUMERICS = {"numpy", "scipy", "pinocchio", "coal", "ff_planner_ros.core.compiled"}
 BAGS = {"mcap", "rosbags", "lz4", "zstandard"}
 
 
@@ -50,7 +50,7 @@ def loaded_by(*arguments: str, cwd: Path) -> set[str]:
         (("--help",), {*PAGES, *ROS, *NUMERICS, *BAGS, "yaml", "importlib.metadata"}),
         (("plan", "--help"), {*PAGES, *ROS, *NUMERICS, *BAGS, "yaml", "importlib.metadata"}),
         (("plan", CAPTURE), {*PAGES, *ROS, *BAGS, "scipy"}),
-        (("info", GOLDEN_BAG), {*PAGES, *ROS, "pinocchio", "coal", "piqp", "scipy"}),
+        (("info", GOLDEN_BAG), {*PAGES, *ROS, "pinocchio", "coal", "scipy"}),
         (("report", GOLDEN_BAG, "--plans", "0"), {"matplotlib", *MIDDLEWARE}),
         (("report", ANSWER), {"matplotlib", *ROS}),
         (("console", CAPTURE), {"matplotlib", *ROS, "mcap", "scipy", "pyarrow"}),

@@ -19,7 +19,6 @@ _DISTRIBUTIONS = {
     "ff_planner_msgs": ("ff_planner_msgs",),
     "numpy": ("numpy",),
     "scipy": ("scipy",),
-    "piqp": ("piqp",),
     "mcap": ("mcap",),
     "rclpy": ("ros-jazzy-rclpy", "rclpy"),
 }

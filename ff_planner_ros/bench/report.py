@@ -138,9 +138,7 @@ def machine() -> dict[str, str]:
         if line.startswith("model name"):
             cpu = line.partition(":")[2].strip()
             break
-    versions = [
-        f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "pin", "piqp", "scipy")
-    ]
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "pin", "scipy")]
     threads = [f"{name}={os.environ.get(name, 'not set')}" for name in ONE_THREAD]
     return {
         "machine": f"{cpu}, {len(os.sched_getaffinity(0))} core of {os.cpu_count()} used",

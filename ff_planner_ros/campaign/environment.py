@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ff_planner_ros.common.share import PACKAGE, share_directory
 
-_LIBRARIES = ("numpy", "pin", "piqp", "scipy")
+_LIBRARIES = ("numpy", "pin", "scipy")
 _DIGITS = 8  # of the sources' hash
 
 

@@ -1,7 +1,6 @@
 """What bindings/ offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
 
 from collections.abc import Sequence
-from typing import Literal
 
 from ff_planner_ros.common.arrays import Array, Indices
 
@@ -393,25 +392,31 @@ def certified_obstacle_distance(
 ) -> float:
     """Return likewise what `least_obstacle_distance` certifies; ways: (points - 1, bodies)."""
 
-def solve_program(
-    hessian: Array,
+class WorkingSet:
+    """What a step keeps with equality."""
+
+def solve_subproblem(
+    value: float,
     gradient: Array,
-    equal_rows: Array,
-    equal: Array,
-    rows: Array,
-    least: Array,
-    lower: Array,
-    upper: Array,
-    guess: Indices,
-) -> tuple[Array, Array, Array, Array] | Literal[False] | None:
-    """Minimise x' hessian x / 2 + gradient' x within bounds, equalities and rows x >= least.
+    hessian: Array,
+    max_terms: Array,
+    max_terms_jacobian: Array,
+    constraints: Array,
+    constraints_jacobian: Array,
+    equalities: Array,
+    equalities_jacobian: Array,
+    names: Indices,
+    radius: float,
+    penalty: float,
+    inside: float,
+    guess: WorkingSet | None,
+    elastic: bool,
+) -> tuple[Array, float, float, Array, Array, Array, float, WorkingSet, bool]:
+    """Return the fields of `planning.optimisation.qp.Step`, from those of a `Linearisation`.
 
     Args:
-        guess: Numbers of constraints that the solution may keep with equality: the rows, then the
-            lower, then the upper bounds.
+        inside: How far inside the constraints the step aims [unit of g].
 
-    Returns:
-        x, and the multipliers of equalities, rows and bounds, those of upper bounds negative:
-        gradient + hessian x is the sum of each times its constraint's gradient. False: there is no
-        solution. None: rounding leaves open whether there is one.
+    Raises:
+        ValueError: The Hessian is far from positive semidefinite, too.
     """

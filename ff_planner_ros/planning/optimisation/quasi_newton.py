@@ -8,8 +8,6 @@ from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.optimisation.linearisation import Linearisation
 from ff_planner_ros.planning.optimisation.qp import Step
 
-# A smaller multiplier is the interior-point method's way of writing zero.
-_INACTIVE = 1e-9
 # An SR1 update by a step that is so nearly orthogonal to it is rounding.
 _ORTHOGONAL = 1e-8
 
@@ -23,8 +21,8 @@ def sr1_update(curvature: Array, at_x: Linearisation, at_trial: Linearisation, s
     if not at_x.max_terms.size:
         return curvature
     y = (at_trial.max_terms_jacobian - at_x.max_terms_jacobian).T @ step.max_term_multipliers
-    multipliers = step.constraint_multipliers[: len(at_x.constraints)]
-    (active,) = np.nonzero(multipliers > _INACTIVE)
+    multipliers = step.constraint_multipliers
+    (active,) = np.nonzero(multipliers)
     if len(at_x.names):
         before, after = _same_names(at_x.names[active], at_trial.names)
         before = active[before]

@@ -17,8 +17,9 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core.compiled import WorkingSet
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
-from ff_planner_ros.planning.optimisation.qp import Step, WorkingSet, elastic_mode, solve_qp
+from ff_planner_ros.planning.optimisation.qp import Step, solve_qp
 from ff_planner_ros.planning.optimisation.quasi_newton import sr1_update
 
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
@@ -193,11 +194,10 @@ def _step_and_penalty(
     steps along curved constraints.
     """
     steps, penalties = [solve_qp(at_x, radius, penalty, guess)], [penalty]
-    if steps[0].is_elastic:
-        at_x = elastic_mode(at_x)
     while steps[-1].violation > FEASIBILITY_TOLERANCE and penalties[-1] < _HIGHEST_PENALTY:
         penalties.append(_PENALTY_FACTOR * penalties[-1])
-        steps.append(solve_qp(at_x, radius, penalties[-1], steps[-1].working_set))
+        last = steps[-1]
+        steps.append(solve_qp(at_x, radius, penalties[-1], last.working_set, last.is_elastic))
     enough = max(_HARDLY_MORE * steps[-1].violation, FEASIBILITY_TOLERANCE)
     step, penalty = next(
         pair for pair in zip(steps, penalties, strict=True) if pair[0].violation <= enough
@@ -269,7 +269,7 @@ def _trial(
     first = _reduction(at_x, at_trial, penalty)
     if _reduction(at_x, at_corrected, penalty) <= max(first, 0.0):
         return trial
-    corrected = replace(step, dx=dx)
+    corrected = step._replace(dx=dx)
     ratio = _gain_ratio(at_x, at_corrected, corrected, penalty, tolerated)
     return _Trial(at_corrected, corrected, ratio)
 

@@ -1,0 +1,221 @@
+// The quadratic subproblem of an SQP step.
+//
+//     minimise    grad f' d + d' H d / 2 + t + penalty s   over the step d, t and the slack s >= 0
+//     subject to  p + P d <= t,  g + G d + s >= 0,  h + E d = 0,  max |d| <= radius
+//
+// The max terms are in epigraph form. Elastic mode: if the linearised equalities have no solution
+// within the trust region, the same slack relaxes them to either side. Their multipliers are then
+// not reliable.
+#pragma once
+#include <algorithm>
+#include <limits>
+#include <stdexcept>
+
+#include "optimisation/dual_active_set.hpp"
+
+namespace ff {
+
+// The functions of a nonlinear program and their first derivatives at one x, as linearisation.py
+// has them; constraints of equal names are equal.
+struct Functions {
+  double value;
+  Values gradient;
+  Rows hessian;
+  Values max_terms;
+  Rows max_terms_jacobian;
+  Values constraints;
+  Rows constraints_jacobian;
+  Values equalities;
+  Rows equalities_jacobian;
+  std::vector<long long> names;
+};
+
+// What a step keeps with equality: where the next step's solution is looked for first.
+struct WorkingSet {
+  std::vector<long long> constraints;  // their names
+  std::vector<int> max_terms;          // that are the largest
+  std::vector<int> lower, upper;       // entries of (d, t, s) at their bounds
+};
+
+struct Step {
+  Eigen::VectorXd dx;
+  double objective = 0;  // of the model at the end of the step
+  double violation = 0;  // of the linearised constraints there
+  Eigen::VectorXd on_constraints, on_equalities, on_max_terms;
+  double optimality = 0;  // first-order, at the step's beginning with its multipliers
+  WorkingSet working_set;
+  bool is_elastic = false;
+};
+
+class Subproblem {
+ public:
+  Subproblem(const Functions& at_x, double radius, double penalty, double inside, bool elastic)
+      : at_(at_x),
+        n_(at_x.gradient.size()),
+        sides_(elastic ? 2 * static_cast<int>(at_x.equalities.size()) : 0),
+        rows_(static_cast<int>(at_x.constraints.size()) + sides_),
+        largest_(at_x.max_terms.size() > 0 ? at_x.max_terms.maxCoeff() : 0) {
+    const int max_terms = static_cast<int>(at_.max_terms.size());
+    const bool has_max = max_terms > 0;
+    program_.hessian.setZero(n_ + 2, n_ + 2);
+    program_.hessian.topLeftCorner(n_, n_) = at_.hessian;
+    program_.hessian.diagonal().head(n_).array() += kRegularisation;
+    program_.hessian.diagonal().tail(2).setConstant(kRegularisation * kLinear);
+    program_.gradient.resize(n_ + 2);
+    program_.gradient << at_.gradient, has_max ? 1.0 : 0.0, penalty;
+    if (!elastic) {
+      program_.equal_rows.setZero(at_.equalities.size(), n_ + 2);
+      program_.equal_rows.leftCols(n_) = at_.equalities_jacobian;
+      program_.equal = -at_.equalities;
+    } else {
+      program_.equal_rows.resize(0, n_ + 2);
+    }
+    program_.rows.setZero(rows_ + max_terms, n_ + 2);
+    program_.least.resize(rows_ + max_terms);
+    for (int row = 0; row < rows_; ++row) {
+      const auto [value, by_x, sign] = constraint(row);
+      program_.rows.row(row).head(n_) = sign * by_x;
+      program_.rows(row, n_ + 1) = 1;
+      program_.least[row] = inside - value;
+    }
+    program_.rows.bottomLeftCorner(max_terms, n_) = -at_.max_terms_jacobian;
+    program_.rows.col(n_).tail(max_terms).setOnes();
+    // Max terms are measured from the present largest, so that t stays small.
+    program_.least.tail(max_terms) = at_.max_terms.array() - largest_;
+    // Beside a singularity derivatives are of any size, and rounding with them.
+    sizes_ = program_.rows.cwiseAbs().rowwise().maxCoeff().cwiseMax(1);
+    program_.rows.array().colwise() /= sizes_.array();
+    program_.least.array() /= sizes_.array();
+    program_.lower.setConstant(n_ + 2, -radius);
+    program_.upper.setConstant(n_ + 2, radius);
+    program_.lower.tail(2) << (has_max ? -std::max(std::abs(largest_), 1.0) : 0.0), 0;
+    program_.upper.tail(2) << (has_max ? kUnbounded : 0.0), kUnbounded;
+  }
+
+  // Whether there is a step, which is written; guess: of a step before, with the same variables.
+  bool solve(const WorkingSet* guess, Step& to) {
+    std::vector<int> first = numbers(guess);
+    auto diagonal = program_.hessian.diagonal().head(n_);
+    const double largest = diagonal.maxCoeff();
+    // The last two are more than rounding takes away from a Hessian.
+    for (const double more : {0.0, 1e-2 + 1e-12 * largest, 1 + 1e-8 * largest}) {
+      diagonal.array() += more;
+      DualActiveSet solver(program_);
+      const DualActiveSet::Outcome outcome = solver.solve(first);
+      if (outcome == DualActiveSet::kSolved) {
+        solver.of_rows.array() /= sizes_.array();
+        write(solver, to);
+        return true;
+      }
+      // With equalities the slack leaves no solution; without, it does, whatever rounding says.
+      if (outcome == DualActiveSet::kInfeasible && program_.equal.size() > 0) return false;
+      first.clear();
+    }
+    if (program_.equal.size() > 0) return false;
+    throw std::domain_error("hessian is not positive semidefinite, or numbers are too great");
+  }
+
+ private:
+  struct Constraint {
+    double value;
+    Rows::ConstRowXpr by_x;  // times the sign
+    double sign;
+  };
+
+  // A constraint, or in elastic mode a side of an equality.
+  Constraint constraint(int row) const {
+    const int constraints = static_cast<int>(at_.constraints.size());
+    if (row < constraints) return {at_.constraints[row], at_.constraints_jacobian.row(row), 1};
+    const int equality = (row - constraints) / 2;
+    const double sign = (row - constraints) % 2 == 0 ? 1 : -1;
+    return {sign * at_.equalities[equality], at_.equalities_jacobian.row(equality), sign};
+  }
+  long long name(int row) const {
+    if (row < static_cast<int>(at_.names.size())) return at_.names[row];
+    return std::numeric_limits<long long>::min() + row - static_cast<int>(at_.names.size());
+  }
+
+  std::vector<int> numbers(const WorkingSet* guess) const {
+    const int bounds = static_cast<int>(program_.least.size()), variables = n_ + 2;
+    // t and s, which hardly have a curvature, begin at a bound.
+    if (guess == nullptr) return {bounds + n_, bounds + n_ + 1};
+    std::vector<int> found;
+    for (int row = 0; row < rows_; ++row)
+      if (std::binary_search(guess->constraints.begin(), guess->constraints.end(), name(row)))
+        found.push_back(row);
+    for (const int term : guess->max_terms)
+      if (rows_ + term < bounds) found.push_back(rows_ + term);
+    for (const int i : guess->lower)
+      if (i < variables) found.push_back(bounds + i);
+    for (const int i : guess->upper)
+      if (i < variables) found.push_back(bounds + variables + i);
+    return found;
+  }
+
+  void write(const DualActiveSet& solver, Step& to) const {
+    to.is_elastic = sides_ > 0;
+    to.dx = solver.x.head(n_);
+    to.on_constraints = solver.of_rows.head(at_.constraints.size());
+    to.on_max_terms = solver.of_rows.tail(at_.max_terms.size());
+    to.on_equalities = Eigen::VectorXd::Zero(at_.equalities.size());
+    if (to.is_elastic)
+      for (int row = static_cast<int>(at_.constraints.size()); row < rows_; ++row)
+        to.on_equalities[(row - at_.constraints.size()) / 2] -=
+            constraint(row).sign * solver.of_rows[row];
+    else
+      to.on_equalities = -solver.of_equalities;
+    Eigen::VectorXd lagrangian = at_.gradient;
+    lagrangian.noalias() -= at_.constraints_jacobian.transpose() * to.on_constraints;
+    lagrangian.noalias() += at_.max_terms_jacobian.transpose() * to.on_max_terms;
+    lagrangian.noalias() += at_.equalities_jacobian.transpose() * to.on_equalities;
+    to.optimality = lagrangian.lpNorm<Eigen::Infinity>();
+    double below = 0;  // lowest of the linearised constraints
+    for (int row = 0; row < rows_; ++row) {
+      const double multiplier = solver.of_rows[row];
+      const auto [value, by_x, sign] = constraint(row);
+      to.optimality = std::max(to.optimality, multiplier * std::max(value, 0.0));
+      below = std::min(below, value + sign * by_x.dot(to.dx));
+      if (multiplier > 0) to.working_set.constraints.push_back(name(row));
+    }
+    std::sort(to.working_set.constraints.begin(), to.working_set.constraints.end());
+    to.violation = -below;
+    if (!to.is_elastic && at_.equalities.size() > 0)
+      to.violation =
+          std::max(to.violation,
+                   (at_.equalities + at_.equalities_jacobian * to.dx).lpNorm<Eigen::Infinity>());
+    to.objective = at_.value + at_.gradient.dot(to.dx) + to.dx.dot(at_.hessian * to.dx) / 2;
+    if (to.on_max_terms.size() > 0)
+      to.objective += (at_.max_terms + at_.max_terms_jacobian * to.dx).maxCoeff();
+    for (int term = 0; term < to.on_max_terms.size(); ++term) {
+      to.optimality =
+          std::max(to.optimality, to.on_max_terms[term] * (largest_ - at_.max_terms[term]));
+      if (to.on_max_terms[term] > 0) to.working_set.max_terms.push_back(term);
+    }
+    for (int i = 0; i < n_ + 2; ++i)
+      if (solver.of_bounds[i] != 0)
+        (solver.of_bounds[i] > 0 ? to.working_set.lower : to.working_set.upper).push_back(i);
+  }
+
+  // Makes the programs strictly convex; the objective's own curvature is of order 1. The epigraph
+  // variable and the slack are linear, and have this part of it.
+  static constexpr double kRegularisation = 1e-4, kLinear = 1e-4;
+  static constexpr double kUnbounded = 1e30;  // a bound so far away is none
+
+  const Functions& at_;
+  const int n_, sides_, rows_;
+  const double largest_;
+  QuadraticProgram program_;
+  Eigen::VectorXd sizes_;  // that its rows were divided by
+};
+
+// The step that minimises the model of the merit function in the trust region. It aims so far
+// inside the constraints.
+inline Step solve_subproblem(const Functions& at_x, double radius, double penalty, double inside,
+                             const WorkingSet* guess, bool elastic) {
+  Step step;
+  if (elastic || !Subproblem(at_x, radius, penalty, inside, false).solve(guess, step))
+    Subproblem(at_x, radius, penalty, inside, true).solve(guess, step);
+  return step;
+}
+
+}  // namespace ff
