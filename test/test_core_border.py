@@ -124,6 +124,10 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     polynomial |= {"rotation_outer": np.eye(3), "quintic_by_duration": np.full((6, 6), 1e-3)}
     path = {"path": compiled.EndEffectorPolynomial(**polynomial), "x": np.full(18, 0.01)}
     fade = {name: np.full(JOINTS, 0.01) for name in ("rates", "accelerations")} | {"seconds": 1.0}
+    joints = {"q": q, "v": q[:, 1:], "q_by_x": by_q, "v_by_x": by_q}
+    between = joints | {"step": 0.7, "has_duration": True}
+    limits = {"lower": np.full(JOINTS, -0.3), "upper": np.full(JOINTS, 0.3)}
+    limits |= {"interest": np.full(JOINTS, 3.0)}
     return {
         "Chain": (compiled.Chain, links),
         "velocity": (
@@ -182,6 +186,10 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.chaser_euler,
             {"q": q, "by_x": by_q, "rotation_chaser_to_base": np.eye(3)},
         ),
+        "limit_rows": (compiled.limit_rows, limits | {"values": q[:, 7:], "by_x": by_q[:, 6:]}),
+        "position_rows": (compiled.position_rows, between | limits),
+        "rate_rows": (compiled.rate_rows, between | limits),
+        "stop_rows": (compiled.stop_rows, joints | limits | {"jerk": 10.0}),
         "solve_subproblem": (
             compiled.solve_subproblem,
             {"value": 1.0, "gradient": np.array([-3.0, -2.0, 0.0]), "hessian": np.eye(3)}

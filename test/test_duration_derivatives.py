@@ -16,6 +16,7 @@ from test_core import FREE, PLANAR, chain_robot
 from test_core_driven_motion import drawn_splines
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, Sensitivity
 from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion
@@ -25,7 +26,6 @@ from ff_planner_ros.planning.requirements.joints.accelerations import (
     accelerations_at_points,
     accelerations_by_x,
 )
-from ff_planner_ros.planning.requirements.joints.turns import Between, beyond, peak_rates, turns
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
@@ -201,13 +201,14 @@ def require_extremes_agree(lasting: Callable[..., Any], goal: GoalMotion, x: Arr
     by_x = accelerations_by_x(motion, here.sensitivity(motion), step(DURATION))
     agree(by_x[..., -1], slope(accelerations), "accelerations")
     one = np.ones(motion.q.shape[1] - 7)
-    for extremes in (turns, peak_rates):
+    for rows in (compiled.position_rows, compiled.rate_rows):
 
-        def margins(duration: float, extremes: Callable[..., Between] = extremes) -> Rows:
+        def margins(duration: float, rows: Callable[..., Any] = rows) -> Rows:
             there = lasting(duration, goal)
             moved = there.motion(x, POINTS)
-            between = extremes(moved, step(duration))
-            return beyond(between, moved, there.sensitivity(moved), -one, one, np.inf)
+            by_x = there.sensitivity(moved)
+            path = moved.q, moved.v, by_x.q, by_x.v
+            return Rows(*rows(*path, step(duration), True, -one, one, 1e9 * one))
 
         # One that is about to come or to go is left out, and two in one interval have one name.
         known = [margins(DURATION + k * STEP).names for k in range(-4, 5)]
@@ -218,7 +219,7 @@ def require_extremes_agree(lasting: Callable[..., Any], goal: GoalMotion, x: Arr
             return in_order(of(duration), names).values
 
         found = in_order(margins(DURATION), names).jacobian[:, -1]
-        agree(found, slope(value), extremes.__name__)
+        agree(found, slope(value), rows.__name__)
 
 
 def counted(names: Array) -> tuple[Array, Array]:

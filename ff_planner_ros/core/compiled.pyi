@@ -392,6 +392,66 @@ def certified_obstacle_distance(
 ) -> float:
     """Return likewise what `least_obstacle_distance` certifies; ways: (points - 1, bodies)."""
 
+def limit_rows(
+    values: Array, by_x: Array, lower: Array, upper: Array, interest: Array
+) -> tuple[Array, Array, Indices]:
+    """Return the rows of `planning.requirements.requirement.within`."""
+
+def position_rows(
+    q: Array,
+    v: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    step: float,
+    has_duration: bool,
+    lower: Array,
+    upper: Array,
+    interest: Array,
+) -> tuple[Array, Array, Indices]:
+    """Return rows of joint positions: `limit_rows` at all points but the first, then at turns.
+
+    Between two points the search takes the cubic through both positions and velocities.
+
+    Args:
+        q: Configurations, and derivatives in their tangent space, as of `Motion` and `Sensitivity`.
+        step: Time from point to point [s].
+        has_duration: Whether the last variable is the duration.
+        lower: Limits of the joints. Shape (joints,).
+        interest: What is left to a limit is a row where it is below. Shape (joints,).
+
+    Returns:
+        What is left, its derivatives, shape (rows, variables), and names: by side, point and joint,
+        and below zero where the row is that of a turn, by side, interval and joint.
+    """
+
+def rate_rows(
+    q: Array,
+    v: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    step: float,
+    has_duration: bool,
+    lower: Array,
+    upper: Array,
+    interest: Array,
+) -> tuple[Array, Array, Indices]:
+    """Return likewise the rows of joint rates, at points and where joints are fastest."""
+
+def stop_rows(
+    q: Array,
+    v: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    jerk: float,
+    lower: Array,
+    upper: Array,
+    interest: Array,
+) -> tuple[Array, Array, Indices]:
+    """Return likewise the rows of positions where joints stop by a jerk after the last point.
+
+    The names are numbers by side, the lower one first, and joint.
+    """
+
 class WorkingSet:
     """What a step keeps with equality."""
 

@@ -11,6 +11,7 @@ void bind_obstacles(pybind11::module_& m);
 void bind_driven_motion(pybind11::module_& m);
 void bind_end_effector(pybind11::module_& m);
 void bind_objectives(pybind11::module_& m);
+void bind_limit_rows(pybind11::module_& m);
 void bind_quadratic_program(pybind11::module_& m);
 
 }  // namespace ff

@@ -11,5 +11,6 @@ PYBIND11_MODULE(compiled, m) {
   ff::bind_driven_motion(m);
   ff::bind_end_effector(m);
   ff::bind_objectives(m);
+  ff::bind_limit_rows(m);
   ff::bind_quadratic_program(m);
 }

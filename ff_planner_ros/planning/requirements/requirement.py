@@ -13,6 +13,7 @@ from typing import ClassVar, NamedTuple, Self
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
@@ -253,7 +254,7 @@ def raised_at_peaks(
 def within(
     values: Array, jacobian: Array, lower: Array, upper: Array, interest: Array | float
 ) -> Rows:
-    """Return the distances to both limits that are below `interest`, as rows.
+    """Return the distances to both limits that are below `interest`, as rows; upper limits first.
 
     Args:
         values: Shape (points, values).
@@ -262,12 +263,8 @@ def within(
         upper: Shape (values,).
         interest: Shape (values,), or one number for all.
     """
-    margins = np.stack([upper - values, values - lower])
-    side, point, value = rows = np.nonzero(margins < interest)
-    by_x = jacobian[point, value]
-    to_upper = by_x[: np.count_nonzero(side == 0)]  # these rows come first
-    np.negative(to_upper, out=to_upper)
-    return Rows(margins[rows], by_x, np.ravel_multi_index(rows, margins.shape))
+    interest = np.full(lower.shape, interest)
+    return Rows(*compiled.limit_rows(values, jacobian, lower, upper, interest))
 
 
 def too_large(

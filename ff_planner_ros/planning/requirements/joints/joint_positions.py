@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -15,7 +16,6 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE, least_highest_positions
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.joints.turns import beyond, joined, turns
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
@@ -74,19 +74,17 @@ class JointPositions(Requirement):
         lower, upper = _eased_limits(problem.robot, at_start)
         lower = lower + np.clip(at_start - lower, 0.0, margin)
         upper = upper - np.clip(upper - at_start, 0.0, margin)
-        at_end = _stopping(motion, sensitivity, lower, upper)
         if motion.hull is not None and sensitivity.hull is not None:
             hull, by_x = motion.hull.positions, sensitivity.hull.positions
-            return joined(within(hull, by_x, lower, upper, OF_INTEREST), *at_end)
-        at_points = within(motion.q[1:, 7:], sensitivity.q[1:, 6:], lower, upper, OF_INTEREST)
-        step = problem.duration / (len(motion.q) - 1)
-        # No cubic leaves the span of its ends and of its two control points between them.
-        p, reach = motion.q[:, 7:], step / 3 * np.abs(motion.v[:, 6:])
-        if (p + reach < upper - OF_INTEREST).all() and (p - reach > lower + OF_INTEREST).all():
-            return joined(at_points, *at_end)
-        between = turns(motion, step)
-        at_turns = beyond(between, motion, sensitivity, lower, upper, OF_INTEREST)
-        return joined(at_points, at_turns, *at_end)
+            rows = within(hull, by_x, lower, upper, OF_INTEREST)
+        else:
+            path = motion.q, motion.v, sensitivity.q, sensitivity.v
+            step = problem.duration / (len(motion.q) - 1)
+            has_duration = sensitivity.goal_motion is not None
+            limits = lower, upper, np.full(lower.shape, OF_INTEREST)
+            rows = Rows(*compiled.position_rows(*path, step, has_duration, *limits))
+        stops = _stops(motion, sensitivity, lower, upper)
+        return Rows(*(np.concatenate(both) for both in zip(rows, stops, strict=True)))
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance to the limits, or a positive bound below it [rad, m]."""
@@ -152,29 +150,13 @@ def _left_at_end(joints: JointMotion, lower: Array, upper: Array) -> Array:
     return np.array([-lower, upper]) - highest
 
 
-def _stopping(
-    motion: Motion, sensitivity: Sensitivity, lower: Array, upper: Array
-) -> tuple[Rows, ...]:
-    """Return what is left to the limits when a joint stops after the last point; none: enough.
-
-    Without acceleration it stops after t = sqrt(2 v / j), further by v t - j t^3 / 6. By the time t
-    this does not change, so that its derivative by v is t.
-    """
-    joints = len(lower)
-    position, rate = motion.q[-1, 7:], motion.v[-1, 6:]
-    seconds = np.sqrt(2.0 * np.abs(rate) / FASTEST_CHANGE)
-    way = np.abs(rate) * seconds - FASTEST_CHANGE * seconds**3 / 6.0
-    left = np.where(rate > 0.0, upper - position, position - lower) - way
-    (near,) = np.nonzero(left < _STOP_OF_INTEREST)
-    if not near.size:
-        return ()
-    outward = np.where(rate > 0.0, 1.0, -1.0)[near, None]
-    by_x = -outward * sensitivity.q[-1, 6 + near] - seconds[near, None] * (
-        outward * sensitivity.v[-1, 6 + near]
-    )
+def _stops(motion: Motion, sensitivity: Sensitivity, lower: Array, upper: Array) -> Rows:
+    """Return what is left to the limits where joints stop after the last point."""
+    q, v, by_q, by_v = motion.q[-1:], motion.v[-1:], sensitivity.q[-1:], sensitivity.v[-1:]
+    limits = lower, upper, np.full(lower.shape, _STOP_OF_INTEREST)
+    values, jacobian, names = compiled.stop_rows(q, v, by_q, by_v, FASTEST_CHANGE, *limits)
     # Below those of the turns.
-    names = -1 - 2 * len(motion.q) * joints - np.where(rate > 0.0, joints, 0)[near] - near
-    return (Rows(left[near], by_x, names - 1),)
+    return Rows(values, jacobian, -2 - 2 * len(motion.q) * len(lower) - names)
 
 
 def _eased_limits(robot: Robot, at_start: Array) -> tuple[Array, Array]:

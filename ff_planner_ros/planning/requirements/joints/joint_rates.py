@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -15,7 +16,6 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_motion import least_highest_rates
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.joints.turns import beyond, joined, peak_rates
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
@@ -91,15 +91,10 @@ class JointRates(Requirement):
         limits = limits - np.clip(limits - at_start, 0.0, margin * limits)
         if motion.hull is not None and sensitivity.hull is not None:
             return within(motion.hull.rates, sensitivity.hull.rates, -limits, limits, interest)
-        at_points = within(motion.v[1:, 6:], sensitivity.v[1:, 6:], -limits, limits, interest)
+        path = motion.q, motion.v, sensitivity.q, sensitivity.v
         step = problem.duration / (len(motion.q) - 1)
-        # The rate along a cubic does not leave the span of those at its ends and of this one.
-        rates = motion.v[:, 6:]
-        middle = 3.0 / step * np.diff(motion.q[:, 7:], axis=0) - rates[:-1] - rates[1:]
-        if (np.abs(np.concatenate([rates, middle])) <= limits - interest).all():
-            return at_points
-        between = peak_rates(motion, step)
-        return joined(at_points, beyond(between, motion, sensitivity, -limits, limits, interest))
+        has_duration = sensitivity.goal_motion is not None
+        return Rows(*compiled.rate_rows(*path, step, has_duration, -limits, limits, interest))
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance as a fraction of its limit, or a positive bound below it."""
