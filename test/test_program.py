@@ -227,6 +227,31 @@ def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point_and_turn(
     np.testing.assert_allclose(np.sort(found), expected, rtol=0.0, atol=1e-14)
 
 
+def test_a_limit_that_is_exceeded_between_the_points_alone_is_that_of_its_requirement(
+    case: Case,
+) -> None:
+    motion = case.program.family.motion(case.x, POINTS)
+    rates = [spline.derivative() for spline in joints_of(motion)]
+    peaks = [np.abs(s(s.derivative().roots(False, False))).max(initial=0.0) for s in rates]
+    higher = peaks - np.abs(motion.v[:, 6:]).max(axis=0)
+    joint = higher.argmax()
+    assert higher[joint] > 1e-4
+    far = np.full(len(rates), 1e3)
+    limits = far.copy()
+    limits[joint] = peaks[joint] - higher[joint] / 2
+    robot = replace(
+        case.program.problem.robot,
+        lower_position_limits=-far,
+        upper_position_limits=far,
+        velocity_limits=limits,
+    )
+    program = of_problem(
+        case.program, robot=robot, obstacles=(), limits=Limits(joint_velocities=True)
+    )
+    every = {required.name for required in REQUIREMENTS} - {Torques.name}
+    assert program.met(program.linearise(case.x)) == every - {"joint_rates"}
+
+
 @pytest.mark.parametrize("side", ["lower", "upper"])
 def test_where_a_joint_stops_has_the_derivatives_of_differences(case: Case, side: str) -> None:
     joints, step = case.program.problem.robot.joints, 1e-6

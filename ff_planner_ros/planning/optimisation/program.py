@@ -140,8 +140,10 @@ class PathProgram:
             for required in self.requirements
         ]
         kept = [found for found in rows if found is not None]
-        names = [
-            found.names + number * _NAMES for number, found in enumerate(rows) if found is not None
+        names = [  # those of a requirement lie on both sides of zero
+            found.names + number * _NAMES + _NAMES // 2
+            for number, found in enumerate(rows)
+            if found is not None
         ]
         return PathLinearisation(
             value=value,
