@@ -46,7 +46,7 @@ def clearance_rows(
     positions, derivatives = arm_points_with_derivatives(robot, q, q_sensitivity)
     if quarter_way:
         positions, derivatives = (
-            np.concatenate([at, _quarter_way(at)]) for at in (positions, derivatives)
+            np.concatenate([at, at_quarters(at)]) for at in (positions, derivatives)
         )
     starts = segments(positions)
     clear = clearances(positions, times, starts, spheres)
@@ -96,7 +96,7 @@ def _arm_kinematics(robot: Robot, q: Array) -> tuple[Array, Array, Array, Array]
     return points, axes, slides, base
 
 
-def _quarter_way(values: Array) -> Array:
+def at_quarters(values: Array) -> Array:
     """Return values at a quarter and three quarters of all intervals but the first, by parabolas.
 
     Args:

@@ -96,6 +96,7 @@ def core_by_reference() -> Iterator[None]:
         for name in ("bodies_of", "spheres_of"):
             stack.enter_context(patch.object(body_rows, name, _itself))
         kept = {
+            "BodiesAlong": _BodiesAlong,
             "pair_rows": _pair_rows,
             "sphere_rows": _sphere_rows,
             "smallest_singular_values": _singular_values,
@@ -110,8 +111,9 @@ def core_by_reference() -> Iterator[None]:
 
 
 def _functions() -> list[str]:
-    """Return the core's functions and the motion it makes; the other classes only hold numbers."""
-    return [name for name in vars(compiled) if name[0].islower()] + ["DrivenMotion"]
+    """Return the core's functions and what it makes; the other classes only hold numbers."""
+    functions = [name for name in vars(compiled) if name[0].islower()]
+    return [*functions, "BodiesAlong", "DrivenMotion"]
 
 
 def _refuse(*_: object, **__: object) -> None:
@@ -206,9 +208,42 @@ def _sphere_distance(*question: Any) -> float:
 _FoundRows = tuple[Array, Array, Indices, Indices]
 
 
-def _pair_rows(
-    robot: Robot, _: Robot, q: Array, q_sensitivity: Array, interest: float
-) -> _FoundRows:
+class _BodiesAlong:
+    def __init__(
+        self,
+        robot: Robot,
+        _: Robot,
+        q: Array,
+        q_sensitivity: Array,
+        q_half_way: Array,
+        q_half_way_sensitivity: Array,
+        quarter_way: bool,
+    ) -> None:
+        at_points = np.arange(len(q)) + 1.0
+        times = np.concatenate([at_points, at_points - 0.5])
+        order = times.argsort()
+        self.robot, self.q = robot, np.concatenate([q, q_half_way])[order]
+        self.q_sensitivity = np.concatenate([q_sensitivity, q_half_way_sensitivity])[order]
+        if not quarter_way:
+            return
+        # Quaternions of one sign: what lies between two is between their entries.
+        turns_over = np.sum(self.q[:-1, 3:7] * self.q[1:, 3:7], axis=1) < 0.0
+        self.q[1:, 3:7] *= np.where(turns_over, -1.0, 1.0).cumprod()[:, None]
+        order = np.concatenate([times, reference_clearance.at_quarters(times)]).argsort()
+        self.q, self.q_sensitivity = (
+            np.concatenate([given, reference_clearance.at_quarters(given)])[order]
+            for given in (
+                np.concatenate([at[1::2], at[::2]]) for at in (self.q, self.q_sensitivity)
+            )
+        )
+        self.q[:, 3:7] /= np.linalg.norm(self.q[:, 3:7], axis=1)[:, None]
+
+    def derivatives(self, chosen: Indices) -> Array:
+        return self.q_sensitivity[chosen]
+
+
+def _pair_rows(along: _BodiesAlong, interest: float) -> _FoundRows:
+    robot, q, q_sensitivity = along.robot, along.q, along.q_sensitivity
     placed = placed_bodies(robot, q[:, 7:])
     bounds = pair_bounds(robot, placed)
     rows = np.nonzero(bounds < interest)
@@ -219,16 +254,14 @@ def _pair_rows(
 
 
 def _sphere_rows(
-    robot: Robot,
-    _: Robot,
-    q: Array,
-    q_sensitivity: Array,
+    along: _BodiesAlong,
     times: Array,
     spheres: Sequence[Sphere],
     interest: float,
     times_by_last: Array,
 ) -> _FoundRows:
     assert not times_by_last.size
+    robot, q, q_sensitivity = along.robot, along.q, along.q_sensitivity
     placed, centers = (
         placed_bodies(robot, q[:, 7:]),
         centers_in_base(q, centers_at(times, spheres)),

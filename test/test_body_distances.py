@@ -53,6 +53,10 @@ def configurations(robot: Robot, count: int, seed: int) -> Array:
     return np.array([configuration(robot, random_state(robot, rng))[0] for _ in range(count)])
 
 
+def bodies_along(robot: Robot, q: Array, sensitivity: Array) -> compiled.BodiesAlong:
+    return compiled.BodiesAlong(chain_of(robot), bodies_of(robot), q, sensitivity)
+
+
 def spheres_around(
     robot: Robot, q: Array, count: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
@@ -250,13 +254,13 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     centers, radius = spheres_around(robot, q[:1], 9, rng)
     velocities, times = rng.normal(scale=0.05, size=(9, 3)), np.linspace(0.0, 3.0, 12)
     sensitivity = rng.normal(size=(12, robot.model.nv, 5))
-    core, chain, interest = bodies_of(robot), chain_of(robot), 0.3
+    along, interest = bodies_along(robot, q, sensitivity), 0.3
     placed = placed_bodies(robot, q[:, 7:])
     rows = every_row(12, len(robot.pairs))
     truth = pair_distances(robot, placed, rows)
     gradients = pair_gradients(robot, placed, truth, rows)
     require_rows(
-        compiled.pair_rows(chain, core, q, sensitivity, interest),
+        compiled.pair_rows(along, interest),
         truth.distance,
         dense_rows(gradients, sensitivity[:, 6:], rows[0]),
         interest,
@@ -268,13 +272,7 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     gradients = sphere_gradients(robot, placed, truth, rows)
     require_rows(
         compiled.sphere_rows(
-            chain,
-            core,
-            q,
-            sensitivity,
-            times,
-            compiled.Spheres(centers[0], velocities, radius),
-            interest,
+            along, times, compiled.Spheres(centers[0], velocities, radius), interest
         ),
         truth.distance,
         dense_rows(gradients, sensitivity, rows[0]),
@@ -308,13 +306,7 @@ def test_the_core_knows_where_spheres_are_that_are_fixed_to_a_tumbling_body(seed
     gradients = sphere_gradients(robot, placed, truth, rows)
     require_rows(
         compiled.sphere_rows(
-            chain_of(robot),
-            bodies_of(robot),
-            q,
-            sensitivity,
-            times,
-            spheres_of(spheres, 3.0),
-            0.6,
+            bodies_along(robot, q, sensitivity), times, spheres_of(spheres, 3.0), 0.6
         ),
         truth.distance,
         dense_rows(gradients, sensitivity, rows[0]),

@@ -43,7 +43,11 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     two |= {"attached": [compiled.Attached(**attached)]}
     spheres = {"spheres": compiled.Spheres(**two)}
     chain = {"chain": chain_of(ROBOT)}
-    of_bodies = chain | {"bodies": bodies_of(ROBOT)}
+    bodies = chain | {"bodies": bodies_of(ROBOT), "q": q, "q_sensitivity": by_q}
+    bodies |= {"q_half_way": q + 0.01, "q_half_way_sensitivity": -by_q, "quarter_way": True}
+    along = {"along": compiled.BodiesAlong(**bodies)}
+    looked_at = 4 * POINTS - 2
+    of_times = {"times": np.arange(looked_at * 1.0), "times_by_last": np.ones(looked_at)}
     way = chain | {
         "q": q,
         "cubics": np.full((POINTS - 1, 3, SIZE), 1e-3),
@@ -226,26 +230,22 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.Bodies,
             {"bodies": [compiled.Body(**hull)] * 2, "pairs": np.array([[0, 1]])},
         ),
+        "BodiesAlong": (compiled.BodiesAlong, bodies),
+        "derivatives": (along["along"].derivatives, {"chosen": np.arange(looked_at)}),
         "pair_rows": (
             compiled.pair_rows,
-            of_bodies | {"q": q, "q_sensitivity": by_q, "interest": 3.0},
+            along | {"interest": 3.0},
         ),
         "sphere_rows": (
             compiled.sphere_rows,
-            of_bodies
-            | spheres
-            | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
-            | {"interest": 3.0, "times_by_last": np.ones(POINTS)},
+            along | spheres | of_times | {"interest": 3.0},
         ),
         "TumblingBody": (compiled.TumblingBody, tumbling),
         "Obstacle": (compiled.Obstacle, obstacle),
         "Obstacles": (compiled.Obstacles, {"obstacles": both}),
         "obstacle_rows": (
             compiled.obstacle_rows,
-            of_bodies
-            | obstacles
-            | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
-            | {"interest": 3.0, "times_by_last": np.ones(POINTS)},
+            along | obstacles | of_times | {"interest": 3.0},
         ),
         "certified_obstacle_distance": (
             compiled.certified_obstacle_distance,
@@ -272,6 +272,8 @@ def answer(name: str, changed: Arguments) -> list[np.ndarray]:
     found = ask(**(arguments | changed))
     if isinstance(found, compiled.DrivenMotion):
         found = found.q, found.v, found.q_half_way
+    if isinstance(found, compiled.BodiesAlong):
+        found = found.q, found.derivatives(np.arange(len(found.q)))
     parts = found if isinstance(found, tuple) else (found,)
     return [np.asarray(part) for part in parts if isinstance(part, (np.ndarray, float))]
 

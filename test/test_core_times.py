@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from bodied_robots import random_robot, tumbling_spheres
 from dense_motion import centers_of, to_lines
-from test_body_distances import configurations
+from test_body_distances import bodies_along, configurations
 from test_core import chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
+from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     clearance_rows,
@@ -80,15 +80,10 @@ def test_distances_of_bodies_change_with_their_times_as_their_differences(seed: 
     q = configurations(robot, POINTS, seed)
     q[:, :3] = q[0, :3]
     spheres = spheres_near(q[0, :3], seed)
-    none, of_robot = (
-        np.zeros((POINTS, robot.model.nv, 2)),
-        (chain_of(robot), bodies_of(robot)),
-    )
+    along = bodies_along(robot, q, np.zeros((POINTS, robot.model.nv, 2)))
 
     def rows(times: Array, later: Array) -> tuple[dict[int, float], dict[int, Array]]:
-        found = compiled.sphere_rows(
-            *of_robot, q, none, times, spheres_of(spheres, 10.0), FAR, later
-        )
+        found = compiled.sphere_rows(along, times, spheres_of(spheres, 10.0), FAR, later)
         names = found[2].tolist()
         return dict(zip(names, found[0].tolist(), strict=True)), dict(
             zip(names, found[1], strict=True)

@@ -17,12 +17,12 @@ import pytest
 from bodied_robots import random_robot, random_solid
 from exact_solids import AGREED, Placed, gap_along, signed_distance
 from scipy.spatial.transform import Rotation
-from test_body_distances import configurations
+from test_body_distances import bodies_along, configurations
 from test_obstacle_shapes import FAR, core_rows
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
+from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     Distances,
@@ -130,7 +130,7 @@ def answers(arm: Robot, group: Group) -> tuple[dict[str, Array], dict[str, Dista
     )
     obstacles = tuple(obstacle_of(*one) for one in enumerate(group.others))
     poses = seen_from_chaser(q, now, obstacles)
-    pairs = compiled.pair_rows(chain_of(together), bodies_of(together), q, columns, FAR)
+    pairs = compiled.pair_rows(bodies_along(together, q, columns), FAR)
     core = {
         "obstacles": known(core_rows(alone, q, now, obstacles, FAR), count),
         "pairs": known(pairs, count),
@@ -141,7 +141,7 @@ def answers(arm: Robot, group: Group) -> tuple[dict[str, Array], dict[str, Dista
     }
     if group.others[0].solid.kind == "sphere":
         spheres = [Sphere(str(k), one.position, one.radius) for k, one in enumerate(group.others)]
-        of = chain_of(alone), bodies_of(alone), q, columns, now, spheres_of(spheres, 0.0), FAR
+        of = bodies_along(alone, q, columns), now, spheres_of(spheres, 0.0), FAR
         core["spheres"] = known(compiled.sphere_rows(*of), count)
         centers = np.array([[one.center for one in spheres]])
         radii = np.array([one.radius for one in spheres])

@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from shaped_problems import SOLIDS
 from straight_arms import ball, straight_arm
+from test_body_distances import bodies_along
 
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
+from ff_planner_ros.core.conversions import obstacles_of
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.bodies import placed_bodies
@@ -192,10 +193,7 @@ def test_a_solid_that_is_grown_is_all_that_is_within_a_distance_of_it(kind: str)
             rows = none, np.arange(count), none
             of_coal = obstacle_distances(robot, placed, poses, [one], rows).distance
             of_core, _, _, deep = compiled.obstacle_rows(
-                chain_of(robot),
-                bodies_of(robot),
-                q,
-                np.zeros((1, 7, 1)),
+                bodies_along(robot, q, np.zeros((1, 7, 1))),
                 np.zeros(1),
                 obstacles=obstacles_of([one], 1.0),
                 interest=float(of_coal.max()) + 1e-3,  # so much that none may be left out

@@ -124,8 +124,8 @@ def test_the_search_asks_nothing_of_what_is_touched_until_it_has_gone_so_far() -
         at, numbers = np.divmod(found.names, len(robot.bodies) * others)
         return set(at[np.isin(numbers, np.array(tool) * others + ring)].tolist())
 
-    at = looked_at(problem, motion, sensitivity)
-    ways = [np.linalg.norm(arm(robot, q)[-1] - arm(robot, at.q[0])[-1]) for q in at.q]
+    tips = [arm(robot, q)[-1] for q in looked_at(problem, motion, sensitivity).bodies.q]
+    ways = [np.linalg.norm(tip - tips[0]) for tip in tips]
     first = int(np.flatnonzero(np.array(ways) > 0.09)[0])
     assert asked(problem) == {
         one for one in asked(replace(problem, allowed_collisions=())) if one >= first

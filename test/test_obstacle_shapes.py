@@ -14,7 +14,7 @@ import pytest
 from bodied_robots import random_obstacles, random_robot, random_solid
 from scipy.spatial.transform import Rotation
 from test_body_clearance import random_motion
-from test_body_distances import configurations, every_row
+from test_body_distances import bodies_along, configurations, every_row
 from test_clearance_by_hand import reaching_out
 from test_core_bodies import refuse, require_near
 from test_limits_by_hand import POSTURE
@@ -22,7 +22,7 @@ from test_search_keeps_both_ways import POINTS, motion_of, sensitivity_of
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
+from ff_planner_ros.core.conversions import obstacles_of
 from ff_planner_ros.planning.distance import search_certificate
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
@@ -64,10 +64,7 @@ def core_rows(
     columns = np.zeros((len(q), count, count + 1))
     columns[:, range(count), range(count)] = 1.0
     return compiled.obstacle_rows(
-        chain_of(robot),
-        bodies_of(robot),
-        q,
-        columns,
+        bodies_along(robot, q, columns),
         times,
         obstacles_of(obstacles, float(times[-1])),
         interest,

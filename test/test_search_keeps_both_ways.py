@@ -35,7 +35,6 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.requirements.body_rows import (
     looked_at,
     pair_rows,
-    quarter_way,
     sphere_rows,
 )
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
@@ -259,19 +258,6 @@ def test_slack_is_what_is_left_of_the_nearest_limit_and_negative_beyond(
     for aside in (-0.01, 0.01):
         left = slack_of(ChaserRotation(), swing, limits=Limits(chaser_rotation=angle + aside))
         assert left == pytest.approx(aside, abs=1e-4)
-
-
-def test_a_quarter_of_the_way_is_that_of_the_parabola() -> None:
-    begin, step = 1.3, 0.4
-    at_points = begin + step * np.arange(1, 7)
-
-    def parabola(t: Array) -> Array:
-        return np.stack([2.0 - 3.0 * t + 0.7 * t**2, t**2], axis=1)
-
-    values = np.concatenate([parabola(at_points), parabola(at_points - step / 2)])
-    first, last = at_points[:-1] + step / 4, at_points[:-1] + 3 * step / 4
-    expected = np.concatenate([parabola(first), parabola(last)])
-    np.testing.assert_allclose(quarter_way(values), expected, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("apart", [0.05, 0.021, 0.019, 0.004, 0.0, -0.01])

@@ -281,14 +281,30 @@ class Bodies:
         pairs: Indices,  # shape (pairs, 2)
     ) -> None: ...
 
-def pair_rows(
-    chain: Chain, bodies: Bodies, q: Array, q_sensitivity: Array, interest: float
-) -> tuple[Array, Array, Indices, Indices]:
-    """Return the distances of pairs of bodies that are below the interest [m].
+class BodiesAlong:
+    """Where the bodies of a robot are along a path, in order of time."""
 
-    Args:
-        q: Shape (configurations, 7 + joints).
-        q_sensitivity: Shape (configurations, 6 + joints, variables).
+    def __init__(
+        self,
+        chain: Chain,
+        bodies: Bodies,
+        q: Array,  # shape (points, 7 + joints)
+        q_sensitivity: Array,  # in the tangent space; shape (points, 6 + joints, variables)
+        q_half_way: Array = ...,  # to each of these points; like q, or empty
+        q_half_way_sensitivity: Array = ...,  # likewise
+        # And where they are at a quarter and at three quarters of all intervals but the one to the
+        # first of these points, by the parabola through both ends and the middle.
+        quarter_way: bool = ...,
+    ) -> None: ...
+    @property
+    def q(self) -> Array:
+        """All configurations. Shape (configurations, 7 + joints)."""
+
+    def derivatives(self, chosen: Indices) -> Array:
+        """Return those of some configurations. Shape (chosen, 6 + joints, variables)."""
+
+def pair_rows(along: BodiesAlong, interest: float) -> tuple[Array, Array, Indices, Indices]:
+    """Return the distances of pairs of bodies that are below the interest [m].
 
     Returns:
         Distances, their derivatives (rows, variables), their names (configuration, then pair), and
@@ -296,10 +312,7 @@ def pair_rows(
     """
 
 def sphere_rows(
-    chain: Chain,
-    bodies: Bodies,
-    q: Array,
-    q_sensitivity: Array,
+    along: BodiesAlong,
     times: Array,
     spheres: Spheres,
     interest: float,
@@ -337,10 +350,7 @@ class Obstacles:
     def __init__(self, obstacles: Sequence[Obstacle]) -> None: ...
 
 def obstacle_rows(
-    chain: Chain,
-    bodies: Bodies,
-    q: Array,
-    q_sensitivity: Array,
+    along: BodiesAlong,
     times: Array,
     obstacles: Obstacles,
     interest: float,

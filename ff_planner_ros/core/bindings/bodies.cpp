@@ -33,22 +33,46 @@ Bodies bodies(const std::vector<Body>& bodies, const Numbers& pairs) {
   return made;
 }
 
-py::tuple rows_of_pairs(const Chain& chain, const Bodies& of, const Array& q, const Array& dq,
-                        double interest) {
-  const Path along = path(chain, q, dq);
+BodiesAlong bodies_along(const Chain& chain, const Bodies& of, const Array& q, const Array& dq,
+                         const Array& q_half_way, const Array& dq_half_way, bool quarter_way) {
   require_carried(chain, of);
-  return written(pair_rows(chain, of, along, checked(interest, "interest")), dq.shape(2));
+  const Path points = path(chain, q, dq);
+  if (points.q.rows() == 0) throw std::invalid_argument("q has no configuration");
+  if (q_half_way.size() == 0) {
+    if (quarter_way)
+      throw std::invalid_argument("q_half_way has none, and quarter_way is asked for");
+    return {chain, of, DensePath(points)};
+  }
+  const Path half_way{
+      rows(q_half_way, "q_half_way", {q.shape(0), q.shape(1)}),
+      rows(dq_half_way, "q_half_way_sensitivity", {dq.shape(0), dq.shape(1), dq.shape(2)})};
+  return {chain, of, DensePath(points, half_way, quarter_way)};
 }
 
-py::tuple rows_of_spheres(const Chain& chain, const Bodies& of, const Array& q, const Array& dq,
-                          const Array& times, const Spheres& spheres, double interest,
-                          const Array& times_by_last) {
-  const Path along = path(chain, q, dq);
-  const Times at = times_of(along, q.shape(0), times, times_by_last);
-  require_carried(chain, of);
-  if (q.shape(0) == 0) throw std::invalid_argument("q has no configuration");
-  return written(sphere_rows(chain, of, along, at, spheres.all, checked(interest, "interest")),
-                 dq.shape(2));
+// Derivatives of chosen configurations, by the variables of the path.
+Array derivatives(const BodiesAlong& along, const Numbers& chosen) {
+  require_shape(chosen, "chosen", {kAny});
+  const py::ssize_t size = along.path.q.cols() - 1;
+  Array found({chosen.size(), size, along.path.variables()});
+  RowsToFill of_found = rows_to_fill(found);
+  for (py::ssize_t i = 0; i < chosen.size(); ++i) {
+    const long long number = chosen.at(i);
+    if (number < 0 || number >= along.path.q.rows())
+      throw std::invalid_argument("configuration " + std::to_string(number) + " is chosen of " +
+                                  std::to_string(along.path.q.rows()));
+    of_found.middleRows(i * size, size) = along.path.derivatives(number);
+  }
+  return result(found, "derivatives");
+}
+
+py::tuple rows_of_pairs(const BodiesAlong& along, double interest) {
+  return written(pair_rows(along, checked(interest, "interest")), along);
+}
+
+py::tuple rows_of_spheres(const BodiesAlong& along, const Array& times, const Spheres& spheres,
+                          double interest, const Array& times_by_last) {
+  const Times at = times_of(along, times, times_by_last);
+  return written(sphere_rows(along, at, spheres.all, checked(interest, "interest")), along);
 }
 
 double certified_pairs(const CubicMotion& motion, const Bodies& of, const Array& ways,
@@ -80,11 +104,16 @@ void bind_bodies(py::module_& m) {
                                   py::arg("position"), py::arg("center"), py::arg("radius"),
                                   py::arg("kind"), py::arg("sizes"), py::arg("vertices"));
   py::class_<Bodies>(m, "Bodies").def(py::init(&bodies), py::arg("bodies"), py::arg("pairs"));
-  m.def("pair_rows", &rows_of_pairs, py::arg("chain"), py::arg("bodies"), py::arg("q"),
-        py::arg("q_sensitivity"), py::arg("interest"));
-  m.def("sphere_rows", &rows_of_spheres, py::arg("chain"), py::arg("bodies"), py::arg("q"),
-        py::arg("q_sensitivity"), py::arg("times"), py::arg("spheres"), py::arg("interest"),
-        py::arg("times_by_last") = Array(0));
+  py::class_<BodiesAlong>(m, "BodiesAlong")
+      .def(py::init(&bodies_along), py::arg("chain"), py::arg("bodies"), py::arg("q"),
+           py::arg("q_sensitivity"), py::arg("q_half_way") = Array(0),
+           py::arg("q_half_way_sensitivity") = Array(0), py::arg("quarter_way") = false,
+           py::keep_alive<1, 3>())  // the bodies are not copied
+      .def_property_readonly("q", [](const BodiesAlong& of) { return result(of.path.q, "q"); })
+      .def("derivatives", &derivatives, py::arg("chosen"));
+  m.def("pair_rows", &rows_of_pairs, py::arg("along"), py::arg("interest"));
+  m.def("sphere_rows", &rows_of_spheres, py::arg("along"), py::arg("times"), py::arg("spheres"),
+        py::arg("interest"), py::arg("times_by_last") = Array(0));
   m.def("certified_pair_distance", &certified_pairs, py::arg("motion"), py::arg("bodies"),
         py::arg("ways"), py::arg("chosen"), py::arg("last"), py::arg("gap"), py::arg("part"));
   m.def("certified_sphere_distance", &certified_spheres, py::arg("motion"), py::arg("bodies"),

@@ -81,8 +81,8 @@ py::tuple clearances(const Chain& chain, const Array& q, const Array& dq, const 
   ArmMotion arm(chain, along);
   if (quarter_way) arm.add_quarter_way();
   const auto looked_at = static_cast<py::ssize_t>(arm.points.size());
-  const ClearanceRows found = clearance_rows(arm, times_of(along, looked_at, times, times_by_last),
-                                             spheres.all, checked(interest, "interest"));
+  const Times at = times_of(looked_at, dq.shape(2), times, times_by_last);
+  const ClearanceRows found = clearance_rows(arm, at, spheres.all, checked(interest, "interest"));
   const auto number = static_cast<py::ssize_t>(found.distances.size());
   return py::make_tuple(result(found.distances, {number}, "distances"),
                         result(found.jacobian, {number, dq.shape(2)}, "jacobian"),

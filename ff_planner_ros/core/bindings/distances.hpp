@@ -33,11 +33,11 @@ inline Path path(const Chain& chain, const Array& q, const Array& dq) {
   return {of_q, rows(dq, "q_sensitivity", {of_q.rows(), 6 + n, kAny})};
 }
 
-inline Times times_of(const Path& path, py::ssize_t count, const Array& times,
+inline Times times_of(py::ssize_t count, py::ssize_t variables, const Array& times,
                       const Array& by_last) {
   const Values at = values(times, "times", {count});
   if (by_last.size() == 0) return {at, values(by_last)};
-  if (path.dq.cols() < 1) throw std::invalid_argument("there is no last variable");
+  if (variables < 1) throw std::invalid_argument("there is no last variable");
   return {at, values(by_last, "times_by_last", {count})};
 }
 

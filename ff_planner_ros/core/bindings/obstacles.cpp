@@ -32,15 +32,11 @@ Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, double gr
           body.value_or(nullptr)};
 }
 
-py::tuple rows_of_obstacles(const Chain& chain, const Bodies& of, const Array& q, const Array& dq,
-                            const Array& times, const Obstacles& obstacles, double interest,
+py::tuple rows_of_obstacles(const BodiesAlong& along, const Array& times,
+                            const Obstacles& obstacles, double interest,
                             const Array& times_by_last) {
-  const Path along = path(chain, q, dq);
-  const Times at = times_of(along, q.shape(0), times, times_by_last);
-  require_carried(chain, of);
-  if (q.shape(0) == 0) throw std::invalid_argument("q has no configuration");
-  return written(obstacle_rows(chain, of, along, at, obstacles.all, checked(interest, "interest")),
-                 dq.shape(2));
+  const Times at = times_of(along, times, times_by_last);
+  return written(obstacle_rows(along, at, obstacles.all, checked(interest, "interest")), along);
 }
 
 double certified_obstacles(const CubicMotion& motion, const Bodies& of, const Array& ways,
@@ -69,9 +65,8 @@ void bind_obstacles(py::module_& m) {
   py::class_<Obstacles>(m, "Obstacles")
       .def(py::init([](const std::vector<Obstacle>& all) { return Obstacles{all}; }),
            py::arg("obstacles"));
-  m.def("obstacle_rows", &rows_of_obstacles, py::arg("chain"), py::arg("bodies"), py::arg("q"),
-        py::arg("q_sensitivity"), py::arg("times"), py::arg("obstacles"), py::arg("interest"),
-        py::arg("times_by_last") = Array(0));
+  m.def("obstacle_rows", &rows_of_obstacles, py::arg("along"), py::arg("times"),
+        py::arg("obstacles"), py::arg("interest"), py::arg("times_by_last") = Array(0));
   m.def("certified_obstacle_distance", &certified_obstacles, py::arg("motion"), py::arg("bodies"),
         py::arg("ways"), py::arg("obstacles"), py::arg("chosen"), py::arg("last"), py::arg("gap"),
         py::arg("part"));

@@ -72,11 +72,14 @@ inline double apart(const Eigen::AlignedBox3d& a, const Eigen::AlignedBox3d& b) 
 
 // Where the bodies are along a path.
 struct BodiesAlong {
+  const Bodies& of;
+  DensePath path;
   std::vector<Configuration> at;
   std::vector<PlacedBodies> placed;
   std::vector<Eigen::AlignedBox3d> ways;  // of each body's centre, in the inertial frame
 
-  BodiesAlong(const Chain& chain, const Bodies& of, const Path& path) : ways(of.bodies.size()) {
+  BodiesAlong(const Chain& chain, const Bodies& of, DensePath along)
+      : of(of), path(std::move(along)), ways(of.bodies.size()) {
     at.reserve(path.q.rows());
     placed.reserve(path.q.rows());
     for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
@@ -109,13 +112,14 @@ struct BodyRows {
 };
 
 // Only the joints between two bodies move one against the other.
-inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const Path& path, double interest) {
+inline BodyRows pair_rows(const BodiesAlong& along, double interest) {
   BodyRows rows;
+  const Bodies& of = along.of;
   const int pairs = static_cast<int>(of.pairs.size());
   std::vector<Simplex> known(of.pairs.size());
-  for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
-    const PlacedBodies placed(chain, of, Configuration::read(path.q.row(i)).joints);
-    const auto by_x = path.derivatives(i);
+  for (size_t i = 0; i < along.placed.size(); ++i) {
+    const PlacedBodies& placed = along.placed[i];
+    RowMajor by_x;
     for (int number = 0; number < pairs; ++number) {
       const auto [a, b] = of.pairs[number];
       const Body &first = of.bodies[a], &second = of.bodies[b];
@@ -125,6 +129,7 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const Path& path
                             known[number], interest);
       const long long name = static_cast<long long>(i) * pairs + number;
       if (!rows.counts(found, found.distance, name, interest)) continue;
+      if (by_x.size() == 0) by_x = along.path.derivatives(i);
       auto row = rows.add(found.distance, name, by_x.cols());
       const double sign = first.carriers < second.carriers ? 1 : -1;
       for (int k = std::min(first.carriers, second.carriers);
@@ -135,12 +140,11 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const Path& path
   return rows;
 }
 
-inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const Path& path,
-                            const Times& times, const std::vector<Sphere>& spheres,
-                            double interest) {
+inline BodyRows sphere_rows(const BodiesAlong& along, const Times& times,
+                            const std::vector<Sphere>& spheres, double interest) {
   BodyRows rows;
+  const Bodies& of = along.of;
   const int bodies = static_cast<int>(of.bodies.size());
-  const BodiesAlong along(chain, of, path);
   std::vector<std::vector<int>> near(bodies);
   std::vector<bool> is_near(spheres.size(), false);  // any of the bodies
   for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
@@ -153,10 +157,10 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const Path& pa
       }
   }
   std::vector<Vector3> centers(spheres.size());
-  for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+  for (size_t i = 0; i < along.placed.size(); ++i) {
     const PlacedBodies& placed = along.placed[i];
     const Matrix3 to_base = along.at[i].attitude.toRotationMatrix().transpose();
-    const auto by_x = path.derivatives(i);
+    RowMajor by_x;
     for (size_t sphere = 0; sphere < spheres.size(); ++sphere)
       if (is_near[sphere])
         centers[sphere] = to_base * (spheres[sphere].center_at(times.at[i]) - along.at[i].position);
@@ -172,6 +176,7 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const Path& pa
             (static_cast<long long>(i) * bodies + body) * static_cast<long long>(spheres.size()) +
             sphere;
         if (!rows.counts(found, distance, name, interest)) continue;
+        if (by_x.size() == 0) by_x = along.path.derivatives(i);
         auto row = rows.add(distance, name, by_x.cols());
         const Velocity by_q = placed.gradient(found, solid.carriers);
         row.noalias() = by_q.transpose() * by_x.topRows(by_q.size());

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "collision/path.hpp"
 #include "collision/sphere.hpp"
 #include "kinematics/arm.hpp"
 
@@ -13,21 +14,6 @@ namespace ff {
 
 // Joint origins nearer than this are the same point; drawings are not more exact [m].
 constexpr double kSamePoint = 1e-6;
-
-// Configurations with their derivatives.
-struct Path {
-  Rows q, dq;  // a row, and a block of 6 + joints rows, a configuration
-
-  auto derivatives(Eigen::Index i) const {
-    const Eigen::Index size = q.cols() - 1;
-    return dq.middleRows(i * size, size);
-  }
-};
-
-// When a robot is where a path leads.
-struct Times {
-  Values at, by_last;  // [s]; derivatives by the last variable: none where they do not depend on it
-};
 
 // Where the arm is at some times, with derivatives made of it where they are asked for.
 class ArmMotion {
@@ -47,7 +33,7 @@ class ArmMotion {
     for (const bool late : {false, true})
       for (int i = 0; i + 1 < gaps; ++i) {
         const Parabola at{late ? i + 1 : i, gaps + i + 1, late ? i : i + 1};
-        points.push_back((3 * points[at.near] + 6 * points[at.middle] - points[at.far]) / 8);
+        points.push_back(quarter_way(points[at.near], points[at.middle], points[at.far]));
         between_.push_back(at);
       }
   }
@@ -57,9 +43,8 @@ class ArmMotion {
     const int count = static_cast<int>(arms_.size());
     if (i < count) return of_configuration(i);
     const Parabola at = between_[i - count];
-    return (3 * of_configuration(at.near) + 6 * of_configuration(at.middle) -
-            of_configuration(at.far)) /
-           8;
+    return quarter_way(of_configuration(at.near), of_configuration(at.middle),
+                       of_configuration(at.far));
   }
 
   std::vector<ArmPoints> points;

@@ -78,13 +78,12 @@ class ObstaclesAt {
 };
 
 // As `sphere_rows`; names: configuration, body, then obstacle.
-inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& path,
-                              const Times& times, const std::vector<Obstacle>& obstacles,
-                              double interest) {
+inline BodyRows obstacle_rows(const BodiesAlong& along, const Times& times,
+                              const std::vector<Obstacle>& obstacles, double interest) {
   BodyRows rows;
+  const Bodies& of = along.of;
   const auto count = static_cast<long long>(of.bodies.size() * obstacles.size());
   const int bodies = static_cast<int>(of.bodies.size());
-  const BodiesAlong along(chain, of, path);
   const ObstaclesAt obstacles_at(obstacles, times.at);
   // What is never near costs nothing: of an obstacle, the bodies that come into its sphere, or, if
   // it rests, near what the box around their way is from it.
@@ -109,11 +108,11 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
     }
   }
   std::vector<Pose> seen(obstacles.size());
-  for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+  for (size_t i = 0; i < along.placed.size(); ++i) {
     const PlacedBodies& placed = along.placed[i];
     const Pose here{along.at[i].position, along.at[i].attitude.toRotationMatrix()};
     const Pose to_base = here.inverse();
-    const auto by_x = path.derivatives(i);
+    RowMajor by_x;
     for (size_t number = 0; number < obstacles.size(); ++number)
       if (is_near[number]) seen[number] = to_base * obstacles_at.pose(obstacles[number], i);
     for (Near& pair : near) {
@@ -128,6 +127,7 @@ inline BodyRows obstacle_rows(const Chain& chain, const Bodies& of, const Path& 
           static_cast<long long>(pair.body) * static_cast<long long>(obstacles.size()) +
           pair.obstacle;
       if (!rows.counts(found, found.distance, name, interest)) continue;
+      if (by_x.size() == 0) by_x = along.path.derivatives(i);
       auto row = rows.add(found.distance, name, by_x.cols());
       const Velocity by_q = placed.gradient(found, solid.carriers);
       row.noalias() = by_q.transpose() * by_x.topRows(by_q.size());

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array, Indices, frozen
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, sphere_arrays, spheres_of
 from ff_planner_ros.planning.distance.allowed_contact import (
@@ -38,6 +38,7 @@ from ff_planner_ros.planning.distance.start_room import (
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
 # On fewer points than this a body may jump over a corner of another: see `looked_at`.
@@ -53,10 +54,9 @@ _WITHIN = 0.9
 class LookedAt(NamedTuple):
     """The configurations of a path at which distances of bodies are evaluated, in order of time."""
 
+    bodies: compiled.BodiesAlong
     times: Array  # shape (configurations,) [s]
     times_by_last: Array  # by the last variable, the duration; empty if that is given
-    q: Array  # shape (configurations, 7 + joints)
-    sensitivity: Array  # of q in its tangent space; shape (configurations, 6 + joints, variables)
     until: int  # the first configuration at which pairs that are allowed to touch may do so
 
 
@@ -65,18 +65,16 @@ def pair_rows(
 ) -> Rows:
     """Return rows for pairs of bodies nearer than `OF_INTEREST`: distance less margin [m]."""
     robot, at = problem.robot, looked_at(problem, motion, sensitivity)
-    distances, jacobian, names, deep = compiled.pair_rows(
-        chain_of(robot), bodies_of(robot), at.q, at.sensitivity, OF_INTEREST
-    )
-    shape, split = (len(at.q), len(robot.pairs)), split_pairs(problem)
+    distances, jacobian, names, deep = compiled.pair_rows(at.bodies, OF_INTEREST)
+    shape, split = (len(at.times), len(robot.pairs)), split_pairs(problem)
     near = Rows(distances, jacobian, names)
     distances, jacobian, names, deep = without_allowed(problem, at, near, deep, shape[1], split)
     if deep.size:  # Coal knows how deep they are in each other
         rows = np.unravel_index(deep, shape)
-        placed = placed_bodies(robot, at.q[:, 7:])
+        placed = placed_bodies(robot, at.bodies.q[:, 7:])
         found = pair_distances(robot, placed, rows)
         gradients = pair_gradients(robot, placed, found, rows)
-        deeper = along_variables(gradients, at.sensitivity[:, 6:], rows[0])
+        deeper = along_variables(gradients, at.bodies.derivatives(rows[0])[:, 6:])
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
     # Some pairs are built closer together than the margin: they keep half their start distance.
@@ -92,27 +90,25 @@ def sphere_rows(
     """Return rows for bodies nearer to spheres than `OF_INTEREST`: distance less margin [m]."""
     robot, at = problem.robot, looked_at(problem, motion, sensitivity)
     distances, jacobian, names, deep = compiled.sphere_rows(
-        chain_of(robot),
-        bodies_of(robot),
-        at.q,
-        at.sensitivity,
+        at.bodies,
         at.times,
         spheres=spheres_of(problem.spheres, float(at.times[-1])),
         interest=OF_INTEREST,
         times_by_last=at.times_by_last,
     )
-    shape = len(at.q), len(robot.bodies), len(problem.spheres)
+    shape = len(at.times), len(robot.bodies), len(problem.spheres)
     near, of_pairs = Rows(distances, jacobian, names), (shape[1] * shape[2], split_spheres(problem))
     distances, jacobian, names, deep = without_allowed(problem, at, near, deep, *of_pairs)
     if deep.size:
         rows = np.unravel_index(deep, shape)
-        placed = placed_bodies(robot, at.q[:, 7:])
-        seen = centers_in_base(at.q, centers_at(at.times, problem.spheres))
+        q = at.bodies.q
+        placed = placed_bodies(robot, q[:, 7:])
+        seen = centers_in_base(q, centers_at(at.times, problem.spheres))
         _, _, radius = sphere_arrays(problem.spheres)
         found = sphere_distances(robot, placed, seen, radius, rows)
         gradients = sphere_gradients(robot, placed, found, rows)
         distances, names = np.append(distances, found.distance), np.append(names, deep)
-        deeper = along_variables(gradients, at.sensitivity, rows[0])
+        deeper = along_variables(gradients, at.bodies.derivatives(rows[0]))
         if at.times_by_last.size:
             deeper[:, -1] += at.times_by_last[rows[0]] * _of_moving(
                 problem, gradients, at, rows[0], rows[2]
@@ -138,12 +134,14 @@ def without_allowed(
     """
     if not problem.allowed_collisions:
         return *found, deep
+    is_apart = np.zeros(count, np.bool_)
+    is_apart[split.apart] = True
 
     def counts(names: Indices) -> NDArray[np.bool_]:
         configurations, numbers = np.divmod(names, count)
-        kept = np.isin(numbers, split.apart) | (configurations < at.until)
+        kept = is_apart[numbers] | (configurations < at.until)
         for obstacle, touching in split.at_start:
-            first = after_contact(problem, obstacle, at.times, at.q, _WITHIN)
+            first = after_contact(problem, obstacle, at.times, at.bodies.q, _WITHIN)
             kept &= (configurations >= first) | ~np.isin(numbers, touching)
         return kept
 
@@ -153,47 +151,43 @@ def without_allowed(
 
 @lru_cache(maxsize=2)
 def looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity) -> LookedAt:
-    """Return where distances of bodies are evaluated; cached, as all kinds of rows need it."""
-    at_points = np.linspace(0.0, problem.duration, len(motion.q))
-    times = _in_order(at_points[1:], (at_points[:-1] + at_points[1:]) / 2)
-    q = _in_order(motion.q[1:], motion.q_half_way)
-    by_x = _in_order(sensitivity.q[1:], sensitivity.q_half_way)
-    if len(motion.q) < FEW_POINTS:
-        # Quaternions of one sign: what lies between two is between their entries.
-        turns_over = np.sum(q[:-1, 3:7] * q[1:, 3:7], axis=1) < 0.0
-        q[1:, 3:7] *= np.where(turns_over, -1.0, 1.0).cumprod()[:, None]
-        order = np.argsort(np.concatenate([times, quarter_way(_out_of_order(times))]))
-        q, by_x, times = (
-            np.concatenate([at, quarter_way(_out_of_order(at))])[order] for at in (q, by_x, times)
-        )
-        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
-    until = before_contact(problem, times, q, _WITHIN) + 1 if problem.allowed_collisions else len(q)
-    times_by_last = sensitivity.times_by_last(times, problem.duration)
-    return LookedAt(times, times_by_last, q, by_x, until)
+    """Return where distances of bodies are evaluated; cached, as all kinds of rows need it.
 
-
-def _in_order(at_points: Array, half_way: Array) -> Array:
-    """Return values at all points but the first, each behind that half-way to it."""
-    return np.stack([half_way, at_points], axis=1).reshape(-1, *at_points.shape[1:])
-
-
-def _out_of_order(values: Array) -> Array:
-    """Return values at points, then those half-way; see `_in_order`."""
-    return np.concatenate([values[1::2], values[::2]])
-
-
-def quarter_way(values: Array) -> Array:
-    """Return values at a quarter, then at three quarters of all intervals but the first.
-
-    They are on the parabola through both ends and the middle of an interval.
-
-    Args:
-        values: At all points but the first, then half-way in every interval.
+    A robot without bodies has its centre lines.
     """
-    at_points, half_way = np.split(values, 2)
-    begin, middle, end = at_points[:-1], half_way[1:], at_points[1:]
-    first = (3.0 * begin + 6.0 * middle - end) / 8.0
-    return np.concatenate([first, (3.0 * end + 6.0 * middle - begin) / 8.0])
+    robot, points = with_bodies(problem.robot), len(motion.q)
+    bodies = compiled.BodiesAlong(
+        chain_of(robot),
+        bodies_of(robot),
+        motion.q[1:],
+        sensitivity.q[1:],
+        motion.q_half_way,
+        sensitivity.q_half_way,
+        quarter_way=points < FEW_POINTS,
+    )
+    times = np.sort(times_looked_at(problem.duration, points))
+    by_last = sensitivity.times_by_last(times, problem.duration)
+    until = len(times)
+    if problem.allowed_collisions:
+        until = before_contact(problem, times, bodies.q, _WITHIN) + 1
+    return LookedAt(bodies, times, by_last, until)
+
+
+@lru_cache(maxsize=32)
+def times_looked_at(duration: float, points: int) -> Array:
+    """Return the times of all points but the first, then half-way, then of quarters, if any [s]."""
+    times = np.linspace(0.0, duration, points)
+    half_way = (times[:-1] + times[1:]) / 2
+    found = [times[1:], half_way]
+    if points < FEW_POINTS:
+        begin, middle, end = times[1:-1], half_way[1:], times[2:]
+        found += [_quarter_way(begin, middle, end), _quarter_way(end, middle, begin)]
+    return frozen(np.concatenate(found))
+
+
+def _quarter_way(begin: Array, middle: Array, end: Array) -> Array:
+    """Return values at quarters of intervals as the core does it, by parabolas."""
+    return (3.0 * begin + 6.0 * middle - end) / 8.0
 
 
 def _of_moving(
@@ -208,12 +202,13 @@ def _of_moving(
     A sphere's motion changes a distance as the opposite motion of the base does.
     """
     velocities = velocities_at(at.times, problem.spheres)[configurations, spheres]
-    in_base = np.einsum("rji,rj->ri", rotation_base_to_inertial(at.q[configurations]), velocities)
+    turns = rotation_base_to_inertial(at.bodies.q[configurations])
+    in_base = np.einsum("rji,rj->ri", turns, velocities)
     growing: Array = -np.sum(gradients[:, :3] * in_base, axis=1)
     return growing
 
 
-def along_variables(gradients: Array, sensitivity: Array, configurations: Indices) -> Array:
+def along_variables(gradients: Array, sensitivity: Array) -> Array:
     """Return gradients by the tangent of q as those by x (chain rule). Shape (rows, variables)."""
-    jacobian: Array = np.einsum("rj,rjx->rx", gradients, sensitivity[configurations])
+    jacobian: Array = np.einsum("rj,rjx->rx", gradients, sensitivity)
     return jacobian

@@ -8,12 +8,11 @@ outside every sphere at every point.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.distance.certificate import (
     LINES_GAP,
@@ -42,7 +41,7 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_approach import refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, quarter_way
+from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
 from ff_planner_ros.planning.requirements.collisions import refuse_nearness
 from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
@@ -104,8 +103,7 @@ class Clearance(Requirement):
         """Return distances of near lines less the margin, at points and half-way between [m]."""
         if problem.robot.geometry is Geometry.SHAPES or not problem.spheres:
             return None
-        few = len(motion.q) < FEW_POINTS
-        looked_at = _times(problem.duration, len(motion.q), few)
+        looked_at = times_looked_at(problem.duration, len(motion.q))
         distances, jacobian, names = clearance_rows(
             problem.robot,
             np.concatenate([motion.q[1:], motion.q_half_way]),
@@ -113,7 +111,7 @@ class Clearance(Requirement):
             looked_at,
             problem.spheres,
             OF_INTEREST,
-            quarter_way=few,
+            quarter_way=len(motion.q) < FEW_POINTS,
             times_by_last=sensitivity.times_by_last(looked_at, problem.duration),
         )
         margins = margins_of_rows(margin, room_of_lines(problem), names, looked_at)
@@ -213,14 +211,6 @@ def _too_near_at_end(samples: Samples) -> Iterator[Failure]:
             f"{CLEARANCE_AT_END * 1e3:g} mm are needed so that another plan may start there",
             ("another goal", "a larger planner.clearance_margin"),
         )
-
-
-@lru_cache(maxsize=32)
-def _times(duration: float, points: int, few: bool) -> Array:
-    """Return the times of all points but the first, then half-way, if few also quarter-way [s]."""
-    times = np.linspace(0.0, duration, points)
-    times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
-    return frozen(np.concatenate([times, quarter_way(times)]) if few else times)
 
 
 class _Nearest(NamedTuple):

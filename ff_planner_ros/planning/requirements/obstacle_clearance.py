@@ -15,7 +15,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
+from ff_planner_ros.core.conversions import obstacles_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import may_touch, split_obstacles, stretches
 from ff_planner_ros.planning.distance.bodies import placed_bodies
@@ -152,16 +152,13 @@ def obstacle_rows(
     robot, at = with_bodies(problem.robot), looked_at(problem, motion, sensitivity)
     obstacles = problem.obstacle_bodies
     distances, jacobian, names, deep = compiled.obstacle_rows(
-        chain_of(robot),
-        bodies_of(robot),
-        at.q,
-        at.sensitivity,
+        at.bodies,
         at.times,
         obstacles=obstacles_of(obstacles, float(at.times[-1])),
         interest=OF_INTEREST,
         times_by_last=at.times_by_last,
     )
-    shape = len(at.q), len(robot.bodies), len(obstacles)
+    shape = len(at.times), len(robot.bodies), len(obstacles)
     near, of_pairs = (
         Rows(distances, jacobian, names),
         (shape[1] * shape[2], split_obstacles(problem)),
@@ -172,11 +169,11 @@ def obstacle_rows(
         few, which = np.unique(when, return_inverse=True)
         some, numbers = np.unique(numbers, return_inverse=True)
         deep_ones = [obstacles[number] for number in some.tolist()]
-        q, times, rows = at.q[few], at.times[few], (which, bodies, numbers)
+        q, times, rows = at.bodies.q[few], at.times[few], (which, bodies, numbers)
         placed, poses = placed_bodies(robot, q[:, 7:]), seen_from_chaser(q, times, deep_ones)
         found = obstacle_distances(robot, placed, poses, deep_ones, rows)
         gradients = sphere_gradients(robot, placed, found, rows)
-        deeper = along_variables(gradients, at.sensitivity, when)
+        deeper = along_variables(gradients, at.bodies.derivatives(when))
         if at.times_by_last.size:
             speeds = approach_speeds(q, times, deep_ones, found, rows)
             deeper[:, -1] += at.times_by_last[when] * speeds
