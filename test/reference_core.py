@@ -41,7 +41,7 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.distance.clearance import arm_points, centers_at
 from ff_planner_ros.planning.motion import followed_path
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -240,6 +240,10 @@ class _BodiesAlong:
 
     def derivatives(self, chosen: Indices) -> Array:
         return self.q_sensitivity[chosen]
+
+    @property
+    def tips(self) -> Array:
+        return arm_points(self.robot, self.q)[:, -1]
 
 
 def _pair_rows(along: _BodiesAlong, interest: float) -> _FoundRows:

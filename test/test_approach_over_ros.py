@@ -27,6 +27,7 @@ from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.allowed_contact import before_contact
+from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
@@ -302,7 +303,7 @@ def test_where_contact_is_allowed_is_the_same_in_a_frame_that_moves(speed: float
     )
     there = replace(problem, target=target)
     q, _ = from_trajectory(problem.robot, motion)
-    last = before_contact(there, motion.time, q)
+    last = before_contact(there, motion.time, arm_points(problem.robot, q)[:, -1])
     away = np.linalg.norm(motion.ee_positions - problem.target.position, axis=1)
     assert last == np.flatnonzero(away > 0.3)[-1]
     # So it is for who looks at the plan afterwards.

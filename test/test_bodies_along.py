@@ -11,6 +11,7 @@ from bodied_robots import random_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of
+from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
 
 GAPS, DURATION = 6, 2.4
@@ -64,6 +65,7 @@ def test_a_quarter_of_the_way_is_that_of_the_parabola(seed: int) -> None:
     q, by_x = parabolas.at(times)
     q[:, 3:7] /= signs[GAPS] * np.linalg.norm(q[:, 3:7], axis=1)[:, None]
     np.testing.assert_allclose(found.q, q, rtol=0.0, atol=1e-12)
+    assert found.tips == pytest.approx(arm_points(random_robot(1), found.q)[:, -1], abs=1e-12)
     every = np.arange(len(times))
     np.testing.assert_allclose(found.derivatives(every), by_x, rtol=0.0, atol=1e-12)
     assert (found.derivatives(every[::-1]) == found.derivatives(every)[::-1]).all()

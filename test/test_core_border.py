@@ -273,7 +273,7 @@ def answer(name: str, changed: Arguments) -> list[np.ndarray]:
     if isinstance(found, compiled.DrivenMotion):
         found = found.q, found.v, found.q_half_way
     if isinstance(found, compiled.BodiesAlong):
-        found = found.q, found.derivatives(np.arange(len(found.q)))
+        found = found.q, found.tips, found.derivatives(np.arange(len(found.q)))
     parts = found if isinstance(found, tuple) else (found,)
     return [np.asarray(part) for part in parts if isinstance(part, (np.ndarray, float))]
 

@@ -299,6 +299,9 @@ class BodiesAlong:
     @property
     def q(self) -> Array:
         """All configurations. Shape (configurations, 7 + joints)."""
+    @property
+    def tips(self) -> Array:
+        """Where the end effector is there, inertial frame. Shape (configurations, 3) [m]."""
 
     def derivatives(self, chosen: Indices) -> Array:
         """Return those of some configurations. Shape (chosen, 6 + joints, variables)."""

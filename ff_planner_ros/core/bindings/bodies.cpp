@@ -49,6 +49,14 @@ BodiesAlong bodies_along(const Chain& chain, const Bodies& of, const Array& q, c
   return {chain, of, DensePath(points, half_way, quarter_way)};
 }
 
+// Where the end effector is, in the inertial frame.
+Array tips(const BodiesAlong& along) {
+  RowMajor found(along.at.size(), 3);
+  for (size_t i = 0; i < along.at.size(); ++i)
+    found.row(i) = along.at[i].position + along.at[i].attitude * along.placed[i].tip;
+  return result(found, "tips");
+}
+
 // Derivatives of chosen configurations, by the variables of the path.
 Array derivatives(const BodiesAlong& along, const Numbers& chosen) {
   require_shape(chosen, "chosen", {kAny});
@@ -110,6 +118,7 @@ void bind_bodies(py::module_& m) {
            py::arg("q_half_way_sensitivity") = Array(0), py::arg("quarter_way") = false,
            py::keep_alive<1, 3>())  // the bodies are not copied
       .def_property_readonly("q", [](const BodiesAlong& of) { return result(of.path.q, "q"); })
+      .def_property_readonly("tips", &tips)
       .def("derivatives", &derivatives, py::arg("chosen"));
   m.def("pair_rows", &rows_of_pairs, py::arg("along"), py::arg("interest"));
   m.def("sphere_rows", &rows_of_spheres, py::arg("along"), py::arg("times"), py::arg("spheres"),

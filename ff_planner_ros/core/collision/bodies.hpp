@@ -28,6 +28,7 @@ struct PlacedBodies {
   Matrix3J origins, axes, slides;  // of the joints
   std::vector<Pose> solids;
   std::vector<Vector3> centers;
+  Vector3 tip;  // of the end effector
 
   PlacedBodies(const Chain& chain, const Bodies& of, const Joints& joints)
       : origins(3, chain.joints()), axes(3, chain.joints()), slides(3, chain.joints()) {
@@ -47,6 +48,7 @@ struct PlacedBodies {
       solids.push_back(link * body.placement);
       centers.push_back(link.position + link.rotation * body.center);
     }
+    tip = (links[chain.joints()] * chain.tip).position;
   }
 
   // How fast joint k moves what it carries along the normal.

@@ -19,6 +19,8 @@ constexpr double kSamePoint = 1e-6;
 class ArmMotion {
  public:
   ArmMotion(const Chain& chain, const Path& path) : path_(path), known_(path.q.rows()) {
+    arms_.reserve(path.q.rows());
+    points.reserve(2 * path.q.rows());
     for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
       arms_.emplace_back(chain, Configuration::read(path.q.row(i)));
       points.push_back(arms_.back().points);

@@ -89,14 +89,14 @@ def split_obstacles(problem: PlanningProblem) -> Split:
     return _split(may, room, problem.obstacle_bodies)
 
 
-def before_contact(problem: PlanningProblem, times: Array, q: Array, within: float = 1.0) -> int:
+def before_contact(problem: PlanningProblem, times: Array, tips: Array, within: float = 1.0) -> int:
     """Return the index of the last configuration at which allowed pairs, too, must be apart.
 
     That is the last one of a motion to a posture: its goal has no place to touch at.
 
     Args:
         times: From the plan's first point on, ascending. Shape (times,) [s].
-        q: Shape (times, 7 + joints).
+        tips: Where the end effector is, inertial frame. Shape (times, 3) [m].
         within: Fraction of the contact distance to use instead of all of it.
 
     Returns:
@@ -104,8 +104,7 @@ def before_contact(problem: PlanningProblem, times: Array, q: Array, within: flo
     """
     if problem.posture is not None:
         return len(times) - 1
-    points = arm_points(problem.robot, q)[:, -1]
-    to_goal = np.linalg.norm(GraspSeen(problem, times).from_grasp(points), axis=1)
+    to_goal = np.linalg.norm(GraspSeen(problem, times).from_grasp(tips), axis=1)
     outside = np.flatnonzero(to_goal > within * problem.contact_distance)
     return int(outside[-1]) if outside.size else -1
 
@@ -142,7 +141,7 @@ def stretches(
     yield motion, split.apart, len(motion.time) - 1
     if not len(split.may_touch):
         return
-    until = before_contact(problem, motion.time, motion.q)
+    until = before_contact(problem, motion.time, arm_points(problem.robot, motion.q)[:, -1])
     yield motion, split.at_goal, until
     for obstacle, numbers in split.at_start:
         first = after_contact(problem, obstacle, motion.time, motion.q)
@@ -155,10 +154,10 @@ def may_touch(problem: PlanningProblem, split: Split, q: Array, time: float) -> 
     """Return the numbers of pairs that may touch in a configuration at a time [s] of a plan."""
     if not len(split.may_touch):
         return split.may_touch
-    at = np.array([time]), q[None]
-    if before_contact(problem, *at) < 0:
+    times, q = np.array([time]), q[None]
+    if before_contact(problem, times, arm_points(problem.robot, q)[:, -1]) < 0:
         return split.may_touch
-    held = [numbers for one, numbers in split.at_start if after_contact(problem, one, *at)]
+    held = [numbers for one, numbers in split.at_start if after_contact(problem, one, times, q)]
     return np.concatenate([np.empty(0, np.intp), *held])
 
 

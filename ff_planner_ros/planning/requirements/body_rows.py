@@ -169,7 +169,7 @@ def looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity
     by_last = sensitivity.times_by_last(times, problem.duration)
     until = len(times)
     if problem.allowed_collisions:
-        until = before_contact(problem, times, bodies.q, _WITHIN) + 1
+        until = before_contact(problem, times, bodies.tips, _WITHIN) + 1
     return LookedAt(bodies, times, by_last, until)
 
 
