@@ -18,20 +18,17 @@ constexpr double kSamePoint = 1e-6;
 // Where the arm is at some times, with derivatives made of it where they are asked for.
 class ArmMotion {
  public:
-  ArmMotion(const Chain& chain, const Path& path) : path_(path), known_(path.q.rows()) {
-    arms_.reserve(path.q.rows());
-    points.reserve(2 * path.q.rows());
-    for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
-      arms_.emplace_back(chain, Configuration::read(path.q.row(i)));
-      points.push_back(arms_.back().points);
-    }
+  ArmMotion(const Chain& chain, const Path& path)
+      : chain_(chain), path_(path), known_(path.q.rows()) {
+    points.reserve(2 * known_.size());
+    for (size_t i = 0; i < known_.size(); ++i) points.push_back(arm(i).points);
   }
 
   // Adds points a quarter of the way between those at points and three quarters, by parabolas
   // through both and the one half-way. The configurations are those at all points but the first,
   // then those half-way in every interval; the first interval is left out.
   void add_quarter_way() {
-    const int gaps = static_cast<int>(arms_.size()) / 2;
+    const int gaps = static_cast<int>(known_.size()) / 2;
     for (const bool late : {false, true})
       for (int i = 0; i + 1 < gaps; ++i) {
         const Parabola at{late ? i + 1 : i, gaps + i + 1, late ? i : i + 1};
@@ -42,7 +39,7 @@ class ArmMotion {
 
   // Of all points, three rows each.
   RowMajor derivatives(int i) {
-    const int count = static_cast<int>(arms_.size());
+    const int count = static_cast<int>(known_.size());
     if (i < count) return of_configuration(i);
     const Parabola at = between_[i - count];
     return quarter_way(of_configuration(at.near), of_configuration(at.middle),
@@ -56,17 +53,20 @@ class ArmMotion {
     int near, middle, far;
   };
 
+  // Made again for derivatives: few are asked for, and all arms would be half a megabyte.
+  Arm arm(Eigen::Index i) const { return {chain_, Configuration::read(path_.q.row(i))}; }
+
   const RowMajor& of_configuration(int i) {
     RowMajor& known = known_[i];
     if (known.size() == 0) {
-      known.resize(3 * arms_[i].points.cols(), path_.dq.cols());
-      arms_[i].derivatives(path_.derivatives(i), known);
+      known.resize(3 * points[i].cols(), path_.dq.cols());
+      arm(i).derivatives(path_.derivatives(i), known);
     }
     return known;
   }
 
+  const Chain& chain_;
   Path path_;
-  std::vector<Arm> arms_;
   std::vector<Parabola> between_;
   std::vector<RowMajor> known_;
 };
