@@ -22,12 +22,12 @@ class SystemMomentum {
                    posture.composite.begin() + posture.screws.cols() + 1) {
     const int n = static_cast<int>(screws_.cols());
     const Inertia& all = composite_[0];
-    Columns6 momenta(6, n);  // of unit rates
+    Matrix6J momenta(6, n);  // of unit rates
     for (int k = 0; k < n; ++k) momenta.col(k) = composite_[k + 1] * screws_.col(k);
     center = all.first / all.mass;
     const Matrix3 lever = skew(center);
     of_center = momenta.topRows<3>() / all.mass;
-    coupling = momenta.bottomRows<3>() - lever * momenta.topRows<3>();
+    coupling = momenta.bottomRows<3>() - lever.lazyProduct(momenta.topRows<3>());
     const Matrix3 inertia = all.second + all.mass * lever * lever;  // I
     to_rate.setZero();
     if (base == Base::kPlanar)  // the table lets the base turn about its normal alone
@@ -38,12 +38,12 @@ class SystemMomentum {
 
   // Derivatives of both momenta by the joints, all velocities being fixed: three rows of the linear
   // one, three of the angular one about the centre of mass.
-  Columns6 by_joints(const Vector3& base_rate, const Joints& rates) const {
+  Matrix6J by_joints(const Vector3& base_rate, const Joints& rates) const {
     const int n = static_cast<int>(screws_.cols());
-    std::vector<Vector6> twists(n + 1);  // V_k, of the bodies
+    std::array<Vector6, kMaxJoints + 1> twists;  // V_k, of the bodies
     twists[0] = stack(Vector3::Zero(), base_rate);
     for (int k = 0; k < n; ++k) twists[k + 1] = twists[k] + screws_.col(k) * rates[k];
-    Columns6 by(6, n);
+    Matrix6J by(6, n);
     Vector6 beyond = Vector6::Zero();  // G_k: momentum of body k and of all that it carries
     for (int k = n - 1; k >= 0; --k) {
       const Vector6 s = screws_.col(k);
@@ -54,7 +54,8 @@ class SystemMomentum {
     beyond += body_[0] * twists[0];
     // From the base's origin to the centre of mass c: L - c x P
     const Vector3 linear = beyond.head<3>();  // P
-    by.bottomRows<3>() += skew(linear) * of_center - skew(center) * by.topRows<3>();
+    by.bottomRows<3>() +=
+        skew(linear).lazyProduct(of_center) - skew(center).lazyProduct(by.topRows<3>());
     return by;
   }
 

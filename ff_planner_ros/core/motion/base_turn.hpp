@@ -16,6 +16,18 @@ struct TurnStep {
   Stages<Vector3> rates, momenta;  // in base axes
 };
 
+// Rows of the products of a matrix, or of the cross product of a vector, with derivatives that are
+// stored by rows: from a matrix that is stored by columns Eigen would go entry by entry.
+template <typename Columns>
+auto product_row(const Matrix3& a, const Columns& b, int row) {
+  return a(row, 0) * b.row(0) + (a(row, 1) * b.row(1) + a(row, 2) * b.row(2));
+}
+template <typename Columns>
+auto cross_row(const Vector3& a, const Columns& b, int row) {
+  const int next = (row + 1) % 3, last = (row + 2) % 3;
+  return a[next] * b.row(last) - a[last] * b.row(next);
+}
+
 // SO(3), and how its tangent steps change by the variables, a column each.
 struct Rotations {
   bool has_duration;  // in the last column
@@ -26,7 +38,8 @@ struct Rotations {
   }
   static void add_bracket_derivative(Matrix3X& du, double weight, const Vector3& a,
                                      const Matrix3X& da, const Vector3& b, const Matrix3X& db) {
-    du += weight * (skew(a) * db - skew(b) * da);
+    for (int row = 0; row < 3; ++row)
+      du.row(row) += weight * (cross_row(a, db, row) - cross_row(b, da, row));
   }
   void stretch(Matrix3X& du, const Vector3& u) const {
     if (has_duration) du.col(du.cols() - 1) += u / duration;
@@ -43,7 +56,10 @@ struct Turning {
 
   explicit Turning(const Vector3& by) : back(turned_by(-by)), of_by(turned_by_derivative(by)) {}
   Matrix3X operator()(const Matrix3X& turn, const Matrix3X& change) const {
-    return back * turn + of_by * change;
+    Matrix3X turned(3, turn.cols());
+    for (int row = 0; row < 3; ++row)
+      turned.row(row) = product_row(back, turn, row) + product_row(of_by, change, row);
+    return turned;
   }
 };
 
@@ -77,12 +93,12 @@ struct JointRows {
     write(rates, rates_by_duration, half_step, to);
   }
   // Subtracts the derivatives of what depends on angles, or on rates, as columns say, one a joint.
-  template <typename Columns>
-  void subtract_angles(const Columns& columns, int half_step, Matrix3X& from) const {
+  template <typename Columns, typename Derivatives>
+  void subtract_angles(const Columns& columns, int half_step, Derivatives&& from) const {
     subtract(columns, angles, angles_by_duration, half_step, from);
   }
-  template <typename Columns>
-  void subtract_rates(const Columns& columns, int half_step, Matrix3X& from) const {
+  template <typename Columns, typename Derivatives>
+  void subtract_rates(const Columns& columns, int half_step, Derivatives&& from) const {
     subtract(columns, rates, rates_by_duration, half_step, from);
   }
 
@@ -94,9 +110,9 @@ struct JointRows {
       to.row(j).segment(j * each(), each()) = of_joint.row(half_step);
     if (has_duration()) to.col(joints * each()) = by_duration.row(half_step).transpose();
   }
-  template <typename Columns>
+  template <typename Columns, typename Derivatives>
   void subtract(const Columns& columns, const Rows& of_joint, const RowMajor& by_duration,
-                int half_step, Matrix3X& from) const {
+                int half_step, Derivatives& from) const {
     for (int j = 0; j < joints; ++j)
       for (int axis = 0; axis < 3; ++axis)
         from.row(axis).segment(j * each(), each()) -= columns(axis, j) * of_joint.row(half_step);
@@ -170,15 +186,15 @@ struct TurnDerivatives {
       Stages<Matrix3X> d, du;
       for (int stage = 0; stage < 4; ++stage) {
         const int half_step = i + kHalfSteps[stage];
-        const Columns6 by = by_joints_at(half_step, now.rates[stage]);
+        const Matrix6J by = by_joints_at(half_step, now.rates[stage]);
         d[stage] = change(at[half_step], by, now.momenta[stage], turn, rows, half_step);
         du[stage] = tangent_step_derivative(rotations, stage, step, now.rates, now.turns[stage], d);
         turn = Turning(now.turns[stage])(begin, du[stage]);
         if (stage == 0) by_joints.push_back(by);
       }
-      rates.push_back(d[0]);
       half_way.push_back(Turning(ff::half_way(now.turns))(begin, ff::half_way(du)));
-      turns.push_back(turn);
+      rates.push_back(std::move(d[0]));
+      turns.push_back(std::move(turn));
     }
     const int last = static_cast<int>(at.size()) - 1;
     by_joints.push_back(by_joints_at(last, base.rate));
@@ -187,13 +203,15 @@ struct TurnDerivatives {
 
  private:
   // Of the base's rate, Eq. (27).
-  static Matrix3X change(const SystemMomentum& at, const Columns6& by_joints,
+  static Matrix3X change(const SystemMomentum& at, const Matrix6J& by_joints,
                          const Vector3& momentum, const Matrix3X& turn, const JointRows& rows,
                          int half_step) {
-    Matrix3X changed = skew(momentum) * turn;
-    rows.subtract_angles(by_joints.bottomRows<3>(), half_step, changed);
-    rows.subtract_rates(at.coupling, half_step, changed);
-    return at.to_rate * changed;
+    Matrix3X of_momentum(3, turn.cols()), of_rate(3, turn.cols());
+    for (int row = 0; row < 3; ++row) of_momentum.row(row) = cross_row(momentum, turn, row);
+    rows.subtract_angles(by_joints.bottomRows<3>(), half_step, of_momentum);
+    rows.subtract_rates(at.coupling, half_step, of_momentum);
+    for (int row = 0; row < 3; ++row) of_rate.row(row) = product_row(at.to_rate, of_momentum, row);
+    return of_rate;
   }
 };
 

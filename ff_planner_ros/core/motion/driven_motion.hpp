@@ -140,28 +140,31 @@ class DrivenMotion {
   void write_step(const JointRows& rows, int half_step, const Matrix3& rotation,
                   const Matrix3X& turns, Block to) const {
     const SystemMomentum& at = momenta_[half_step];
-    Matrix3X way = skew(at.center) * turns;
+    auto way = to.topRows<3>();
+    for (int row = 0; row < 3; ++row) way.row(row) = cross_row(at.center, turns, row);
     rows.subtract_angles(at.of_center, half_step, way);
     // The centre of mass drifts for longer.
     if (rows.has_duration())
       way.col(way.cols() - 1) +=
           half_step * step_ / (2 * duration_) * (rotation.transpose() * drift_);
     if (is_planar()) way.row(2).setZero();
-    to.topRows(3) = way;
-    to.middleRows(3, 3) = turns;
+    to.middleRows<3>(3) = turns;
     rows.write_angles(half_step, to.bottomRows(to.rows() - 6));
   }
 
   // Derivatives of a velocity.
   void write_change(const JointRows& rows, int point, const TurnDerivatives& of, Block to) const {
     const SystemMomentum& at = momenta_[2 * point];
-    const Columns3 of_momentum = of.by_joints[point].topRows<3>() / mass_;
-    Matrix3X linear = skew(drift_at(point)) * of.turns[point] + skew(at.center) * of.rates[point];
+    const Vector3 drift = drift_at(point);
+    const Matrix3J of_momentum = of.by_joints[point].topRows<3>() / mass_;
+    auto linear = to.topRows<3>();
+    for (int row = 0; row < 3; ++row)
+      linear.row(row) =
+          cross_row(drift, of.turns[point], row) + cross_row(at.center, of.rates[point], row);
     rows.subtract_angles(of_momentum, 2 * point, linear);
     rows.subtract_rates(at.of_center, 2 * point, linear);
     if (is_planar()) linear.row(2).setZero();
-    to.topRows(3) = linear;
-    to.middleRows(3, 3) = of.rates[point];
+    to.middleRows<3>(3) = of.rates[point];
     rows.write_rates(2 * point, to.bottomRows(to.rows() - 6));
   }
 
