@@ -93,18 +93,10 @@ struct BodiesAlong {
   }
 };
 
-struct BodyRows {
-  std::vector<double> distances, jacobian;  // negative inside; a row a distance
-  std::vector<long long> names;             // configuration, then pair, or body and sphere
-  std::vector<long long> unknown;           // names of those that are in each other
+// Named by configuration, then pair, or body and sphere.
+struct BodyRows : ClearanceRows {
+  std::vector<long long> unknown;  // names of those that are in each other
 
-  // Adds a distance that is of interest; returns its derivatives, which are zero so far.
-  Eigen::Map<Eigen::RowVectorXd> add(double distance, long long name, Eigen::Index columns) {
-    distances.push_back(distance);
-    names.push_back(name);
-    jacobian.resize(jacobian.size() + columns, 0.);
-    return {jacobian.data() + jacobian.size() - columns, columns};
-  }
   // Tells whether a distance is to be added.
   bool counts(const Gap& found, double distance, long long name, double interest) {
     if (!found.is_known) unknown.push_back(name);

@@ -15,20 +15,26 @@ namespace ff {
 // Joint origins nearer than this are the same point; drawings are not more exact [m].
 constexpr double kSamePoint = 1e-6;
 
-// Where the arm is at some times, with derivatives made of it where they are asked for.
+// A row of derivatives by the variables.
+using Gradient = Eigen::Map<Eigen::RowVectorXd>;
+
+// Where the arm is at some times.
 class ArmMotion {
  public:
-  ArmMotion(const Chain& chain, const Path& path)
-      : chain_(chain), path_(path), known_(path.q.rows()) {
-    points.reserve(2 * known_.size());
-    for (size_t i = 0; i < known_.size(); ++i) points.push_back(arm(i).points);
+  ArmMotion(const Chain& chain, const Path& path) : path_(path) {
+    arms_.reserve(path.q.rows());
+    points.reserve(2 * path.q.rows());
+    for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+      arms_.emplace_back(chain, Configuration::read(path.q.row(i)));
+      points.push_back(arms_.back().points);
+    }
   }
 
   // Adds points a quarter of the way between those at points and three quarters, by parabolas
   // through both and the one half-way. The configurations are those at all points but the first,
   // then those half-way in every interval; the first interval is left out.
   void add_quarter_way() {
-    const int gaps = static_cast<int>(known_.size()) / 2;
+    const int gaps = static_cast<int>(arms_.size()) / 2;
     for (const bool late : {false, true})
       for (int i = 0; i + 1 < gaps; ++i) {
         const Parabola at{late ? i + 1 : i, gaps + i + 1, late ? i : i + 1};
@@ -37,14 +43,22 @@ class ArmMotion {
       }
   }
 
-  // Of all points, three rows each.
-  RowMajor derivatives(int i) {
-    const int count = static_cast<int>(known_.size());
-    if (i < count) return of_configuration(i);
-    const Parabola at = between_[i - count];
-    return quarter_way(of_configuration(at.near), of_configuration(at.middle),
-                       of_configuration(at.far));
+  // Adds the derivative, along a direction, of the place a fraction of the way from point k to the
+  // next; at: number of a time.
+  void add_gradient(size_t at, int k, double fraction, const Vector3& direction,
+                    Gradient to) const {
+    const auto add = [&](double weight, int configuration) {
+      const Velocity by_q = arms_[configuration].gradient(k, fraction, weight * direction);
+      to.noalias() += by_q.transpose() * path_.derivatives(configuration).topRows(by_q.size());
+    };
+    if (at < arms_.size()) return add(1, static_cast<int>(at));
+    const Parabola& by = between_[at - arms_.size()];
+    add(3. / 8, by.near);
+    add(6. / 8, by.middle);
+    add(-1. / 8, by.far);
   }
+
+  Eigen::Index variables() const { return path_.dq.cols(); }
 
   std::vector<ArmPoints> points;
 
@@ -53,22 +67,9 @@ class ArmMotion {
     int near, middle, far;
   };
 
-  // Made again for derivatives: few are asked for, and all arms would be half a megabyte.
-  Arm arm(Eigen::Index i) const { return {chain_, Configuration::read(path_.q.row(i))}; }
-
-  const RowMajor& of_configuration(int i) {
-    RowMajor& known = known_[i];
-    if (known.size() == 0) {
-      known.resize(3 * points[i].cols(), path_.dq.cols());
-      arm(i).derivatives(path_.derivatives(i), known);
-    }
-    return known;
-  }
-
-  const Chain& chain_;
   Path path_;
+  std::vector<Arm> arms_;
   std::vector<Parabola> between_;
-  std::vector<RowMajor> known_;
 };
 
 // Indices of the points that start a segment of some length, at any time.
@@ -106,20 +107,27 @@ inline std::vector<int> near_box(const std::vector<ArmPoints>& points, const Val
 }
 
 struct ClearanceRows {
-  std::vector<double> distances, jacobian;  // negative inside the sphere; a row a distance
+  std::vector<double> distances, jacobian;  // negative inside; a row a distance
   std::vector<long long> names;             // by point, segment and sphere
+
+  // Adds a distance that is of interest; returns its derivatives, which are zero so far.
+  Gradient add(double distance, long long name, Eigen::Index columns) {
+    distances.push_back(distance);
+    names.push_back(name);
+    jacobian.resize(jacobian.size() + columns, 0.);
+    return {jacobian.data() + jacobian.size() - columns, columns};
+  }
 };
 
 // The distances below `interest`. The nearest point of a segment moves with the segment; its
 // sliding along it does not change the distance to first order.
-inline ClearanceRows clearance_rows(ArmMotion& arm, const Times& times,
+inline ClearanceRows clearance_rows(const ArmMotion& arm, const Times& times,
                                     const std::vector<Sphere>& spheres, double interest) {
   ClearanceRows rows;
   const std::vector<int> near = near_box(arm.points, times.at, spheres, interest);
   const std::vector<int> starts = segments(arm.points);
   std::vector<Vector3> centers(spheres.size());
   for (size_t i = 0; i < arm.points.size() && !near.empty(); ++i) {
-    RowMajor derivatives;
     for (const int sphere : near) centers[sphere] = spheres[sphere].center_at(times.at[i]);
     for (size_t segment = 0; segment < starts.size(); ++segment)
       for (const int sphere : near) {
@@ -131,19 +139,13 @@ inline ClearanceRows clearance_rows(ArmMotion& arm, const Times& times,
         const double to_center = offset.norm(), distance = to_center - spheres[sphere].radius;
         if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
         if (!(distance < interest)) continue;
-        if (derivatives.size() == 0) derivatives = arm.derivatives(static_cast<int>(i));
         const Vector3 direction = offset / std::max(to_center, kSamePoint);
-        Eigen::RowVectorXd gradient =
-            direction.transpose() * ((1 - fraction) * derivatives.middleRows<3>(3 * k) +
-                                     fraction * derivatives.middleRows<3>(3 * k + 3));
+        const size_t name = (i * starts.size() + segment) * spheres.size() + sphere;
+        Gradient gradient = rows.add(distance, static_cast<long long>(name), arm.variables());
+        arm.add_gradient(i, k, fraction, direction, gradient);
         if (times.by_last.size() > 0)
           gradient[gradient.size() - 1] -=
               times.by_last[i] * direction.dot(spheres[sphere].velocity_at(times.at[i]));
-        rows.distances.push_back(distance);
-        rows.jacobian.insert(rows.jacobian.end(), gradient.data(),
-                             gradient.data() + gradient.size());
-        const size_t name = (i * starts.size() + segment) * spheres.size() + sphere;
-        rows.names.push_back(static_cast<long long>(name));
       }
   }
   return rows;

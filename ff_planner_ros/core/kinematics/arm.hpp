@@ -31,6 +31,22 @@ struct Arm {
     points.col(chain.joints()) = (at * chain.tip).position;
   }
 
+  // Derivative, along a direction, of the place a fraction of the way from point k to the next: by
+  // a step of the base in its own axes, and by the joints that move it.
+  Velocity gradient(int k, double fraction, const Vector3& direction) const {
+    const Vector3 place = (1 - fraction) * points.col(k) + fraction * points.col(k + 1);
+    const int joints = static_cast<int>(axes.cols());
+    Velocity by_q(6 + std::min(k + 2, joints));
+    by_q.head<3>() = base_to_inertial.transpose() * direction;
+    by_q.segment<3>(3) = base_to_inertial.transpose() * (place - base).cross(direction);
+    for (int j = 0; j <= k; ++j)
+      by_q[6 + j] =
+          axes.col(j).dot((place - points.col(j)).cross(direction)) + slides.col(j).dot(direction);
+    // Where the next joint slides, the segment's end alone moves with it.
+    if (k + 1 < joints) by_q[7 + k] = fraction * slides.col(k + 1).dot(direction);
+    return by_q;
+  }
+
   // Writes d points along steps dq, a column each: rows 3 k to 3 k + 2 are of point k.
   void derivatives(const Eigen::Ref<const RowMajor>& dq, Eigen::Ref<RowMajor> d_points) const {
     Matrix3X turn = base_to_inertial * dq.middleRows<3>(3);  // of the body that carries the point
