@@ -16,10 +16,28 @@ struct SystemState {
 struct StateChange {
   Vector6 base_step, base_twist;
   Joints angles, rates, accelerations;
+};
 
-  static StateChange none(int joints) {
-    const Joints still = Joints::Zero(joints);
-    return {Vector6::Zero(), Vector6::Zero(), still, still, still};
+// A change of the end effector's motion, in axes of the end effector.
+struct EndEffectorChange {
+  Vector6 way = Vector6::Zero(), twist = Vector6::Zero(), acceleration = Vector6::Zero();
+};
+
+// How its motion changes with the state, a column an entry: with the base's step and twist, and
+// with the joints' angles, rates and accelerations.
+struct EndEffectorDerivatives {
+  Matrix6 to_tip;  // of way and twist by those of the base
+  Matrix6 acceleration_by_twist;
+  Matrix6J jacobian;  // of the way by angles, the twist by rates, the acceleration by those
+  Matrix6J twist_by_angles, acceleration_by_angles, acceleration_by_rates;
+  Matrix6J acceleration_by_accelerations;
+
+  EndEffectorChange along(const StateChange& by) const {
+    return {to_tip * by.base_step + jacobian * by.angles,
+            to_tip * by.base_twist + twist_by_angles * by.angles + jacobian * by.rates,
+            acceleration_by_twist * by.base_twist + acceleration_by_angles * by.angles +
+                acceleration_by_rates * by.rates +
+                acceleration_by_accelerations * by.accelerations};
   }
 };
 
@@ -28,10 +46,6 @@ class EndEffectorMotion {
   Vector3 position;             // inertial axes
   Matrix3 rotation;             // to inertial axes
   Vector6 twist, acceleration;  // in axes of the end effector; the latter as it is seen, classical
-
-  struct Change {
-    Vector6 way, twist, acceleration;  // in axes of the end effector
-  };
 
   EndEffectorMotion(const Posture& posture, const SystemState& state, Base base)
       : posture_(posture),
@@ -51,40 +65,50 @@ class EndEffectorMotion {
     acceleration.head<3>() += twist.tail<3>().cross(twist.head<3>());
   }
 
-  Change along(const StateChange& by) const {
-    Vector6 W = Vector6::Zero();  // the way that the joints move a body, seen from the base
-    Vector6 dV = by.base_twist, dA = Vector6::Zero(), wrench = Vector6::Zero();
-    for (size_t k = 0; k < bodies_.size(); ++k) {
+  // By sums over the bodies from k on [Carpentier and Mansard, Analytical derivatives of rigid body
+  // dynamics algorithms, RSS 2018]. Where the twist of each changes by u and its acceleration by
+  // a + u x (V_i - V_k), the wrench on the base changes by
+  //     I^c_k (a + V_k x u) + C_k u,   C_k u = sum of V_i x* I_i u - I_i (V_i x u) + u x* I_i V_i.
+  EndEffectorDerivatives derivatives() const {
+    const int n = static_cast<int>(state_.rates.size());
+    EndEffectorDerivatives of{to_tip_,        Matrix6(),      Matrix6J(6, n), Matrix6J(6, n),
+                              Matrix6J(6, n), Matrix6J(6, n), Matrix6J(6, n)};
+    Matrix6 coriolis = Matrix6::Zero();  // C_k
+    Vector6 force = Vector6::Zero();     // on body k and all beyond
+    for (int k = n; k >= 0; --k) {
       const Body& at = bodies_[k];
-      if (k > 0) {
-        const int joint = static_cast<int>(k) - 1;
-        const double of_rate = by.rates[joint], of_acceleration = by.accelerations[joint];
-        const double rate = state_.rates[joint], accelerated = state_.accelerations[joint];
-        const Vector6 s = posture_.screws.col(joint);
-        W += s * by.angles[joint];
-        const Vector6 ds = cross_motion(W, s);
-        dV += s * of_rate + ds * rate;
-        dA += s * of_acceleration + ds * accelerated + cross_motion(dV, s) * rate +
-              cross_motion(at.twist, ds * rate + s * of_rate);
+      const Matrix6 carried = posture_.body[k].matrix() * cross_motion_matrix(at.twist);
+      const Matrix3 linear = skew(at.momentum.head<3>());
+      coriolis -= carried + carried.transpose();
+      coriolis.topRightCorner<3, 3>() -= linear;
+      coriolis.bottomLeftCorner<3, 3>() -= linear;
+      coriolis.bottomRightCorner<3, 3>() -= skew(at.momentum.tail<3>());
+      force += at.force + cross_force(at.twist, at.momentum);
+      // Of the end effector, where u, a and the wrench change.
+      const auto acceleration_by = [&](const Vector6& u, const Vector6& a, Vector6 wrench) {
+        wrench += posture_.composite[k] * Vector6(a + cross_motion(at.twist, u)) + coriolis * u;
+        const Vector6 of_twist = to_tip_ * u, beyond = bodies_.back().twist - at.twist;
+        Vector6 found = to_tip_ * (a + cross_motion(u, beyond) + base_acceleration(wrench));
+        found.head<3>() +=
+            of_twist.tail<3>().cross(twist.head<3>()) + twist.tail<3>().cross(of_twist.head<3>());
+        return found;
+      };
+      const Vector6 none = Vector6::Zero();
+      if (k == 0) {
+        for (int entry = 0; entry < 6; ++entry)
+          of.acceleration_by_twist.col(entry) = acceleration_by(Vector6::Unit(entry), none, none);
+        break;
       }
-      // dI x = W x* I x - I (W x x)
-      const Inertia& inertia = posture_.body[k];
-      const Vector6 of_momentum =
-          cross_force(W, at.momentum) + inertia * Vector6(dV - cross_motion(W, at.twist));
-      wrench += cross_force(W, at.force) +
-                inertia * Vector6(dA - cross_motion(W, at.acceleration)) +
-                cross_force(dV, at.momentum) + cross_force(at.twist, of_momentum);
+      // Seen from the bodies that a joint turns, the motion that reaches them turns back.
+      const Vector6 s = posture_.screws.col(k - 1), u = -cross_motion(s, at.twist);
+      of.jacobian.col(k - 1) = to_tip_ * s;
+      of.twist_by_angles.col(k - 1) = to_tip_ * u;
+      of.acceleration_by_angles.col(k - 1) =
+          acceleration_by(u, -cross_motion(s, at.acceleration), cross_force(s, force));
+      of.acceleration_by_rates.col(k - 1) = acceleration_by(s, cross_motion(at.twist, s), none);
+      of.acceleration_by_accelerations.col(k - 1) = acceleration_by(none, s, none);
     }
-    dA += base_acceleration(wrench);
-    const Body& tip = bodies_.back();
-    Change change;
-    change.way = to_tip_ * (by.base_step + W);
-    change.twist = to_tip_ * (dV - cross_motion(W, tip.twist));
-    change.acceleration = to_tip_ * (dA - cross_motion(W, tip.acceleration));
-    const Vector3 linear = twist.head<3>(), angular = twist.tail<3>();
-    change.acceleration.head<3>() +=
-        change.twist.tail<3>().cross(linear) + angular.cross(change.twist.head<3>());
-    return change;
+    return of;
   }
 
  private:

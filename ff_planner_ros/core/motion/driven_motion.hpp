@@ -50,8 +50,7 @@ class DrivenMotion {
 
   // What the motion misses of a goal.
   std::vector<double> goal_error(const Target& target) const {
-    const int n = static_cast<int>(rates_.cols());
-    return conditions(target, end_effector(), StateChange::none(n), TargetChange()).values;
+    return conditions(target, end_effector(), EndEffectorChange(), TargetChange()).values;
   }
 
   // Derivatives by the variables: of q, v and q half-way in the tangent space, a block of rows a
@@ -76,12 +75,14 @@ class DrivenMotion {
       to.acceleration.row(i) = acceleration(i, of.by_joints[i]);
     }
     const EndEffectorMotion tip = end_effector();
+    const EndEffectorDerivatives of_tip = tip.derivatives();
     const auto dq = to.q.bottomRows(size), dv = to.v.bottomRows(size);
     for (int x = 0; x < variables; ++x) {
       const StateChange change{dq.col(x).head<6>(), dv.col(x).head<6>(), dq.col(x).tail(n),
                                dv.col(x).tail(n), rows.of_last_accelerations(x)};
       const TargetChange moved = rows.is_duration(x) ? of_target : TargetChange();
-      const std::vector<double> changes = conditions(target, tip, change, moved).changes;
+      const std::vector<double> changes =
+          conditions(target, tip, of_tip.along(change), moved).changes;
       to.goal_error.col(x) = Values(changes.data(), changes.size());
     }
   }
@@ -104,8 +105,8 @@ class DrivenMotion {
             start_.base};
   }
   Conditions conditions(const Target& target, const EndEffectorMotion& tip,
-                        const StateChange& change, const TargetChange& of_target) const {
-    return end_conditions(target, tip, tip.along(change), of_target, duration_, is_planar());
+                        const EndEffectorChange& by, const TargetChange& of_target) const {
+    return end_conditions(target, tip, by, of_target, duration_, is_planar());
   }
 
   bool is_planar() const { return start_.base == Base::kPlanar; }

@@ -66,7 +66,7 @@ inline Changing axis_error(const Target& target, const Matrix3& rotation, const 
 // being the way that they make in a quarter of the duration. `by` and `of_target`: the direction of
 // the derivatives.
 inline Conditions end_conditions(const Target& target, const EndEffectorMotion& tip,
-                                 const EndEffectorMotion::Change& by, const TargetChange& of_target,
+                                 const EndEffectorChange& by, const TargetChange& of_target,
                                  double duration, bool planar) {
   // Made once: the conditions are asked for along every variable.
   static const Directions all{Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()},
