@@ -31,7 +31,7 @@ struct AngleFunctions {
 inline Pose exponential(const Vector6& step) {
   const Vector3 v = step.head<3>(), w = step.tail<3>();
   const AngleFunctions of(w.squaredNorm());
-  const Matrix3 W = skew(w), W2 = W * W;
+  const Matrix3 W = skew(w), W2 = skew_square(w);
   const double a = 1 - of.c * w.squaredNorm();  // sin(x) / x
   return {v + of.b * (W * v) + of.c * (W2 * v), Matrix3::Identity() + a * W + of.b * W2};
 }
@@ -41,7 +41,7 @@ inline Pose exponential(const Vector6& step) {
 inline Matrix6 exponential_derivative(const Vector6& step) {
   const Vector3 v = step.head<3>(), w = step.tail<3>();
   const AngleFunctions of(w.squaredNorm());
-  const Matrix3 W = skew(w), V = skew(v), W2 = W * W, WV = W * V;
+  const Matrix3 W = skew(w), V = skew(v), W2 = skew_square(w), WV = W * V;
   Matrix6 derivative = Matrix6::Zero();
   derivative.topLeftCorner<3, 3>() = derivative.bottomRightCorner<3, 3>() =
       Matrix3::Identity() - of.b * W + of.c * W2;

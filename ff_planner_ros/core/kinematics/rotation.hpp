@@ -7,15 +7,13 @@ namespace ff {
 // exp: where a frame gets that turns by `w` in its own axes.
 inline Matrix3 turned_by(const Vector3& w) {
   const AngleFunctions of(w.squaredNorm());
-  const Matrix3 W = skew(w);
-  return Matrix3::Identity() + (1 - of.c * w.squaredNorm()) * W + of.b * W * W;
+  return Matrix3::Identity() + (1 - of.c * w.squaredNorm()) * skew(w) + of.b * skew_square(w);
 }
 
 // Its derivative, in the axes of the frame where it got to.
 inline Matrix3 turned_by_derivative(const Vector3& w) {
   const AngleFunctions of(w.squaredNorm());
-  const Matrix3 W = skew(w);
-  return Matrix3::Identity() - of.b * W + of.c * W * W;
+  return Matrix3::Identity() - of.b * skew(w) + of.c * skew_square(w);
 }
 
 // Quaternion xyzw of a rotation: of both the one whose largest entry is positive, as SciPy's.

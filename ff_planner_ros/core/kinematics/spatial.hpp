@@ -20,6 +20,14 @@ inline Matrix3 skew(const Vector3& a) {
   return (Matrix3() << 0, -a.z(), a.y(), a.z(), 0, -a.x(), -a.y(), a.x(), 0).finished();
 }
 
+// skew(a) skew(a), without what is zero.
+inline Matrix3 skew_square(const Vector3& a) {
+  Matrix3 square = a * a.transpose();
+  square.diagonal() << -(a.y() * a.y() + a.z() * a.z()), -(a.x() * a.x() + a.z() * a.z()),
+      -(a.x() * a.x() + a.y() * a.y());
+  return square;
+}
+
 inline Vector6 stack(const Vector3& linear, const Vector3& angular) {
   Vector6 both;
   both.head<3>() = linear;
@@ -56,8 +64,7 @@ struct Inertia {
   Matrix3 second;
 
   static Inertia of_body(double mass, const Vector3& center, const Matrix3& about_center) {
-    const Matrix3 lever = skew(center);
-    return {mass, mass * center, about_center - mass * lever * lever};
+    return {mass, mass * center, about_center - mass * skew_square(center)};
   }
   Inertia operator+(const Inertia& other) const {
     return {mass + other.mass, first + other.first, second + other.second};
@@ -111,8 +118,8 @@ struct Pose {
 
 // Rotation by an angle about an axis of unit length [Rodrigues].
 inline Matrix3 rotation_about(const Vector3& axis, double angle) {
-  const Matrix3 K = skew(axis);
-  return Matrix3::Identity() + std::sin(angle) * K + (1 - std::cos(angle)) * (K * K);
+  return Matrix3::Identity() + std::sin(angle) * skew(axis) +
+         (1 - std::cos(angle)) * skew_square(axis);
 }
 
 }  // namespace ff
