@@ -37,6 +37,17 @@ void add_product(To&& to, const A& a, const B& b) {
 // next to a dynamic singularity [rad/s].
 constexpr double kSingularJointRate = 10.0;
 
+// Inverse of L L^T, by that of L.
+inline Matrix6 inverse(const Eigen::LLT<Matrix6>& factors) {
+  const Matrix6& L = factors.matrixLLT();
+  Eigen::Matrix<double, 6, 6, Eigen::RowMajor> of_factor = Matrix6::Identity();
+  for (int row = 0; row < 6; ++row) {
+    for (int k = 0; k < row; ++k) of_factor.row(row) -= L(row, k) * of_factor.row(k);
+    of_factor.row(row) *= 1 / L(row, row);
+  }
+  return of_factor.transpose() * of_factor;
+}
+
 struct VelocityMap {
   Velocity v;    // base twist in the base frame, joint rates
   bool regular;  // whether the arm can follow; else nothing else has a meaning
@@ -44,11 +55,12 @@ struct VelocityMap {
   Posture posture;
   Vector6 h, w, mu;  // the last: multipliers of the twist
   Matrix3 inertial_to_ee;
-  Matrix6 to_tip, base_inertia_inverse;     // X: J = X [1 S], H = [I^c_0, I^c_k S_k]
-  Matrix6 square_inverse;                   // of J_D W^-2 J_D^T, damped
-  Matrix6J momenta, coupling, generalised;  // I^c_k S_k; base twist per rate, negative; J_D
-  Matrix6J weighted;                        // J_D W^-2
-  Joints inverse_squares;                   // of the weights
+  Matrix6 to_tip, base_inertia_inverse;  // X: J = X [1 S], H = [I^c_0, I^c_k S_k]
+  Matrix6 square_inverse;                // of J_D W^-2 J_D^T, damped
+  Matrix6J momenta, coupling, slack;     // I^c_k S_k; base twist per rate, negative; S less it
+  Matrix6J generalised;                  // J_D
+  Matrix6J weighted;                     // J_D W^-2
+  Joints inverse_squares;                // of the weights
 
   // momentum: total P and L about the inertial origin; twist: linear and angular, inertial axes;
   // bias: z; damping: singular values of J_D that are not much greater are damped.
@@ -68,13 +80,14 @@ struct VelocityMap {
     for (int k = 0; k < n; ++k) momenta.col(k) = posture.composite[k + 1] * posture.screws.col(k);
     coupling = base_inertia_inverse.lazyProduct(momenta);
     const Vector6 drift = base_inertia_inverse * h;
-    generalised = to_tip.lazyProduct(posture.screws - coupling);  // J_D, Eq. (32)
+    slack = posture.screws - coupling;
+    generalised = to_tip.lazyProduct(slack);  // J_D, Eq. (32)
     inverse_squares = chain.weights.array().square().inverse();
     weighted = generalised * inverse_squares.asDiagonal();
     Matrix6 square = damping * damping * Matrix6::Identity();
     for (int k = 0; k < n; ++k) square += generalised.col(k) * weighted.col(k).transpose();
     const Eigen::LLT<Matrix6> factors(square);
-    for (int k = 0; k < 6; ++k) square_inverse.col(k) = factors.solve(Vector6::Unit(k));
+    square_inverse = inverse(factors);
     mu = square_inverse * Vector6(w - to_tip * drift - generalised * bias);
     v.tail(n) = bias + weighted.transpose() * mu;  // Eq. (31)
     v.head<6>() = drift - coupling * v.tail(n);    // Eq. (27)
@@ -113,11 +126,12 @@ class VelocityDerivative {
       carried.col(k) = cross_motion(s, a);
       of_base_force.col(k) = cross_force(s, beyond * a - pull) - beyond * carried.col(k);
     }
-    MatrixJJ of_joint_force = S.transpose().lazyProduct(of_base_force);
-    for (int k = 0; k < n; ++k)  // what is beyond joint i does not move with it
-      for (int i = k + 1; i < n; ++i)
-        of_joint_force(i, k) = -at_.momenta.col(i).dot(carried.col(k));
-    of_force_ = of_joint_force - at_.coupling.transpose().lazyProduct(of_base_force);
+    of_force_.resize(n, n);
+    for (int k = 0; k < n; ++k)
+      for (int i = 0; i < n; ++i)  // what is beyond joint i does not move with it
+        of_force_(i, k) = i > k ? -at_.momenta.col(i).dot(carried.col(k)) -
+                                      at_.coupling.col(i).dot(of_base_force.col(k))
+                                : at_.slack.col(i).dot(of_base_force.col(k));
     for (int k = 0; k < n; ++k) of_force_.row(k) *= at_.inverse_squares[k];
     turning_ = at_.to_tip.block<3, 3>(3, 3).lazyProduct(S.bottomRows<3>());
   }

@@ -88,17 +88,19 @@ class EndEffectorRollout {
     Sensitivity dq = Sensitivity::Zero(size, columns);
     Stages<Velocity> v, u;  // of the velocities and of the tangent steps, and their derivatives
     Stages<Sensitivity> dv, du;
+    Wanted wanted = wanted_at(0);
     for (int i = 0; i < points_; ++i) {
       Configuration at = q;
       Sensitivity d_at = dq;
       for (int stage = 0; stage < 4; ++stage) {
         const int half_step = 2 * i + kHalfSteps[stage];
-        const VelocityMap map(chain_, at, momentum_, polynomial_.twist(coefficients_, s(half_step)),
-                              null_space_.at(time(half_step)), damping_);
+        if (stage % 2 == 1) wanted = wanted_at(half_step);  // others lie where the one before does
+        const VelocityMap map(chain_, at, momentum_, wanted.twist, null_space_.at(time(half_step)),
+                              damping_);
         if (!map.regular) return half_step;
         const VelocityDerivative derivative(map);
         v[stage] = map.v;
-        dv[stage] = along(derivative, d_at, half_step);
+        dv[stage] = along(derivative, d_at, wanted.by_x, half_step);
         if (stage == 0) {
           at.write(to.q.row(i));
           to.v.row(i) = v[0];
@@ -126,13 +128,23 @@ class EndEffectorRollout {
   using Group = Configurations<columns>;
   using Sensitivity = typename Group::Sensitivity;
 
+  // What the polynomial wants of the end effector.
+  struct Wanted {
+    Vector6 twist;
+    Twists<columns> by_x;
+  };
+  Wanted wanted_at(int half_step) const {
+    return {polynomial_.twist(coefficients_, s(half_step)),
+            polynomial_.template twist_derivative<columns>(coefficients_, s(half_step))};
+  }
+
   double s(int half_step) const { return half_step / (2.0 * (points_ - 1)); }
   double time(int half_step) const { return s(half_step) * polynomial_.duration; }
 
   // Of a stage's velocity by the coefficients.
-  Sensitivity along(const VelocityDerivative& of, const Sensitivity& dq, int half_step) const {
-    Sensitivity dv =
-        of.along(dq, polynomial_.template twist_derivative<columns>(coefficients_, s(half_step)));
+  Sensitivity along(const VelocityDerivative& of, const Sensitivity& dq,
+                    const Twists<columns>& dtwist, int half_step) const {
+    Sensitivity dv = of.along(dq, dtwist);
     if constexpr (Group::kFreeDuration)
       dv.col(kParameters) +=
           of.along_bias(null_space_.by_duration(time(half_step), polynomial_.duration));
