@@ -25,6 +25,8 @@ def offered(where: type | ModuleType) -> dict[str, str]:
     for name, value in vars(where).items():
         if isinstance(value, type):
             found |= {f"{name}.{inside}": what for inside, what in offered(value).items()}
+        elif name == "__init__" and not value.__doc__.startswith(name):
+            pass  # only the core makes one
         elif name == "__init__" or (callable(value) and not name.startswith("_")):
             found[name] = arguments(function(value.__doc__))
         elif not name.startswith("_"):

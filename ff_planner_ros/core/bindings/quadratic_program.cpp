@@ -1,4 +1,6 @@
 // Python's way to the quadratic subproblems of a search.
+#include <pybind11/stl.h>
+
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
 #include "optimisation/subproblem.hpp"
@@ -10,7 +12,8 @@ py::tuple step(double value, const Array& gradient, const Array& hessian, const 
                const Array& max_terms_jacobian, const Array& constraints,
                const Array& constraints_jacobian, const Array& equalities,
                const Array& equalities_jacobian, const Numbers& names, double radius,
-               double penalty, double inside, const WorkingSet* guess, bool elastic) {
+               double penalty, double inside, const std::optional<WorkingSet>& guess,
+               bool elastic) {
   const py::ssize_t n = gradient.size();
   require_shape(names, "names", {constraints.size()});
   const Step found =

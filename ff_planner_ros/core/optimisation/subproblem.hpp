@@ -9,6 +9,7 @@
 #pragma once
 #include <algorithm>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 
 #include "optimisation/dual_active_set.hpp"
@@ -93,7 +94,7 @@ class Subproblem {
   }
 
   // Whether there is a step, which is written; guess: of a step before, with the same variables.
-  bool solve(const WorkingSet* guess, Step& to) {
+  bool solve(const std::optional<WorkingSet>& guess, Step& to) {
     std::vector<int> first = numbers(guess);
     auto diagonal = program_.hessian.diagonal().head(n_);
     const double largest = diagonal.maxCoeff();
@@ -135,10 +136,10 @@ class Subproblem {
     return std::numeric_limits<long long>::min() + row - static_cast<int>(at_.names.size());
   }
 
-  std::vector<int> numbers(const WorkingSet* guess) const {
+  std::vector<int> numbers(const std::optional<WorkingSet>& guess) const {
     const int bounds = static_cast<int>(program_.least.size()), variables = n_ + 2;
     // t and s, which hardly have a curvature, begin at a bound.
-    if (guess == nullptr) return {bounds + n_, bounds + n_ + 1};
+    if (!guess) return {bounds + n_, bounds + n_ + 1};
     std::vector<int> found;
     for (int row = 0; row < rows_; ++row)
       if (std::binary_search(guess->constraints.begin(), guess->constraints.end(), name(row)))
@@ -211,7 +212,7 @@ class Subproblem {
 // The step that minimises the model of the merit function in the trust region. It aims so far
 // inside the constraints.
 inline Step solve_subproblem(const Functions& at_x, double radius, double penalty, double inside,
-                             const WorkingSet* guess, bool elastic) {
+                             const std::optional<WorkingSet>& guess, bool elastic) {
   Step step;
   if (elastic || !Subproblem(at_x, radius, penalty, inside, false).solve(guess, step))
     Subproblem(at_x, radius, penalty, inside, true).solve(guess, step);
