@@ -140,6 +140,19 @@ def test_constraints_that_say_the_same_are_no_difficulty() -> None:
             assert_is_optimal(crowded, 10.0, step)
 
 
+def test_derivatives_of_any_size_leave_a_step_in_the_trust_region() -> None:
+    """Beside a dynamic singularity those of a path are 1e9, and its Hessian 1e18."""
+    for seed in range(60):
+        at_x = random_model(seed)
+        great = replace(
+            at_x,
+            gradient=1e8 * at_x.gradient,
+            hessian=1e18 * at_x.hessian,
+            constraints_jacobian=1e9 * at_x.constraints_jacobian,
+        )
+        assert np.abs(solve_qp(great, RADIUS, 1e3).dx).max() <= RADIUS + 1e-9
+
+
 def test_a_hessian_that_rounding_left_indefinite_is_made_positive_definite() -> None:
     for seed in range(60):
         at_x = random_model(seed)
