@@ -110,15 +110,14 @@ def test_what_comes_along_is_passed_as_it_sees_the_arm_come(problem: PlanningPro
     assert along[True] < 0.4
 
 
-@pytest.mark.parametrize("number", [106, 107])
+@pytest.mark.parametrize("number", [99, 106])
 def test_detours_lead_to_a_plan_sooner(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     task = PlanningTask(shapes.problem(number).problem, load_parameters().planner)
     found = perform(task).solver
     with monkeypatch.context() as without:
         without.setattr(detours, "around_body", lambda *_: None)
         other = perform(task).solver
-    assert found.starts == 2
-    assert other.starts > 2
+    assert found.starts < other.starts
     assert found.rollouts < other.rollouts
 
 
