@@ -102,7 +102,7 @@ def core_by_reference() -> Iterator[None]:
             "smallest_singular_values": _singular_values,
             "joint_path": reference_objectives.joint_path,
             "chaser_euler": reference_objectives.chaser_euler,
-            # test_quadratic_program.py has its truth.
+            # test_core_subproblem.py has its truth.
             "solve_subproblem": compiled.solve_subproblem,
         }
         for name in _functions():
