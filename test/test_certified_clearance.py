@@ -19,8 +19,17 @@ from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certif
 from ff_planner_ros.planning.distance.clearance import velocities_at
 from ff_planner_ros.planning.distance.search_certificate import search_certificate
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Sphere, attached
+from ff_planner_ros.planning.problem.posture import Posture
+from ff_planner_ros.planning.problem.problem import (
+    Objective,
+    PlanningProblem,
+    Sphere,
+    Target,
+    attached,
+)
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.requirements.clearance import Clearance
+from ff_planner_ros.robot.configuration import system_state
 
 # The first joint is in the origin: the arm of 1 m sweeps the circle about it.
 ARM = straight_arm(0.0, 1.0)
@@ -164,6 +173,24 @@ def test_what_is_pierced_between_the_points_is_as_deep_as_it_is(depth: float) ->
     """A sphere of 0.2 m that the tip, or nearly its middle, goes through."""
     motion = turning(TIMES, np.array([-0.3]), np.array([0.5]))
     require(motion, [Sphere("rock", on_circle(1.2, 1.2 - depth), 0.2)], -depth)
+
+
+@pytest.mark.parametrize("true", [-0.0107, -0.0004, 0.0006, 0.0008, 0.0012, 0.03])
+def test_the_search_takes_a_closer_look_at_what_it_may_touch(true: float) -> None:
+    motion = turning(TIMES, np.array([-0.3]), np.array([0.5]))
+    rock = Sphere("rock", on_circle(1.2, 1.2 + true), 0.2)
+    problem = PlanningProblem(
+        robot=ARM,
+        start=system_state(ARM, motion.q[0], motion.v[0]),
+        target=Target(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),  # of the posture
+        duration=4.0,
+        points=len(TIMES),
+        obstacles=(rock,),
+        objective=Objective(1.0, 0.0),
+        posture=Posture(at_rest=True),
+    )
+    left = Clearance().slack(problem, motion)
+    assert min(true - CERTIFICATE_GAP, 0.0) <= left <= true
 
 
 def test_without_spheres_nothing_is_near() -> None:
