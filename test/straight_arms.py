@@ -80,8 +80,10 @@ def told(
         base = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (count, 1))
     twists = np.zeros((count, 6)) if base_twists is None else base_twists
     time = np.array(times, np.float64)
-    joints = JointMotion(time, angles, rates, np.zeros_like(rates))
-    return FollowedMotion(joints, 1, time, np.hstack([base, angles]), np.hstack([twists, rates]))
+    still = np.zeros_like(rates)
+    joints = JointMotion(time, angles, rates, still)
+    q, v = np.hstack([base, angles]), np.hstack([twists, rates])
+    return FollowedMotion(joints, 1, time, q, v, still)
 
 
 def turning(times: Sequence[float] | Array, begin: Array, rates: Array) -> FollowedMotion:

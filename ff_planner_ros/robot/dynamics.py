@@ -217,7 +217,7 @@ def _pushed_by_nothing(
     forces = np.array([pin.rnea(model, data, *sample) for sample in samples])
     mass = momentum_maps(robot, data, q) if maps is None else maps
     of_base = np.zeros((len(q), 6))
-    free = mass[np.ix_(range(len(q)), rows, rows)]
+    free = mass[:, rows][:, :, rows]
     of_base[:, rows] = np.linalg.solve(free, -forces[:, rows, None])[:, :, 0]
     return of_base, forces, mass[:, :, 6:]
 

@@ -145,9 +145,16 @@ def stretches(
     yield motion, split.at_goal, until
     for obstacle, numbers in split.at_start:
         first = after_contact(problem, obstacle, motion.time, motion.q)
-        time, q, v = motion.time[first:], motion.q[first:], motion.v[first:]
         if first <= until:
-            yield replace(motion, time=time, q=q, v=v, maps=None), numbers, until - first
+            after = replace(
+                motion,
+                time=motion.time[first:],
+                q=motion.q[first:],
+                v=motion.v[first:],
+                joint_accelerations=motion.joint_accelerations[first:],
+                maps=None,
+            )
+            yield after, numbers, until - first
 
 
 def may_touch(problem: PlanningProblem, split: Split, q: Array, time: float) -> Indices:

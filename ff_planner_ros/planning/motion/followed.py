@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.motion.forward import carried_base_and_maps
+from ff_planner_ros.planning.motion.forward import carried
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
@@ -34,6 +34,7 @@ class FollowedMotion:
     time: Array  # shape (times,) [s]
     q: Array  # configurations; shape (times, 7 + joints)
     v: Array  # tangent velocities; shape (times, 6 + joints)
+    joint_accelerations: Array  # shape (times, joints) [rad/s2, m/s2]
     maps: Array | None = None  # of `momentum_maps`; None: not computed
 
 
@@ -49,8 +50,7 @@ def followed(
     """
     momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
     pieces, time = steps_of(joints, v_start, multiple)
-    q, v, maps = carried_base_and_maps(robot, q_start, momentum, joints, time)
-    return FollowedMotion(joints, pieces, time, q, v, maps)
+    return FollowedMotion(joints, pieces, time, *carried(robot, q_start, momentum, joints, time))
 
 
 def steps_of(joints: JointMotion, v_start: Array, multiple: int) -> tuple[int, Array]:

@@ -37,13 +37,10 @@ def followed_joints(
     """Return the motion that follows from samples of the joints; arguments as of `followed`."""
     pieces, time = steps_of(joints, v_start, multiple)
     half_steps = np.linspace(0.0, joints.time[-1], 2 * len(time) - 1)
-    motion = compiled.DrivenMotion(
-        chain_of(robot),
-        start_of(robot, q_start, v_start),
-        *joints.at(half_steps),
-        float(joints.time[-1]),
-    )
-    return FollowedMotion(joints, pieces, time, motion.q, motion.v)
+    driven = joints.at(half_steps)
+    start, duration = start_of(robot, q_start, v_start), float(joints.time[-1])
+    motion = compiled.DrivenMotion(chain_of(robot), start, *driven, duration)
+    return FollowedMotion(joints, pieces, time, motion.q, motion.v, driven[2][::2])
 
 
 def points_per_sample(points: int, samples: int) -> int:

@@ -85,8 +85,7 @@ def driven(
         Configurations, shape (points, 7 + joints), tangent velocities and accelerations dv/dt, each
         of shape (points, 6 + joints).
     """
-    q, v = carried_base(robot, q_start, momentum, joints, time)
-    _, _, of_joints = joints.at(time)
+    q, v, of_joints, _ = carried(robot, q_start, momentum, joints, time)
     return q, v, accelerations(robot, q, v, of_joints)
 
 
@@ -94,18 +93,18 @@ def carried_base(
     robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
 ) -> tuple[Array, Array]:
     """Return configurations and tangent velocities of `driven`, at a third of its cost."""
-    q, v, _ = carried_base_and_maps(robot, q_start, momentum, joints, time)
+    q, v, _, _ = carried(robot, q_start, momentum, joints, time)
     return q, v
 
 
-def carried_base_and_maps(
+def carried(
     robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
-) -> tuple[Array, Array, Array]:
-    """Return the results of `carried_base`, and the `momentum_maps` at the points."""
+) -> tuple[Array, Array, Array, Array]:
+    """Return the results of `carried_base`, and joint accelerations and `momentum_maps` there."""
     model, data = robot.model, robot.model.createData()
     points = len(time)
     half_steps = np.interp(np.arange(2 * points - 1), 2 * np.arange(points), time)
-    positions, rates, _ = joints.at(half_steps)
+    positions, rates, joint_accelerations = joints.at(half_steps)
     # The momentum map depends on the joints alone, so that Eq. (27) is prepared for all times.
     of_joints = np.empty((len(half_steps), model.nq))
     of_joints[:, :7], of_joints[:, 7:] = q_start[:7], positions
@@ -120,9 +119,9 @@ def carried_base_and_maps(
     constant = angular - pin.skew(centers[0]) @ linear
     about_center = maps[:, 3:, 3:] - maps[:, 3:, :3] @ (maps[:, :3, 3:] / mass)
     turning = [row - 3 for row in robot.base.rows if row >= 3]
-    rows = np.ix_(range(len(maps)), turning, turning)
     of_momentum = np.zeros((len(maps), 3, 3))
-    of_momentum[rows] = np.linalg.inv(about_center[rows])
+    rows, columns = np.ix_(turning, turning)
+    of_momentum[:, rows, columns] = np.linalg.inv(about_center[:, rows, columns])
     of_rates = (of_momentum @ (about_center[:, :, 3:] @ rates[:, :, None]))[:, :, 0]
     attitude = pin.XYZQUATToSE3(q_start[:7]).rotation
     steps = np.diff(time)
@@ -141,7 +140,7 @@ def carried_base_and_maps(
     v[:, :3] = (linear @ base_to_inertial - of_turns) / mass
     if robot.base is Base.PLANAR:
         q[:, 2], v[:, 2] = q_start[2], 0.0
-    return q, v, maps[::2]
+    return q, v, joint_accelerations[::2], maps[::2]
 
 
 def _phases(

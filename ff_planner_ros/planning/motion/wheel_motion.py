@@ -37,8 +37,7 @@ def wheel_peaks(
     robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
 ) -> WheelPeaks:
     """Return the peak momentum and torque of each wheel along a motion, between its points too."""
-    _, _, accelerations = motion.joints.at(motion.time)
-    stored = momenta_of(wheels, start)
+    stored, accelerations = momenta_of(wheels, start), motion.joint_accelerations
     loads = wheels_along(robot, wheels, stored, motion.q, motion.v, accelerations)
     return peaks_of_wheels(*loads, motion)
 

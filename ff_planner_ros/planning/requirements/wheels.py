@@ -126,8 +126,7 @@ class WheelLimits(Requirement):
         wheels = problem.robot.wheels
         if wheels is None or not _is_limited(wheels):
             return np.inf
-        _, _, accelerations = motion.joints.at(motion.time)
-        loads = _loads(problem, wheels, motion.q, motion.v, accelerations)
+        loads = _loads(problem, wheels, motion.q, motion.v, motion.joint_accelerations)
         peaks = peaks_of_wheels(loads.momenta, loads.torques, motion)
         return min(float(one.left.min()) for one in _judged(wheels, peaks))
 

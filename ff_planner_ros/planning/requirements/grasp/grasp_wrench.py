@@ -143,7 +143,5 @@ def _norms(wrenches: Array) -> Array:
 
 def _peaks(robot: Robot, frame: int, motion: FollowedMotion) -> Peaks:
     """Return the largest force and torque, to 5e-4, and their times."""
-    _, _, accelerations = motion.joints.at(motion.time)
-    return peaks_of_steps(
-        _norms(frame_wrenches(robot, frame, motion.q, motion.v, accelerations)), motion
-    )
+    wrenches = frame_wrenches(robot, frame, motion.q, motion.v, motion.joint_accelerations)
+    return peaks_of_steps(_norms(wrenches), motion)

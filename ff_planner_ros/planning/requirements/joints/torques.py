@@ -100,9 +100,8 @@ class Torques(Requirement):
         if not problem.limits.joint_torques:
             return np.inf
         robot, limits = problem.robot, problem.robot.effort_limits
-        few = motion.time[::_GLIMPSE]
-        _, _, accelerations = motion.joints.at(few)
-        glimpse = joint_torques(robot, motion.q[::_GLIMPSE], motion.v[::_GLIMPSE], accelerations)
+        samples = motion.q, motion.v, motion.joint_accelerations
+        glimpse = joint_torques(robot, *(rows[::_GLIMPSE] for rows in samples))
         if (np.abs(glimpse) <= _FAR * limits).all():
             return 1.0 - _FAR
         torques, _ = _peaks(robot, motion)
@@ -141,6 +140,5 @@ class Torques(Requirement):
 
 def _peaks(robot: Robot, motion: FollowedMotion) -> Peaks:
     """Return each joint's largest torque, to 5e-4, and its time."""
-    _, _, accelerations = motion.joints.at(motion.time)
-    torques = joint_torques(robot, motion.q, motion.v, accelerations, motion.maps)
+    torques = joint_torques(robot, motion.q, motion.v, motion.joint_accelerations, motion.maps)
     return peaks_of_steps(torques, motion)
