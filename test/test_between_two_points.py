@@ -160,3 +160,21 @@ def test_any_other_turn_is_met_with_the_fourth_power_of_the_step() -> None:
         at_points = attitudes_between(times, turned(times).as_quat(), rates(times), times)
         assert (turned(times).inv() * Rotation.from_quat(at_points)).magnitude().max() < 1e-7
     assert 1e-6 < errors[1] < errors[0] / 10.0 < 1e-3
+
+
+@pytest.mark.parametrize("turn", [1e-6, 1e-3, 0.1, 1.0, 3.0])
+def test_an_interpolated_frame_turns_at_the_rates_of_its_points(turn: float) -> None:
+    """The rates are those of differences, exact to the second order, at the ends of an interval."""
+    rng, step = np.random.default_rng(6), 1e-4
+    times, aside = np.array([0.0, 2.0]), step * np.array([0.0, 1.0, 2.0])
+    for _ in range(10):
+        first, axis = Rotation.random(random_state=rng), rng.normal(size=3)
+        after = first * Rotation.from_rotvec(turn * axis / np.linalg.norm(axis))
+        attitudes = np.array([first.as_quat(), after.as_quat()])
+        rates = rng.normal(size=(2, 3))
+        for at, way, rate in ((aside, 1.0, rates[0]), (2.0 - aside, -1.0, rates[1])):
+            there, *near = (
+                Rotation.from_quat(q) for q in attitudes_between(times, attitudes, rates, at)
+            )
+            once, twice = ((each * there.inv()).as_rotvec() for each in near)
+            assert (4 * once - twice) / (2 * way * step) == pytest.approx(rate, abs=1e-6)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.quaternion import (
@@ -13,6 +12,10 @@ from ff_planner_ros.robot.quaternion import (
     rotation_from_quaternion,
     rotation_vector_from_quaternion,
 )
+from ff_planner_ros.robot.rotation import cross
+
+# Least angle that is divided by [rad].
+_TINY = 1e-9
 
 
 def poses_between(
@@ -64,21 +67,28 @@ def attitudes_between(
     """
     rotations = rotation_from_quaternion(quaternions_xyzw)
     turns = quaternion_product(quaternion_inverse(quaternions_xyzw[:-1]), quaternions_xyzw[1:])
-    # In axes of the point before; a rotation vector's rate is Jlog3 times the body's own.
-    rates_before = np.einsum("pi,pij->pj", angular_velocities[:-1], rotations[:-1])
-    body_rates = np.einsum("pi,pij->pj", angular_velocities[1:], rotations[1:])
-    rates_after = np.array(
-        [
-            pin.Jlog3(turn) @ rate
-            for turn, rate in zip(rotation_from_quaternion(turns), body_rates, strict=True)
-        ]
-    )
+    whole = rotation_vector_from_quaternion(turns)
+    body_rates = np.einsum("pi,pij->pj", angular_velocities, rotations)
+    rates_before, rates_after = body_rates[:-1], _rates_of_vectors(whole, body_rates[1:])
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
     step = np.diff(times)[before, None]
     s = (at - times[before])[:, None] / step
-    rotation_vectors = s**2 * (3.0 - 2.0 * s) * rotation_vector_from_quaternion(turns)[
-        before
-    ] + step * (s * (1.0 - s) ** 2 * rates_before[before] - s**2 * (1.0 - s) * rates_after[before])
+    rotation_vectors = s**2 * (3.0 - 2.0 * s) * whole[before] + step * (
+        s * (1.0 - s) ** 2 * rates_before[before] - s**2 * (1.0 - s) * rates_after[before]
+    )
     return quaternion_product(
         quaternions_xyzw[before], quaternion_from_rotation_vector(rotation_vectors)
     )
+
+
+def _rates_of_vectors(vectors: Array, body_rates: Array) -> Array:
+    """Return the rates of rotation vectors, from angular velocities in axes that they rotate to.
+
+    v' = w + v x w / 2 + (1 - h cot h) / (2 h)^2 v x (v x w), with h half the angle. The last term
+    is exact to rounding however small the angle is. Shape (vectors, 3) [rad/s].
+    """
+    half = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True) / 2, _TINY)
+    turned = cross(vectors, body_rates)
+    twice = (1.0 - half / np.tan(half)) / (2 * half) ** 2 * cross(vectors, turned)
+    rates: Array = body_rates + turned / 2 + twice
+    return rates
