@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.rotation import cross
 
 _SMALL = 1e-3  # [rad]: below, sines are replaced by their series, which are exact to rounding there
 
@@ -76,11 +75,15 @@ def angle_of_quaternion(quaternions: Array) -> Array:
 
 def quaternion_product(after: Array, before: Array) -> Array:
     """Return the unit quaternions of R(after) R(before): the rotation `before` comes first."""
-    a, s, b, t = after[..., :3], after[..., 3:], before[..., :3], before[..., 3:]
-    whole = np.empty(np.broadcast_shapes(after.shape, before.shape))
-    whole[..., :3] = s * b + t * a + cross(a, b)
-    whole[..., 3] = s[..., 0] * t[..., 0] - np.sum(a * b, axis=-1)
-    return unit_quaternion(whole)
+    x, y, z, w = (after[..., k] for k in range(4))
+    a, b, c, d = (before[..., k] for k in range(4))
+    whole = [
+        w * a + d * x + (y * c - z * b),
+        w * b + d * y + (z * a - x * c),
+        w * c + d * z + (x * b - y * a),
+        w * d - (x * a + y * b + z * c),
+    ]
+    return unit_quaternion(np.stack(whole, axis=-1))
 
 
 def quaternion_inverse(quaternions: Array) -> Array:
@@ -102,5 +105,8 @@ def unit_quaternion(quaternions: Array) -> Array:
 
 
 def _length(vectors: Array) -> Array:
-    length: Array = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
+    # numpy's sum along so short an axis takes three times as long.
+    squares = vectors * vectors
+    square = sum((squares[..., k] for k in range(1, squares.shape[-1])), squares[..., 0])
+    length: Array = np.sqrt(square)[..., None]
     return length
