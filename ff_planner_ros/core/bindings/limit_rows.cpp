@@ -48,32 +48,30 @@ JointsAtPoints joints(const Array& q, const Array& v, const Array& dq, const Arr
           by_v.rightCols(size)};
 }
 
-void require_last_variable(const JointsAtPoints& of, bool has_duration) {
+// Of joint positions, or rates: at all points but the first, then at extremes in between.
+py::tuple rows_along(const JointsAtPoints& of, const Table& values, const Table& by_x,
+                     const std::vector<Extreme>& extremes, bool has_duration, LimitRows found) {
   if (has_duration && of.variables() < 1) throw std::invalid_argument("there is no last variable");
+  const Eigen::Index later = of.points() - 1;
+  found.add_points(values.bottomRows(later), by_x.bottomRows(later));
+  found.add_extremes(extremes, of, has_duration);
+  return answer(found, of.variables());
 }
 
 py::tuple position_rows(const Array& q, const Array& v, const Array& dq, const Array& dv,
                         double step, bool has_duration, const Array& lower, const Array& upper,
                         const Array& interest) {
   const JointsAtPoints of = joints(q, v, dq, dv);
-  require_last_variable(of, has_duration);
-  const Eigen::Index later = of.points() - 1;
-  LimitRows found = rows_of(lower, upper, interest, of.joints());
-  found.add_points(of.positions.bottomRows(later), of.positions_by_x.bottomRows(later));
-  found.add_extremes(turns(of, checked(step, "step")), of, has_duration);
-  return answer(found, of.variables());
+  return rows_along(of, of.positions, of.positions_by_x, turns(of, checked(step, "step")),
+                    has_duration, rows_of(lower, upper, interest, of.joints()));
 }
 
 py::tuple rate_rows(const Array& q, const Array& v, const Array& dq, const Array& dv, double step,
                     bool has_duration, const Array& lower, const Array& upper,
                     const Array& interest) {
   const JointsAtPoints of = joints(q, v, dq, dv);
-  require_last_variable(of, has_duration);
-  const Eigen::Index later = of.points() - 1;
-  LimitRows found = rows_of(lower, upper, interest, of.joints());
-  found.add_points(of.rates.bottomRows(later), of.rates_by_x.bottomRows(later));
-  found.add_extremes(peak_rates(of, checked(step, "step")), of, has_duration);
-  return answer(found, of.variables());
+  return rows_along(of, of.rates, of.rates_by_x, peak_rates(of, checked(step, "step")),
+                    has_duration, rows_of(lower, upper, interest, of.joints()));
 }
 
 py::tuple stop_rows(const Array& q, const Array& v, const Array& dq, const Array& dv, double jerk,
