@@ -11,6 +11,7 @@ import pytest
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.optimisation.linearisation import Linearisation
 from ff_planner_ros.planning.optimisation.qp import Step, solve_qp
+from ff_planner_ros.planning.optimisation.solver import minimise
 
 # What the subproblem adds to the Hessian, and how far inside the constraints a step aims.
 REGULARISATION, INSIDE = 1e-4, 5e-6
@@ -164,9 +165,13 @@ def test_a_hessian_that_rounding_left_indefinite_is_made_positive_definite() -> 
         assert_is_optimal(made, 10.0, step)
 
 
-def test_a_hessian_far_from_positive_semidefinite_is_an_error() -> None:
+def test_a_hessian_far_from_positive_semidefinite_leaves_no_step_and_the_solver_stalls() -> None:
     n = 5
     none = np.empty(0), np.empty((0, n))
-    at_x = Linearisation(0.0, np.ones(n), -10.0 * np.eye(n), *none, *none)
-    with pytest.raises(ValueError, match="hessian is not positive semidefinite"):
-        solve_qp(at_x, RADIUS, 10.0)
+    at_x = Linearisation(3.0, np.ones(n), -10.0 * np.eye(n), *none, *none)
+    step = solve_qp(at_x, RADIUS, 10.0)
+    assert not step.dx.any()
+    assert (step.objective, step.violation, step.optimality) == (3.0, 0.0, 1.0)
+    found = minimise(lambda _: at_x, np.zeros(n), 10, 1e-3, 1e-3)
+    assert not found.converged
+    assert found.stop_reason.startswith("stalled")

@@ -489,7 +489,4 @@ def solve_subproblem(
 
     Args:
         inside: How far inside the constraints the step aims [unit of g].
-
-    Raises:
-        ValueError: The Hessian is far from positive semidefinite, too.
     """

@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <limits>
 #include <optional>
-#include <stdexcept>
 
 #include "optimisation/dual_active_set.hpp"
 
@@ -93,15 +92,21 @@ class Subproblem {
     program_.upper.tail(2) << (has_max ? kUnbounded : 0.0), kUnbounded;
   }
 
-  // Whether there is a step, which is written; guess: of a step before, with the same variables.
+  // Whether there is a step, which is written; without equalities one is. guess: of a step before,
+  // with the same variables.
   bool solve(const std::optional<WorkingSet>& guess, Step& to) {
     std::vector<int> first = numbers(guess);
     auto diagonal = program_.hessian.diagonal().head(n_);
     const double largest = diagonal.maxCoeff();
-    // The last two are more than rounding takes away from a Hessian.
-    for (const double more : {0.0, 1e-2 + 1e-12 * largest, 1 + 1e-8 * largest}) {
-      diagonal.array() += more;
-      DualActiveSet solver(program_);
+    struct Attempt {
+      double more, tolerance;  // that is added to the Hessian; of the solution
+    };
+    // The last two add more than rounding takes away from a Hessian.
+    for (const Attempt& attempt : {Attempt{0, kTolerance}, Attempt{0, kLooseTolerance},
+                                   Attempt{1e-2 + 1e-12 * largest, kLooseTolerance},
+                                   Attempt{1 + 1e-8 * largest, kLooseTolerance}}) {
+      diagonal.array() += attempt.more;
+      DualActiveSet solver(program_, attempt.tolerance);
       const DualActiveSet::Outcome outcome = solver.solve(first);
       if (outcome == DualActiveSet::kSolved) {
         solver.of_rows.array() /= sizes_.array();
@@ -113,7 +118,8 @@ class Subproblem {
       first.clear();
     }
     if (program_.equal.size() > 0) return false;
-    throw std::domain_error("hessian is not positive semidefinite, or numbers are too great");
+    write_none(to);
+    return true;
   }
 
  private:
@@ -151,6 +157,19 @@ class Subproblem {
     for (const int i : guess->upper)
       if (i < variables) found.push_back(bounds + variables + i);
     return found;
+  }
+
+  // Where rounding leaves no step: none.
+  void write_none(Step& to) const {
+    to.is_elastic = sides_ > 0;
+    to.dx.setZero(n_);
+    to.on_constraints.setZero(at_.constraints.size());
+    to.on_equalities.setZero(at_.equalities.size());
+    to.on_max_terms.setZero(at_.max_terms.size());
+    to.objective = at_.value + largest_;
+    to.optimality = at_.gradient.lpNorm<Eigen::Infinity>();
+    for (int row = 0; row < rows_; ++row)
+      to.violation = std::max(to.violation, -constraint(row).value);
   }
 
   void write(const DualActiveSet& solver, Step& to) const {
@@ -200,6 +219,8 @@ class Subproblem {
   // Makes the programs strictly convex; the objective's own curvature is of order 1. The epigraph
   // variable and the slack are linear, and have this part of it.
   static constexpr double kRegularisation = 1e-4, kLinear = 1e-4;
+  // The second is left where constraints nearly depend on each other, still well inside.
+  static constexpr double kTolerance = 1e-9, kLooseTolerance = 1e-7;
   static constexpr double kUnbounded = 1e30;  // a bound so far away is none
 
   const Functions& at_;

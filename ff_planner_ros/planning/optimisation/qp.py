@@ -44,7 +44,8 @@ def solve_qp(
     """Return the step that minimises the model of the merit function in the trust region.
 
     Elastic mode: if the linearised equalities have no solution there, the slack relaxes them to
-    either side. Their multipliers are then not reliable.
+    either side. Their multipliers are then not reliable. A step of length zero says that rounding
+    leaves none.
 
     Args:
         guess: Of a step before, with the same variables. None: there is none.

@@ -223,7 +223,7 @@ def _convergence(
     is_interior = float(np.abs(step.dx).max()) < _AT_BOUND * radius
     if step.optimality <= tolerance:
         enough = f"first-order optimality is within {tolerance:g}"
-    elif is_interior and predicted <= progress * abs(at_x.objective):
+    elif is_interior and step.dx.any() and predicted <= progress * abs(at_x.objective):
         enough = f"the predicted decrease is at most {progress:g} of the objective"
     else:
         return None
