@@ -110,7 +110,7 @@ class Subproblem {
       const DualActiveSet::Outcome outcome = solver.solve(first);
       if (outcome == DualActiveSet::kSolved) {
         solver.of_rows.array() /= sizes_.array();
-        write(solver, to);
+        write(solver.x, solver.of_equalities, solver.of_rows, solver.of_bounds, to);
         return true;
       }
       // With equalities the slack leaves no solution; without, it does, whatever rounding says.
@@ -118,7 +118,9 @@ class Subproblem {
       first.clear();
     }
     if (program_.equal.size() > 0) return false;
-    write_none(to);
+    // Rounding leaves no step: none.
+    const auto zero = [](int size) -> Eigen::VectorXd { return Eigen::VectorXd::Zero(size); };
+    write(zero(n_ + 2), zero(0), zero(rows_ + at_.max_terms.size()), zero(n_ + 2), to);
     return true;
   }
 
@@ -159,31 +161,18 @@ class Subproblem {
     return found;
   }
 
-  // Where rounding leaves no step: none.
-  void write_none(Step& to) const {
+  void write(const Eigen::VectorXd& x, const Eigen::VectorXd& of_equalities,
+             const Eigen::VectorXd& of_rows, const Eigen::VectorXd& of_bounds, Step& to) const {
     to.is_elastic = sides_ > 0;
-    to.dx.setZero(n_);
-    to.on_constraints.setZero(at_.constraints.size());
-    to.on_equalities.setZero(at_.equalities.size());
-    to.on_max_terms.setZero(at_.max_terms.size());
-    to.objective = at_.value + largest_;
-    to.optimality = at_.gradient.lpNorm<Eigen::Infinity>();
-    for (int row = 0; row < rows_; ++row)
-      to.violation = std::max(to.violation, -constraint(row).value);
-  }
-
-  void write(const DualActiveSet& solver, Step& to) const {
-    to.is_elastic = sides_ > 0;
-    to.dx = solver.x.head(n_);
-    to.on_constraints = solver.of_rows.head(at_.constraints.size());
-    to.on_max_terms = solver.of_rows.tail(at_.max_terms.size());
+    to.dx = x.head(n_);
+    to.on_constraints = of_rows.head(at_.constraints.size());
+    to.on_max_terms = of_rows.tail(at_.max_terms.size());
     to.on_equalities = Eigen::VectorXd::Zero(at_.equalities.size());
     if (to.is_elastic)
       for (int row = static_cast<int>(at_.constraints.size()); row < rows_; ++row)
-        to.on_equalities[(row - at_.constraints.size()) / 2] -=
-            constraint(row).sign * solver.of_rows[row];
+        to.on_equalities[(row - at_.constraints.size()) / 2] -= constraint(row).sign * of_rows[row];
     else
-      to.on_equalities = -solver.of_equalities;
+      to.on_equalities = -of_equalities;
     Eigen::VectorXd lagrangian = at_.gradient;
     lagrangian.noalias() -= at_.constraints_jacobian.transpose() * to.on_constraints;
     lagrangian.noalias() += at_.max_terms_jacobian.transpose() * to.on_max_terms;
@@ -191,7 +180,7 @@ class Subproblem {
     to.optimality = lagrangian.lpNorm<Eigen::Infinity>();
     double below = 0;  // lowest of the linearised constraints
     for (int row = 0; row < rows_; ++row) {
-      const double multiplier = solver.of_rows[row];
+      const double multiplier = of_rows[row];
       const auto [value, by_x, sign] = constraint(row);
       to.optimality = std::max(to.optimality, multiplier * std::max(value, 0.0));
       below = std::min(below, value + sign * by_x.dot(to.dx));
@@ -212,8 +201,8 @@ class Subproblem {
       if (to.on_max_terms[term] > 0) to.working_set.max_terms.push_back(term);
     }
     for (int i = 0; i < n_ + 2; ++i)
-      if (solver.of_bounds[i] != 0)
-        (solver.of_bounds[i] > 0 ? to.working_set.lower : to.working_set.upper).push_back(i);
+      if (of_bounds[i] != 0)
+        (of_bounds[i] > 0 ? to.working_set.lower : to.working_set.upper).push_back(i);
   }
 
   // Makes the programs strictly convex; the objective's own curvature is of order 1. The epigraph
