@@ -4,7 +4,8 @@
         plan = perform(task)
 
 This is what the planner was before there was a core. Whatever the search still asked of the core is
-refused, so that nothing but the references makes the plan; but it solves the quadratic programs.
+refused, so that nothing but the references makes the plan; but it puts the rows of limits together
+and solves the quadratic programs.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # Derivatives of singular values by central differences so wide [rad] are exact to nine digits.
 _ASIDE = 1e-5
+_OF_LIMITS = "limit", "position", "rate", "stop"
 _NONE = np.empty(0, np.intp)
 
 
@@ -102,8 +104,9 @@ def core_by_reference() -> Iterator[None]:
             "smallest_singular_values": _singular_values,
             "joint_path": reference_objectives.joint_path,
             "chaser_euler": reference_objectives.chaser_euler,
-            # test_core_subproblem.py has its truth.
+            # test_core_subproblem.py and test_core_limit_rows.py have the truth of these.
             "solve_subproblem": compiled.solve_subproblem,
+            **{f"{of}_rows": getattr(compiled, f"{of}_rows") for of in _OF_LIMITS},
         }
         for name in _functions():
             stack.enter_context(patch.object(compiled, name, kept.get(name, _refuse)))
