@@ -169,6 +169,7 @@ setup(
             depends=[str(path) for path in sorted(Path(CORE).rglob("*.hpp"))],
             language="c++",
             extra_compile_args=FLAGS,
+            extra_link_args=["-pthread"],
         )
     ],
     cmdclass={"build_ext": BuildCore},

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "collision/bodies.hpp"
+#include "collision/threads.hpp"
 
 namespace ff {
 
@@ -80,7 +81,6 @@ class ObstaclesAt {
 // As `sphere_rows`; names: configuration, body, then obstacle.
 inline BodyRows obstacle_rows(const BodiesAlong& along, const Times& times,
                               const std::vector<Obstacle>& obstacles, double interest) {
-  BodyRows rows;
   const Bodies& of = along.of;
   const auto count = static_cast<long long>(of.bodies.size() * obstacles.size());
   const int bodies = static_cast<int>(of.bodies.size());
@@ -92,7 +92,6 @@ inline BodyRows obstacle_rows(const BodiesAlong& along, const Times& times,
     Simplex known;
   };
   std::vector<Near> near;
-  std::vector<bool> is_near(obstacles.size(), false);
   for (size_t number = 0; number < obstacles.size(); ++number) {
     const Obstacle& obstacle = obstacles[number];
     const Eigen::AlignedBox3d way = obstacles_at.way(obstacle);
@@ -104,40 +103,43 @@ inline BodyRows obstacle_rows(const BodiesAlong& along, const Times& times,
           bound(moved.center(), moved.diagonal().norm() / 2, obstacle, obstacle.begin) >= around)
         continue;
       near.push_back({body, static_cast<int>(number), {}});
-      is_near[number] = true;
     }
   }
-  std::vector<Pose> seen(obstacles.size());
-  for (size_t i = 0; i < along.placed.size(); ++i) {
-    const PlacedBodies& placed = along.placed[i];
-    const Pose here{along.at[i].position, along.at[i].attitude.toRotationMatrix()};
-    const Pose to_base = here.inverse();
-    RowMajor by_x;
-    for (size_t number = 0; number < obstacles.size(); ++number)
-      if (is_near[number]) seen[number] = to_base * obstacles_at.pose(obstacles[number], i);
-    for (Near& pair : near) {
-      const Body& solid = of.bodies[pair.body];
-      const Obstacle& obstacle = obstacles[pair.obstacle];
-      const Pose& there = seen[pair.obstacle];
-      if (bound(placed.centers[pair.body], solid.radius, obstacle, there) >= interest) continue;
-      const Gap found =
-          gap(solid.solid, placed.solids[pair.body], obstacle.solid, there, pair.known, interest);
-      const long long name =
-          static_cast<long long>(i) * count +
-          static_cast<long long>(pair.body) * static_cast<long long>(obstacles.size()) +
-          pair.obstacle;
-      if (!rows.counts(found, found.distance, name, interest)) continue;
-      if (by_x.size() == 0) by_x = along.path.derivatives(i);
-      auto row = rows.add(found.distance, name, by_x.cols());
-      const Velocity by_q = placed.gradient(found, solid.carriers);
-      row.noalias() = by_q.transpose() * by_x.topRows(by_q.size());
-      if (times.by_last.size() > 0)
-        row[row.size() - 1] +=
-            times.by_last[i] * (here.rotation * found.normal)
-                                   .dot(obstacle.velocity_at(here * found.point, times.at[i]));
+  const auto rows_of = [&](size_t first, size_t last) {
+    BodyRows rows;
+    for (size_t i = 0; i < along.placed.size(); ++i) {
+      const PlacedBodies& placed = along.placed[i];
+      const Pose here{along.at[i].position, along.at[i].attitude.toRotationMatrix()};
+      const Pose to_base = here.inverse();
+      RowMajor by_x;
+      Pose there;
+      for (size_t number = first; number < last; ++number) {
+        Near& pair = near[number];
+        const Body& solid = of.bodies[pair.body];
+        const Obstacle& obstacle = obstacles[pair.obstacle];
+        if (number == first || pair.obstacle != near[number - 1].obstacle)
+          there = to_base * obstacles_at.pose(obstacle, i);
+        if (bound(placed.centers[pair.body], solid.radius, obstacle, there) >= interest) continue;
+        const Gap found =
+            gap(solid.solid, placed.solids[pair.body], obstacle.solid, there, pair.known, interest);
+        const long long name =
+            static_cast<long long>(i) * count +
+            static_cast<long long>(pair.body) * static_cast<long long>(obstacles.size()) +
+            pair.obstacle;
+        if (!rows.counts(found, found.distance, name, interest)) continue;
+        if (by_x.size() == 0) by_x = along.path.derivatives(i);
+        auto row = rows.add(found.distance, name, by_x.cols());
+        const Velocity by_q = placed.gradient(found, solid.carriers);
+        row.noalias() = by_q.transpose() * by_x.topRows(by_q.size());
+        if (times.by_last.size() > 0)
+          row[row.size() - 1] +=
+              times.by_last[i] * (here.rotation * found.normal)
+                                     .dot(obstacle.velocity_at(here * found.point, times.at[i]));
+      }
     }
-  }
-  return rows;
+    return rows;
+  };
+  return rows_in_threads(near.size(), along.placed.size(), count, rows_of);
 }
 
 }  // namespace ff

@@ -1,0 +1,75 @@
+// The distances of many pairs along a path, shared among threads.
+#pragma once
+#ifdef __linux__
+#include <sched.h>
+#endif
+
+#include <algorithm>
+#include <future>
+
+#include "collision/bodies.hpp"
+
+namespace ff {
+
+// To begin and to join a thread takes as long as so many distances, nearly all of which are too far
+// to be of interest; below, several were slower than one.
+constexpr size_t kPairsOfAThread = 4000;
+// Rows are put together by one thread: more share little of what is left.
+constexpr size_t kMostThreads = 4;
+
+// The cores that this process may use.
+inline size_t usable_cores() {
+#ifdef __linux__
+  cpu_set_t cores;
+  if (sched_getaffinity(0, sizeof cores, &cores) == 0) return CPU_COUNT(&cores);
+#endif
+  return 1;
+}
+
+// Rows of several parts in order of the configurations, then of the parts; count: of the names of a
+// configuration.
+inline BodyRows joined(const std::vector<BodyRows>& parts, long long count) {
+  struct Row {
+    const BodyRows* part;
+    size_t number;
+    long long configuration;
+  };
+  BodyRows all;
+  std::vector<Row> rows;
+  for (const BodyRows& part : parts) {
+    for (size_t row = 0; row < part.names.size(); ++row)
+      rows.push_back({&part, row, part.names[row] / count});
+    all.unknown.insert(all.unknown.end(), part.unknown.begin(), part.unknown.end());
+  }
+  const auto earlier = [](const Row& a, const Row& b) { return a.configuration < b.configuration; };
+  std::stable_sort(rows.begin(), rows.end(), earlier);
+  for (const auto& [part, number, _] : rows) {
+    const size_t columns = part->jacobian.size() / part->names.size();
+    const auto row = part->jacobian.begin() + number * columns;
+    all.distances.push_back(part->distances[number]);
+    all.names.push_back(part->names[number]);
+    all.jacobian.insert(all.jacobian.end(), row, row + columns);
+  }
+  std::stable_sort(all.unknown.begin(), all.unknown.end(),
+                   [&](long long a, long long b) { return a / count < b / count; });
+  return all;
+}
+
+// What `rows_of(first, last)` finds for pairs of bodies by their numbers, each at all
+// configurations: the same for any number of threads. It must write nothing that pairs share.
+template <typename RowsOf>
+BodyRows rows_in_threads(size_t pairs, size_t configurations, long long count,
+                         const RowsOf& rows_of) {
+  const size_t wanted = pairs * configurations / kPairsOfAThread;
+  const size_t threads = wanted < 2 ? 1 : std::min({wanted, kMostThreads, usable_cores(), pairs});
+  if (threads == 1) return rows_of(0, pairs);
+  std::vector<std::future<BodyRows>> others;
+  for (size_t part = 1; part < threads; ++part)
+    others.push_back(std::async(std::launch::async, rows_of, part * pairs / threads,
+                                (part + 1) * pairs / threads));
+  std::vector<BodyRows> parts{rows_of(0, pairs / threads)};
+  for (std::future<BodyRows>& other : others) parts.push_back(other.get());
+  return joined(parts, count);
+}
+
+}  // namespace ff
