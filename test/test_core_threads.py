@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from statistics import median
 
 import numpy as np
 import pytest
@@ -60,13 +61,13 @@ def test_any_number_of_threads_finds_the_same_rows(seed: int, count: int) -> Non
 
 @pytest.mark.skipif(len(CORES) < 2, reason="there is one core")
 def test_many_pairs_are_shared_and_few_are_not() -> None:
+    """Else this thread takes all of the processor time that the process takes."""
+    times = np.linspace(0.1, 3.0, POINTS)
     for count, is_shared in ((400, True), (1, False)):
         robot, q, obstacles = crowded(0, count)
-        times = np.linspace(0.1, 3.0, POINTS)
-        all_threads, this_thread = -time.process_time(), -time.thread_time()
-        core_rows(robot, q, times, obstacles, INTEREST)
-        all_threads, this_thread = (
-            all_threads + time.process_time(),
-            this_thread + time.thread_time(),
-        )
-        assert (all_threads > 1.1 * this_thread) == is_shared
+        parts = []
+        for _ in range(5):
+            begun = time.process_time(), time.thread_time()
+            core_rows(robot, q, times, obstacles, INTEREST)
+            parts.append((time.thread_time() - begun[1]) / (time.process_time() - begun[0]))
+        assert (median(parts) < 0.9) == is_shared, parts
