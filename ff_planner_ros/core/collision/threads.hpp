@@ -63,10 +63,12 @@ BodyRows rows_in_threads(size_t pairs, size_t configurations, long long count,
   const size_t wanted = pairs * configurations / kPairsOfAThread;
   const size_t threads = wanted < 2 ? 1 : std::min({wanted, kMostThreads, usable_cores(), pairs});
   if (threads == 1) return rows_of(0, pairs);
+  // Where the system has no more threads, this one does their parts, too.
+  const auto policy = std::launch::async | std::launch::deferred;
   std::vector<std::future<BodyRows>> others;
   for (size_t part = 1; part < threads; ++part)
-    others.push_back(std::async(std::launch::async, rows_of, part * pairs / threads,
-                                (part + 1) * pairs / threads));
+    others.push_back(
+        std::async(policy, rows_of, part * pairs / threads, (part + 1) * pairs / threads));
   std::vector<BodyRows> parts{rows_of(0, pairs / threads)};
   for (std::future<BodyRows>& other : others) parts.push_back(other.get());
   return joined(parts, count);
