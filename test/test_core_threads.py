@@ -19,6 +19,7 @@ from ff_planner_ros.planning.problem.problem import ObstacleBody
 from ff_planner_ros.robot.model import Robot
 
 POINTS, INTEREST = 100, 0.4
+MOST_THREADS = 4  # of the core; with one core more, nothing changes
 CORES = os.sched_getaffinity(0)
 
 
@@ -47,7 +48,7 @@ def test_any_number_of_threads_finds_the_same_rows(seed: int, count: int) -> Non
     robot, q, obstacles = crowded(seed, count)
     times = np.linspace(0.1, 3.0, POINTS)
     found = []
-    for used in range(1, len(CORES) + 1):
+    for used in range(1, min(len(CORES), MOST_THREADS + 1) + 1):
         with cores(used):
             found.append(core_rows(robot, q, times, obstacles, INTEREST))
     for rows in found:

@@ -29,29 +29,22 @@ inline size_t usable_cores() {
 // Rows of several parts in order of the configurations, then of the parts; count: of the names of a
 // configuration.
 inline BodyRows joined(const std::vector<BodyRows>& parts, long long count) {
-  struct Row {
-    const BodyRows* part;
-    size_t number;
-    long long configuration;
-  };
   BodyRows all;
-  std::vector<Row> rows;
+  std::vector<std::pair<const BodyRows*, size_t>> rows;  // a part, and a number in it
   for (const BodyRows& part : parts) {
-    for (size_t row = 0; row < part.names.size(); ++row)
-      rows.push_back({&part, row, part.names[row] / count});
+    for (size_t number = 0; number < part.names.size(); ++number) rows.emplace_back(&part, number);
     all.unknown.insert(all.unknown.end(), part.unknown.begin(), part.unknown.end());
   }
-  const auto earlier = [](const Row& a, const Row& b) { return a.configuration < b.configuration; };
-  std::stable_sort(rows.begin(), rows.end(), earlier);
-  for (const auto& [part, number, _] : rows) {
-    const size_t columns = part->jacobian.size() / part->names.size();
-    const auto row = part->jacobian.begin() + number * columns;
-    all.distances.push_back(part->distances[number]);
-    all.names.push_back(part->names[number]);
-    all.jacobian.insert(all.jacobian.end(), row, row + columns);
+  const auto earlier = [&](long long a, long long b) { return a / count < b / count; };
+  std::stable_sort(rows.begin(), rows.end(), [&](const auto& a, const auto& b) {
+    return earlier(a.first->names[a.second], b.first->names[b.second]);
+  });
+  std::stable_sort(all.unknown.begin(), all.unknown.end(), earlier);
+  for (const auto& [part, number] : rows) {
+    const Eigen::Index columns = part->jacobian.size() / part->names.size();
+    all.add(part->distances[number], part->names[number], columns) =
+        Eigen::Map<const Eigen::RowVectorXd>(part->jacobian.data() + number * columns, columns);
   }
-  std::stable_sort(all.unknown.begin(), all.unknown.end(),
-                   [&](long long a, long long b) { return a / count < b / count; });
   return all;
 }
 
