@@ -59,7 +59,6 @@ from ff_planner_ros.robot.momentum import smallest_singular_values
 # Derivatives of singular values by central differences so wide [rad] are exact to nine digits.
 _ASIDE = 1e-5
 _OF_LIMITS = "limit", "position", "rate", "stop"
-_NONE = np.empty(0, np.intp)
 
 
 @contextmanager
@@ -208,7 +207,7 @@ def _sphere_distance(*question: Any) -> float:
     return least_sphere_distance(*question).certified
 
 
-_FoundRows = tuple[Array, Array, Indices, Indices]
+_FoundRows = tuple[Array, Array, Indices]
 
 
 class _BodiesAlong:
@@ -241,9 +240,6 @@ class _BodiesAlong:
         )
         self.q[:, 3:7] /= np.linalg.norm(self.q[:, 3:7], axis=1)[:, None]
 
-    def derivatives(self, chosen: Indices) -> Array:
-        return self.q_sensitivity[chosen]
-
     @property
     def tips(self) -> Array:
         return arm_points(self.robot, self.q)[:, -1]
@@ -257,7 +253,7 @@ def _pair_rows(along: _BodiesAlong, interest: float) -> _FoundRows:
     found, rows = _of_interest(pair_distances(robot, placed, rows), rows, interest)
     gradients = pair_gradients(robot, placed, found, rows)
     jacobian = np.einsum("rj,rjx->rx", gradients, q_sensitivity[rows[0], 6:])
-    return found.distance, jacobian, np.ravel_multi_index(rows, bounds.shape), _NONE
+    return found.distance, jacobian, np.ravel_multi_index(rows, bounds.shape)
 
 
 def _sphere_rows(
@@ -280,7 +276,7 @@ def _sphere_rows(
     found, rows = _of_interest(measured, rows, interest)
     gradients = sphere_gradients(robot, placed, found, rows)
     jacobian = np.einsum("rj,rjx->rx", gradients, q_sensitivity[rows[0]])
-    return found.distance, jacobian, np.ravel_multi_index(rows, bounds.shape), _NONE
+    return found.distance, jacobian, np.ravel_multi_index(rows, bounds.shape)
 
 
 def _of_interest(

@@ -231,7 +231,6 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             {"bodies": [compiled.Body(**hull)] * 2, "pairs": np.array([[0, 1]])},
         ),
         "BodiesAlong": (compiled.BodiesAlong, bodies),
-        "derivatives": (along["along"].derivatives, {"chosen": np.arange(looked_at)}),
         "pair_rows": (
             compiled.pair_rows,
             along | {"interest": 3.0},
@@ -273,7 +272,7 @@ def answer(name: str, changed: Arguments) -> list[np.ndarray]:
     if isinstance(found, compiled.DrivenMotion):
         found = found.q, found.v, found.q_half_way
     if isinstance(found, compiled.BodiesAlong):
-        found = found.q, found.tips, found.derivatives(np.arange(len(found.q)))
+        found = found.q, found.tips, found.q_sensitivity
     parts = found if isinstance(found, tuple) else (found,)
     return [np.asarray(part) for part in parts if isinstance(part, (np.ndarray, float))]
 

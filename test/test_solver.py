@@ -157,6 +157,20 @@ def test_a_step_that_promises_too_little_is_not_taken(progress, iterations):
     )
 
 
+@pytest.mark.parametrize(("progress", "creeps"), [(1e-2, True), (0.0, False)])
+def test_steps_that_together_bring_hardly_anything_are_the_last(progress, creeps):
+    """Each brings a fifth of what it promises, and the next is shorter: 0.0167 in all."""
+
+    def linearise(x):
+        gradient = np.array([-0.1, 0.0])
+        return Linearisation(1.0 - 0.02 * x[0], gradient, np.zeros((2, 2)), *NO_ROWS, *NO_ROWS)
+
+    solution = minimise(linearise, np.zeros(2), 60, 1e-12, progress)
+    assert not solution.converged
+    assert (solution.iterations == 8) == creeps
+    assert (solution.stop_reason == solver.CREEPING) == creeps
+
+
 def test_what_is_known_at_the_start_is_not_asked_for_again():
     asked = []
 

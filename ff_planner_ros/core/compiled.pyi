@@ -303,15 +303,16 @@ class BodiesAlong:
     def tips(self) -> Array:
         """Where the end effector is there, inertial frame. Shape (configurations, 3) [m]."""
 
-    def derivatives(self, chosen: Indices) -> Array:
-        """Return those of some configurations. Shape (chosen, 6 + joints, variables)."""
+    @property
+    def q_sensitivity(self) -> Array:
+        """Derivatives of all of them. Shape (configurations, 6 + joints, variables)."""
 
-def pair_rows(along: BodiesAlong, interest: float) -> tuple[Array, Array, Indices, Indices]:
+def pair_rows(along: BodiesAlong, interest: float) -> tuple[Array, Array, Indices]:
     """Return the distances of pairs of bodies that are below the interest [m].
 
     Returns:
-        Distances, their derivatives (rows, variables), their names (configuration, then pair), and
-        the names of those that are in each other, of which GJK knows nothing.
+        Distances, of what is in each other the negative depth; their derivatives (rows, variables);
+        and their names: configuration, then pair.
     """
 
 def sphere_rows(
@@ -320,7 +321,7 @@ def sphere_rows(
     spheres: Spheres,
     interest: float,
     times_by_last: Array = ...,
-) -> tuple[Array, Array, Indices, Indices]:
+) -> tuple[Array, Array, Indices]:
     """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""
 
 class TumblingBody:
@@ -358,7 +359,7 @@ def obstacle_rows(
     obstacles: Obstacles,
     interest: float,
     times_by_last: Array = ...,
-) -> tuple[Array, Array, Indices, Indices]:
+) -> tuple[Array, Array, Indices]:
     """Return likewise those of bodies from obstacles; names: configuration, body, then obstacle."""
 
 def certified_pair_distance(
@@ -376,9 +377,6 @@ def certified_pair_distance(
         ways: Of pairs against each other. Shape (points - 1, pairs) [m].
         gap: How far it may be below the truth [m], or
         part: by which part of it.
-
-    Returns:
-        Minus infinity where two are in each other of which GJK knows nothing.
     """
 
 def certified_sphere_distance(

@@ -57,30 +57,24 @@ Array tips(const BodiesAlong& along) {
   return result(found, "tips");
 }
 
-// Derivatives of chosen configurations, by the variables of the path.
-Array derivatives(const BodiesAlong& along, const Numbers& chosen) {
-  require_shape(chosen, "chosen", {kAny});
+Array sensitivity(const BodiesAlong& along) {
   const py::ssize_t size = along.path.q.cols() - 1;
-  Array found({chosen.size(), size, along.path.variables()});
+  Array found({along.path.q.rows(), size, along.path.variables()});
   RowsToFill of_found = rows_to_fill(found);
-  for (py::ssize_t i = 0; i < chosen.size(); ++i) {
-    const long long number = chosen.at(i);
-    if (number < 0 || number >= along.path.q.rows())
-      throw std::invalid_argument("configuration " + std::to_string(number) + " is chosen of " +
-                                  std::to_string(along.path.q.rows()));
-    of_found.middleRows(i * size, size) = along.path.derivatives(number);
-  }
-  return result(found, "derivatives");
+  for (Eigen::Index i = 0; i < along.path.q.rows(); ++i)
+    of_found.middleRows(i * size, size) = along.path.derivatives(i);
+  return result(found, "q_sensitivity");
 }
 
 py::tuple rows_of_pairs(const BodiesAlong& along, double interest) {
-  return written(pair_rows(along, checked(interest, "interest")), along);
+  return written(pair_rows(along, checked(interest, "interest")), along.path.variables());
 }
 
 py::tuple rows_of_spheres(const BodiesAlong& along, const Array& times, const Spheres& spheres,
                           double interest, const Array& times_by_last) {
   const Times at = times_of(along, times, times_by_last);
-  return written(sphere_rows(along, at, spheres.all, checked(interest, "interest")), along);
+  return written(sphere_rows(along, at, spheres.all, checked(interest, "interest")),
+                 along.path.variables());
 }
 
 double certified_pairs(const CubicMotion& motion, const Bodies& of, const Array& ways,
@@ -118,8 +112,8 @@ void bind_bodies(py::module_& m) {
            py::arg("q_half_way_sensitivity") = Array(0), py::arg("quarter_way") = false,
            py::keep_alive<1, 3>())  // the bodies are not copied
       .def_property_readonly("q", [](const BodiesAlong& of) { return result(of.path.q, "q"); })
-      .def_property_readonly("tips", &tips)
-      .def("derivatives", &derivatives, py::arg("chosen"));
+      .def_property_readonly("q_sensitivity", &sensitivity)
+      .def_property_readonly("tips", &tips);
   m.def("pair_rows", &rows_of_pairs, py::arg("along"), py::arg("interest"));
   m.def("sphere_rows", &rows_of_spheres, py::arg("along"), py::arg("times"), py::arg("spheres"),
         py::arg("interest"), py::arg("times_by_last") = Array(0));

@@ -82,11 +82,7 @@ py::tuple clearances(const Chain& chain, const Array& q, const Array& dq, const 
   if (quarter_way) arm.add_quarter_way();
   const auto looked_at = static_cast<py::ssize_t>(arm.points.size());
   const Times at = times_of(looked_at, dq.shape(2), times, times_by_last);
-  const ClearanceRows found = clearance_rows(arm, at, spheres.all, checked(interest, "interest"));
-  const auto number = static_cast<py::ssize_t>(found.distances.size());
-  return py::make_tuple(result(found.distances, {number}, "distances"),
-                        result(found.jacobian, {number, dq.shape(2)}, "jacobian"),
-                        py::array_t<long long>(number, found.names.data()));
+  return written(clearance_rows(arm, at, spheres.all, checked(interest, "interest")), dq.shape(2));
 }
 
 CubicMotion cubic_motion(const Chain& chain, const Array& q, const Array& cubics,

@@ -33,6 +33,13 @@ inline Path path(const Chain& chain, const Array& q, const Array& dq) {
   return {of_q, rows(dq, "q_sensitivity", {of_q.rows(), 6 + n, kAny})};
 }
 
+inline py::tuple written(const ClearanceRows& rows, py::ssize_t variables) {
+  const auto found = static_cast<py::ssize_t>(rows.distances.size());
+  return py::make_tuple(result(rows.distances, {found}, "distances"),
+                        result(rows.jacobian, {found, variables}, "jacobian"),
+                        py::array_t<long long>(found, rows.names.data()));
+}
+
 inline Times times_of(py::ssize_t count, py::ssize_t variables, const Array& times,
                       const Array& by_last) {
   const Values at = values(times, "times", {count});

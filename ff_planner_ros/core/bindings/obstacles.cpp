@@ -36,7 +36,8 @@ py::tuple rows_of_obstacles(const BodiesAlong& along, const Array& times,
                             const Obstacles& obstacles, double interest,
                             const Array& times_by_last) {
   const Times at = times_of(along, times, times_by_last);
-  return written(obstacle_rows(along, at, obstacles.all, checked(interest, "interest")), along);
+  return written(obstacle_rows(along, at, obstacles.all, checked(interest, "interest")),
+                 along.path.variables());
 }
 
 double certified_obstacles(const CubicMotion& motion, const Bodies& of, const Array& ways,

@@ -16,15 +16,6 @@ inline Solid solid(int kind, const Array& sizes, const Array& vertices) {
   return made;
 }
 
-inline py::tuple written(const BodyRows& rows, const BodiesAlong& along) {
-  const auto found = static_cast<py::ssize_t>(rows.distances.size());
-  return py::make_tuple(
-      result(rows.distances, {found}, "distances"),
-      result(rows.jacobian, {found, along.path.variables()}, "jacobian"),
-      py::array_t<long long>(found, rows.names.data()),
-      py::array_t<long long>(static_cast<py::ssize_t>(rows.unknown.size()), rows.unknown.data()));
-}
-
 inline Times times_of(const BodiesAlong& along, const Array& times, const Array& by_last) {
   return times_of(along.path.q.rows(), along.path.variables(), times, by_last);
 }

@@ -93,21 +93,15 @@ struct BodiesAlong {
   }
 };
 
-// Named by configuration, then pair, or body and sphere.
-struct BodyRows : ClearanceRows {
-  std::vector<long long> unknown;  // names of those that are in each other
+// Tells whether a distance is of interest.
+inline bool counts(double distance, double interest) {
+  if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
+  return distance < interest;
+}
 
-  // Tells whether a distance is to be added.
-  bool counts(const Gap& found, double distance, long long name, double interest) {
-    if (!found.is_known) unknown.push_back(name);
-    if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
-    return found.is_known && distance < interest;
-  }
-};
-
-// Only the joints between two bodies move one against the other.
-inline BodyRows pair_rows(const BodiesAlong& along, double interest) {
-  BodyRows rows;
+// Named by configuration, then pair. Only the joints between two bodies move one against the other.
+inline ClearanceRows pair_rows(const BodiesAlong& along, double interest) {
+  ClearanceRows rows;
   const Bodies& of = along.of;
   const int pairs = static_cast<int>(of.pairs.size());
   std::vector<Simplex> known(of.pairs.size());
@@ -122,7 +116,7 @@ inline BodyRows pair_rows(const BodiesAlong& along, double interest) {
       const Gap found = gap(first.solid, placed.solids[a], second.solid, placed.solids[b],
                             known[number], interest);
       const long long name = static_cast<long long>(i) * pairs + number;
-      if (!rows.counts(found, found.distance, name, interest)) continue;
+      if (!counts(found.distance, interest)) continue;
       if (by_x.size() == 0) by_x = along.path.derivatives(i);
       auto row = rows.add(found.distance, name, by_x.cols());
       const double sign = first.carriers < second.carriers ? 1 : -1;
@@ -134,9 +128,10 @@ inline BodyRows pair_rows(const BodiesAlong& along, double interest) {
   return rows;
 }
 
-inline BodyRows sphere_rows(const BodiesAlong& along, const Times& times,
-                            const std::vector<Sphere>& spheres, double interest) {
-  BodyRows rows;
+// Named by configuration, body, then sphere.
+inline ClearanceRows sphere_rows(const BodiesAlong& along, const Times& times,
+                                 const std::vector<Sphere>& spheres, double interest) {
+  ClearanceRows rows;
   const Bodies& of = along.of;
   const int bodies = static_cast<int>(of.bodies.size());
   std::vector<std::vector<int>> near(bodies);
@@ -169,7 +164,7 @@ inline BodyRows sphere_rows(const BodiesAlong& along, const Times& times,
         const long long name =
             (static_cast<long long>(i) * bodies + body) * static_cast<long long>(spheres.size()) +
             sphere;
-        if (!rows.counts(found, distance, name, interest)) continue;
+        if (!counts(distance, interest)) continue;
         if (by_x.size() == 0) by_x = along.path.derivatives(i);
         auto row = rows.add(distance, name, by_x.cols());
         const Velocity by_q = placed.gradient(found, solid.carriers);

@@ -90,9 +90,9 @@ struct PairsOnTheWay {
   double distance(int number, double step) {
     const auto [a, b] = bodies.of.pairs[number];
     const std::vector<Pose>& solids = bodies.at(step).placed.solids;
-    const Gap found = gap(bodies.of.bodies[a].solid, solids[a], bodies.of.bodies[b].solid,
-                          solids[b], known[number]);
-    return found.is_known ? found.distance : -kInfinite;
+    return gap(bodies.of.bodies[a].solid, solids[a], bodies.of.bodies[b].solid, solids[b],
+               known[number])
+        .distance;
   }
   double way(int number, double begin, double end) const {
     return bodies.grown(ways, end, number) - bodies.grown(ways, begin, number);
@@ -117,7 +117,7 @@ struct SpheresOnTheWay {
     const BodiesOnTheWay::At& at = bodies.at(step);
     const Gap found = gap(bodies.of.bodies[body(number)].solid, at.placed.solids[body(number)],
                           at.center(sphere(number)));
-    return found.is_known ? found.distance - sphere(number).radius : -kInfinite;
+    return found.distance - sphere(number).radius;
   }
   double way(int number, double begin, double end) const {
     return bodies.grown(ways, end, body(number)) - bodies.grown(ways, begin, body(number)) +
@@ -134,8 +134,7 @@ class Halving {
   Halving(Measured measured, double gap, double part)
       : measured_(std::move(measured)), gap_(gap), part_(part) {}
 
-  // The least of some numbers until a last point; minus infinity where two are in each other so
-  // that nobody here knows how deep.
+  // The least of some numbers until a last point.
   double least(const std::vector<int>& numbers, int last) {
     // What seems nearest comes first: the rest need not be looked at so closely then.
     std::vector<std::pair<double, int>> order;

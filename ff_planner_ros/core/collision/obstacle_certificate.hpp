@@ -28,9 +28,9 @@ struct ObstaclesOnTheWay {
   }
   double distance(int number, double step) {
     const BodiesOnTheWay::At& at = bodies.at(step);
-    const Gap found = gap(bodies.of.bodies[body(number)].solid, at.placed.solids[body(number)],
-                          obstacle(number).solid, seen(at, obstacle(number)), known[number]);
-    return found.is_known ? found.distance : -kInfinite;
+    return gap(bodies.of.bodies[body(number)].solid, at.placed.solids[body(number)],
+               obstacle(number).solid, seen(at, obstacle(number)), known[number])
+        .distance;
   }
   double way(int number, double begin, double end) const {
     return bodies.grown(ways, end, body(number)) - bodies.grown(ways, begin, body(number)) +

@@ -79,8 +79,8 @@ class ObstaclesAt {
 };
 
 // As `sphere_rows`; names: configuration, body, then obstacle.
-inline BodyRows obstacle_rows(const BodiesAlong& along, const Times& times,
-                              const std::vector<Obstacle>& obstacles, double interest) {
+inline ClearanceRows obstacle_rows(const BodiesAlong& along, const Times& times,
+                                   const std::vector<Obstacle>& obstacles, double interest) {
   const Bodies& of = along.of;
   const auto count = static_cast<long long>(of.bodies.size() * obstacles.size());
   const int bodies = static_cast<int>(of.bodies.size());
@@ -106,7 +106,7 @@ inline BodyRows obstacle_rows(const BodiesAlong& along, const Times& times,
     }
   }
   const auto rows_of = [&](size_t first, size_t last) {
-    BodyRows rows;
+    ClearanceRows rows;
     for (size_t i = 0; i < along.placed.size(); ++i) {
       const PlacedBodies& placed = along.placed[i];
       const Pose here{along.at[i].position, along.at[i].attitude.toRotationMatrix()};
@@ -126,7 +126,7 @@ inline BodyRows obstacle_rows(const BodiesAlong& along, const Times& times,
             static_cast<long long>(i) * count +
             static_cast<long long>(pair.body) * static_cast<long long>(obstacles.size()) +
             pair.obstacle;
-        if (!rows.counts(found, found.distance, name, interest)) continue;
+        if (!counts(found.distance, interest)) continue;
         if (by_x.size() == 0) by_x = along.path.derivatives(i);
         auto row = rows.add(found.distance, name, by_x.cols());
         const Velocity by_q = placed.gradient(found, solid.carriers);

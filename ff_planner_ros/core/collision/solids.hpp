@@ -1,14 +1,16 @@
-// Convex solids: how far a point is from one, and how far two are apart (GJK).
+// Convex solids: how far a point is from one, how far two are apart (GJK), and how deep they are in
+// each other (EPA).
 #pragma once
 #include <algorithm>
 #include <limits>
 #include <vector>
 
+#include "collision/penetration.hpp"
 #include "collision/simplex.hpp"
 
 namespace ff {
 
-// What two solids say that come so near, their radii left out, is in the noise [m].
+// Of solids that come so near, their radii left out, GJK's direction is in the noise [m].
 constexpr double kTouching = 1e-6;
 // A shorter direction is none [m].
 constexpr double kNoDirection = 1e-12;
@@ -63,9 +65,8 @@ struct Solid {
 };
 
 struct Gap {
-  double distance;
+  double distance;        // negative: the shortest way that brings both apart
   Vector3 point, normal;  // on the line through both nearest points; from the first to the second
-  bool is_known = true;   // not where the cores touch or are in each other
 };
 
 // The distance of a point from a box around the origin, and its gradient; both without signs.
@@ -85,6 +86,16 @@ Gap beyond_corner(const Eigen::Matrix<double, N, 1>& point,
   gradient.setZero();
   gradient[nearest] = 1;
   return {depth, {}, {}};
+}
+
+// Of two solids whose cores touch or are in each other.
+inline Gap gap_inside(const Solid& first, const Pose& at, const Solid& second, const Pose& there) {
+  const auto furthest = [&](const Vector3& direction) -> DifferencePoint {
+    const Vector3 on_first = at * first.support(at.rotation.transpose() * direction);
+    return {on_first - there * second.support(there.rotation.transpose() * -direction), on_first};
+  };
+  const Penetration found = GrowingPolytope(furthest).penetration();
+  return {-found.depth - first.radius() - second.radius(), found.point, found.normal};
 }
 
 // Gilbert, Johnson and Keerthi: the nearest points of two solids. `known` is where the search
@@ -108,19 +119,19 @@ inline Gap gap(const Solid& first, const Pose& at, const Solid& second, const Po
   double length = v.norm();
   Simplex simplex = known;
   for (int i = 0; i < kMost; ++i) {
-    if (!(length > kTouching)) return {0, {}, {}, false};
+    if (!(length > kTouching)) return gap_inside(first, at, second, there);
     support(simplex, -v);
     const double least = v.dot(simplex.newest()) / length;
     if (least - radii > enough) return {least - radii, at * known.on_first_solid(), -v / length};
     if (length - least <= kExact) break;
-    if (!simplex.reduce()) return {0, {}, {}, false};
+    if (!simplex.reduce()) return gap_inside(first, at, second, there);
     const Vector3 closer = simplex.closest();
     if (!(closer.squaredNorm() < length * length)) break;
     v = closer;
     length = v.norm();
     known = simplex;
   }
-  if (!(length > kTouching)) return {0, {}, {}, false};
+  if (!(length > kTouching)) return gap_inside(first, at, second, there);
   return {length - radii, at * known.on_first_solid(), -v / length};
 }
 

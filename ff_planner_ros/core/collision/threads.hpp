@@ -28,18 +28,14 @@ inline size_t usable_cores() {
 
 // Rows of several parts in order of the configurations, then of the parts; count: of the names of a
 // configuration.
-inline BodyRows joined(const std::vector<BodyRows>& parts, long long count) {
-  BodyRows all;
-  std::vector<std::pair<const BodyRows*, size_t>> rows;  // a part, and a number in it
-  for (const BodyRows& part : parts) {
+inline ClearanceRows joined(const std::vector<ClearanceRows>& parts, long long count) {
+  ClearanceRows all;
+  std::vector<std::pair<const ClearanceRows*, size_t>> rows;  // a part, and a number in it
+  for (const ClearanceRows& part : parts)
     for (size_t number = 0; number < part.names.size(); ++number) rows.emplace_back(&part, number);
-    all.unknown.insert(all.unknown.end(), part.unknown.begin(), part.unknown.end());
-  }
-  const auto earlier = [&](long long a, long long b) { return a / count < b / count; };
   std::stable_sort(rows.begin(), rows.end(), [&](const auto& a, const auto& b) {
-    return earlier(a.first->names[a.second], b.first->names[b.second]);
+    return a.first->names[a.second] / count < b.first->names[b.second] / count;
   });
-  std::stable_sort(all.unknown.begin(), all.unknown.end(), earlier);
   for (const auto& [part, number] : rows) {
     const Eigen::Index columns = part->jacobian.size() / part->names.size();
     all.add(part->distances[number], part->names[number], columns) =
@@ -51,19 +47,19 @@ inline BodyRows joined(const std::vector<BodyRows>& parts, long long count) {
 // What `rows_of(first, last)` finds for pairs of bodies by their numbers, each at all
 // configurations: the same for any number of threads. It must write nothing that pairs share.
 template <typename RowsOf>
-BodyRows rows_in_threads(size_t pairs, size_t configurations, long long count,
-                         const RowsOf& rows_of) {
+ClearanceRows rows_in_threads(size_t pairs, size_t configurations, long long count,
+                              const RowsOf& rows_of) {
   const size_t wanted = pairs * configurations / kPairsOfAThread;
   const size_t threads = wanted < 2 ? 1 : std::min({wanted, kMostThreads, usable_cores(), pairs});
   if (threads == 1) return rows_of(0, pairs);
   // Where the system has no more threads, this one does their parts, too.
   const auto policy = std::launch::async | std::launch::deferred;
-  std::vector<std::future<BodyRows>> others;
+  std::vector<std::future<ClearanceRows>> others;
   for (size_t part = 1; part < threads; ++part)
     others.push_back(
         std::async(policy, rows_of, part * pairs / threads, (part + 1) * pairs / threads));
-  std::vector<BodyRows> parts{rows_of(0, pairs / threads)};
-  for (std::future<BodyRows>& other : others) parts.push_back(other.get());
+  std::vector<ClearanceRows> parts{rows_of(0, pairs / threads)};
+  for (std::future<ClearanceRows>& other : others) parts.push_back(other.get());
   return joined(parts, count);
 }
 

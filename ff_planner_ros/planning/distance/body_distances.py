@@ -1,8 +1,8 @@
 """Signed distances of the robot's bodies from each other and from spheres, with derivatives.
 
 Coal measures pairs of bodies, and the distance of a sphere's centre from a convex hull; from a
-ball, capsule, box or cylinder it has a closed form. The check uses these; the search only for
-bodies that penetrate each other, and the core for others. Places and axes are in the base frame.
+ball, capsule, box or cylinder it has a closed form. The check uses these, the search the core.
+Places and axes are in the base frame.
 """
 
 from __future__ import annotations

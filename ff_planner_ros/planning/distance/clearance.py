@@ -116,16 +116,6 @@ def may_be_nearest(
     return [one for one, far in zip(spheres, least > within + _SAME_POINT, strict=True) if not far]
 
 
-def velocities_at(times: Array, spheres: Sequence[Sphere]) -> Array:
-    """Return the velocities of the spheres' centres. Shape (points, spheres, 3) [m/s]."""
-    velocities = np.empty((len(times), len(spheres), 3))
-    for k, sphere in enumerate(spheres):
-        velocities[:, k] = sphere.velocity
-        if sphere.body is not None and sphere.place_in_body is not None:
-            velocities[:, k] = sphere.body.motion(sphere.place_in_body, times).twists[:, :3]
-    return velocities
-
-
 def clearances(
     positions: Array,
     times: Array,

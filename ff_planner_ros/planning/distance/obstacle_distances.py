@@ -242,31 +242,3 @@ def nearest_points(
 def _measure(robot: Robot, body: int, obstacle: ObstacleBody) -> coal.ComputeDistance:
     # Coal keeps no reference to the solids: the cache keeps those that it is asked for.
     return coal.ComputeDistance(robot.bodies[body].solid, obstacle.solid.geometry)
-
-
-def approach_speeds(
-    q: Array,
-    times: Array,
-    obstacles: Sequence[ObstacleBody],
-    found: Distances,
-    rows: tuple[Indices, ...],
-) -> Array:
-    """Return the rates of distances because of the obstacles' motion. Shape (rows,) [m/s].
-
-    Args:
-        q: Shape (configurations, 7 + joints).
-        times: Shape (configurations,) [s].
-        rows: Configurations, bodies and obstacles.
-    """
-    configurations, _, which = rows
-    to_inertial = rotation_from_quaternion(q[configurations, 3:7])
-    points = q[configurations, :3] + np.einsum("rij,rj->ri", to_inertial, found.point)
-    normals = np.einsum("rij,rj->ri", to_inertial, found.normal)
-    speeds = np.zeros(len(which))
-    for number in np.unique(which).tolist():
-        of = np.flatnonzero(which == number)
-        at, one = times[configurations[of]], obstacles[number]
-        twists, (_, origins) = one.twists(at), one.poses(at)
-        moving = twists[:, :3] + np.cross(twists[:, 3:], points[of] - origins)
-        speeds[of] = np.einsum("ri,ri->r", normals[of], moving)
-    return speeds

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of, spheres_of
-from ff_planner_ros.planning.distance.body_certificate import (
-    Least,
-    least_obstacle_distance,
-    least_pair_distance,
-    least_sphere_distance,
-)
 from ff_planner_ros.planning.distance.body_motion import body_ways, cubics_of, pair_ways
 from ff_planner_ros.planning.distance.certificate import (
     CERTIFICATE_GAP,
@@ -56,19 +50,16 @@ def search_pair_distance(
     robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float
 ) -> float:
     """Return a bound within the same gap as that of `least_pair_distance` [m]."""
-    return _certified(
+    if not len(chosen) or last < 0:
+        return np.inf
+    return compiled.certified_pair_distance(
+        _cubic_motion(robot, motion),
+        bodies_of(robot),
+        pair_ways(robot, motion),
         chosen,
         last,
-        lambda: compiled.certified_pair_distance(
-            _cubic_motion(robot, motion),
-            bodies_of(robot),
-            pair_ways(robot, motion),
-            chosen,
-            last,
-            CERTIFICATE_GAP,
-            part,
-        ),
-        lambda: least_pair_distance(robot, motion, chosen, last, part),
+        CERTIFICATE_GAP,
+        part,
     )
 
 
@@ -82,20 +73,17 @@ def search_sphere_distance(
     gap: float = CERTIFICATE_GAP,
 ) -> float:
     """Return a bound within the same gap as that of `least_sphere_distance` [m]."""
-    return _certified(
+    if not len(chosen) or last < 0:
+        return np.inf
+    return compiled.certified_sphere_distance(
+        _cubic_motion(robot, motion),
+        bodies_of(robot),
+        body_ways(robot, motion),
+        spheres_of(spheres, float(motion.time[-1])),
         chosen,
         last,
-        lambda: compiled.certified_sphere_distance(
-            _cubic_motion(robot, motion),
-            bodies_of(robot),
-            body_ways(robot, motion),
-            spheres_of(spheres, float(motion.time[-1])),
-            chosen,
-            last,
-            gap,
-            part,
-        ),
-        lambda: least_sphere_distance(robot, motion, spheres, chosen, last, part, gap),
+        gap,
+        part,
     )
 
 
@@ -109,31 +97,18 @@ def search_obstacle_distance(
     gap: float = CERTIFICATE_GAP,
 ) -> float:
     """Return a bound within the same gap as that of `least_obstacle_distance` [m]."""
-    return _certified(
-        chosen,
-        last,
-        lambda: compiled.certified_obstacle_distance(
-            _cubic_motion(robot, motion),
-            bodies_of(robot),
-            body_ways(robot, motion),
-            obstacles_of(obstacles, float(motion.time[-1])),
-            chosen,
-            last,
-            gap,
-            part,
-        ),
-        lambda: least_obstacle_distance(robot, motion, obstacles, chosen, last, part, gap),
-    )
-
-
-def _certified(
-    chosen: Indices, last: int, by_core: Callable[[], float], by_check: Callable[[], Least]
-) -> float:
-    """Return the core's bound, or the check's where the core has none."""
     if not len(chosen) or last < 0:
         return np.inf
-    found = by_core()
-    return found if np.isfinite(found) else by_check().certified
+    return compiled.certified_obstacle_distance(
+        _cubic_motion(robot, motion),
+        bodies_of(robot),
+        body_ways(robot, motion),
+        obstacles_of(obstacles, float(motion.time[-1])),
+        chosen,
+        last,
+        gap,
+        part,
+    )
 
 
 def _cubic_motion(robot: Robot, motion: FollowedMotion) -> compiled.CubicMotion:

@@ -39,6 +39,9 @@ _MARKUP, _HARDLY_MORE = 2.0, 1.1
 _STAGNANT, _PATIENCE, _SMALL_VIOLATION = 0.7, 4, 2e-3
 # A smaller predicted reduction is rounding; no step can be judged by it.
 _LEAST_REDUCTION = 1e-12
+# If the mean of so many steps is below what each must predict, the solver creeps along a kink.
+_CREEP = 8
+CREEPING = f"good enough: {_CREEP} steps together brought hardly more"
 # The objective is known to six digits if no step predicts a tenth of the sixth: all further steps
 # together bring less than ten times as much.
 _SIX_DIGITS = 1e-7
@@ -107,10 +110,15 @@ def minimise(
         reason = "the functions are not defined at the start"
         return Solution(x, at_x, lambda: np.inf, False, 0, reason)
     penalty, optimality = _FIRST_PENALTY, np.inf
-    violations = [at_x.violation]
+    violations, objectives = [at_x.violation], [np.nan] * _CREEP
     converged, reason = False, f"stopped after {max_iterations} iterations, before convergence"
     iterations, working_set = 0, None
     while iterations < max_iterations:
+        objectives.append(at_x.objective if at_x.violation <= _SMALL_VIOLATION else np.nan)
+        brought = abs(objectives[-1 - _CREEP] - at_x.objective)
+        if brought <= _CREEP * progress * abs(at_x.objective):
+            reason = CREEPING
+            break
         iterations += 1
         model = _convex_model(at_x, curvature)
         step, penalty = _step_and_penalty(model, radius, penalty, working_set)

@@ -10,11 +10,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ff_planner_ros.common.arrays import Array, Indices, frozen
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, sphere_arrays, spheres_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
 from ff_planner_ros.planning.distance.allowed_contact import (
     Split,
     after_contact,
@@ -22,14 +21,6 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     split_pairs,
     split_spheres,
 )
-from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
-from ff_planner_ros.planning.distance.body_distances import (
-    pair_distances,
-    pair_gradients,
-    sphere_distances,
-    sphere_gradients,
-)
-from ff_planner_ros.planning.distance.clearance import centers_at, velocities_at
 from ff_planner_ros.planning.distance.start_room import (
     margins_of_rows,
     room_of_bodies,
@@ -39,7 +30,6 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.collision.lines import with_bodies
-from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
 # On fewer points than this a body may jump over a corner of another: see `looked_at`.
 FEW_POINTS = 40
@@ -65,23 +55,13 @@ def pair_rows(
 ) -> Rows:
     """Return rows for pairs of bodies nearer than `OF_INTEREST`: distance less margin [m]."""
     robot, at = problem.robot, looked_at(problem, motion, sensitivity)
-    distances, jacobian, names, deep = compiled.pair_rows(at.bodies, OF_INTEREST)
-    shape, split = (len(at.times), len(robot.pairs)), split_pairs(problem)
-    near = Rows(distances, jacobian, names)
-    distances, jacobian, names, deep = without_allowed(problem, at, near, deep, shape[1], split)
-    if deep.size:  # Coal knows how deep they are in each other
-        rows = np.unravel_index(deep, shape)
-        placed = placed_bodies(robot, at.bodies.q[:, 7:])
-        found = pair_distances(robot, placed, rows)
-        gradients = pair_gradients(robot, placed, found, rows)
-        deeper = along_variables(gradients, at.bodies.derivatives(rows[0])[:, 6:])
-        distances, names = np.append(distances, found.distance), np.append(names, deep)
-        jacobian = np.vstack([jacobian, deeper])
+    near, split = Rows(*compiled.pair_rows(at.bodies, OF_INTEREST)), split_pairs(problem)
+    distances, jacobian, names = without_allowed(problem, at, near, len(robot.pairs), split)
     # Some pairs are built closer together than the margin: they keep half their start distance.
     margins = np.minimum(margin, room_of_pairs(problem))
     for _, touching in split.at_start:
         margins[touching] = margin
-    return Rows(distances - margins[names % shape[1]], jacobian, names)
+    return Rows(distances - margins[names % len(robot.pairs)], jacobian, names)
 
 
 def sphere_rows(
@@ -89,64 +69,39 @@ def sphere_rows(
 ) -> Rows:
     """Return rows for bodies nearer to spheres than `OF_INTEREST`: distance less margin [m]."""
     robot, at = problem.robot, looked_at(problem, motion, sensitivity)
-    distances, jacobian, names, deep = compiled.sphere_rows(
+    near = compiled.sphere_rows(
         at.bodies,
         at.times,
         spheres=spheres_of(problem.spheres, float(at.times[-1])),
         interest=OF_INTEREST,
         times_by_last=at.times_by_last,
     )
-    shape = len(at.times), len(robot.bodies), len(problem.spheres)
-    near, of_pairs = Rows(distances, jacobian, names), (shape[1] * shape[2], split_spheres(problem))
-    distances, jacobian, names, deep = without_allowed(problem, at, near, deep, *of_pairs)
-    if deep.size:
-        rows = np.unravel_index(deep, shape)
-        q = at.bodies.q
-        placed = placed_bodies(robot, q[:, 7:])
-        seen = centers_in_base(q, centers_at(at.times, problem.spheres))
-        _, _, radius = sphere_arrays(problem.spheres)
-        found = sphere_distances(robot, placed, seen, radius, rows)
-        gradients = sphere_gradients(robot, placed, found, rows)
-        distances, names = np.append(distances, found.distance), np.append(names, deep)
-        deeper = along_variables(gradients, at.bodies.derivatives(rows[0]))
-        if at.times_by_last.size:
-            deeper[:, -1] += at.times_by_last[rows[0]] * _of_moving(
-                problem, gradients, at, rows[0], rows[2]
-            )
-        jacobian = np.vstack([jacobian, deeper])
+    count, split = len(robot.bodies) * len(problem.spheres), split_spheres(problem)
+    distances, jacobian, names = without_allowed(problem, at, Rows(*near), count, split)
     margins = margins_of_rows(margin, room_of_bodies(problem), names, at.times)
     return Rows(distances - margins, jacobian, names)
 
 
 def without_allowed(
-    problem: PlanningProblem, at: LookedAt, found: Rows, deep: Indices, count: int, split: Split
-) -> tuple[Array, Array, Indices, Indices]:
+    problem: PlanningProblem, at: LookedAt, found: Rows, count: int, split: Split
+) -> Rows:
     """Leave out pairs that are allowed to touch, near the goal and near the start.
 
     Args:
         found: Rows whose names are configuration times `count` plus pair.
-        deep: Names of the pairs that are in each other.
         count: Number of pairs: of bodies, or of body and obstacle.
         split: The pairs by whether they may touch.
-
-    Returns:
-        Values, Jacobian and names of the rows that are left, and names of the deep pairs.
     """
     if not problem.allowed_collisions:
-        return *found, deep
+        return found
     is_apart = np.zeros(count, np.bool_)
     is_apart[split.apart] = True
-
-    def counts(names: Indices) -> NDArray[np.bool_]:
-        configurations, numbers = np.divmod(names, count)
-        kept = is_apart[numbers] | (configurations < at.until)
-        for obstacle, touching in split.at_start:
-            first = after_contact(problem, obstacle, at.times, at.bodies.q, _WITHIN)
-            kept &= (configurations >= first) | ~np.isin(numbers, touching)
-        return kept
-
-    kept = counts(found.names)
-    return found.values[kept], found.jacobian[kept], found.names[kept], deep[counts(deep)]
+    configurations, numbers = np.divmod(found.names, count)
+    kept = is_apart[numbers] | (configurations < at.until)
+    for obstacle, touching in split.at_start:
+        first = after_contact(problem, obstacle, at.times, at.bodies.q, _WITHIN)
+        kept &= (configurations >= first) | ~np.isin(numbers, touching)
+    return Rows(found.values[kept], found.jacobian[kept], found.names[kept])
 
 
 @lru_cache(maxsize=2)
@@ -188,27 +143,3 @@ def times_looked_at(duration: float, points: int) -> Array:
 def _quarter_way(begin: Array, middle: Array, end: Array) -> Array:
     """Return values at quarters of intervals as the core does it, by parabolas."""
     return (3.0 * begin + 6.0 * middle - end) / 8.0
-
-
-def _of_moving(
-    problem: PlanningProblem,
-    gradients: Array,
-    at: LookedAt,
-    configurations: Indices,
-    spheres: Indices,
-) -> Array:
-    """Return the rates of distances because of the spheres' motion. Shape (rows,) [m/s].
-
-    A sphere's motion changes a distance as the opposite motion of the base does.
-    """
-    velocities = velocities_at(at.times, problem.spheres)[configurations, spheres]
-    turns = rotation_base_to_inertial(at.bodies.q[configurations])
-    in_base = np.einsum("rji,rj->ri", turns, velocities)
-    growing: Array = -np.sum(gradients[:, :3] * in_base, axis=1)
-    return growing
-
-
-def along_variables(gradients: Array, sensitivity: Array) -> Array:
-    """Return gradients by the tangent of q as those by x (chain rule). Shape (rows, variables)."""
-    jacobian: Array = np.einsum("rj,rjx->rx", gradients, sensitivity)
-    return jacobian

@@ -25,10 +25,8 @@ from ff_planner_ros.planning.distance.body_certificate import (
     least_obstacle_distance,
     least_of,
 )
-from ff_planner_ros.planning.distance.body_distances import sphere_gradients
 from ff_planner_ros.planning.distance.certificate import certificate_gap
 from ff_planner_ros.planning.distance.obstacle_distances import (
-    approach_speeds,
     obstacle_bounds,
     obstacle_distances,
     seen_from_chaser,
@@ -43,7 +41,6 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
     OF_INTEREST,
-    along_variables,
     looked_at,
     without_allowed,
 )
@@ -151,33 +148,14 @@ def obstacle_rows(
     """Return rows for bodies nearer to obstacles than `OF_INTEREST`: distance less margin [m]."""
     robot, at = with_bodies(problem.robot), looked_at(problem, motion, sensitivity)
     obstacles = problem.obstacle_bodies
-    distances, jacobian, names, deep = compiled.obstacle_rows(
+    near = compiled.obstacle_rows(
         at.bodies,
         at.times,
         obstacles=obstacles_of(obstacles, float(at.times[-1])),
         interest=OF_INTEREST,
         times_by_last=at.times_by_last,
     )
-    shape = len(at.times), len(robot.bodies), len(obstacles)
-    near, of_pairs = (
-        Rows(distances, jacobian, names),
-        (shape[1] * shape[2], split_obstacles(problem)),
-    )
-    distances, jacobian, names, deep = without_allowed(problem, at, near, deep, *of_pairs)
-    if deep.size:  # Coal knows how deep they are in each other
-        when, bodies, numbers = np.unravel_index(deep, shape)
-        few, which = np.unique(when, return_inverse=True)
-        some, numbers = np.unique(numbers, return_inverse=True)
-        deep_ones = [obstacles[number] for number in some.tolist()]
-        q, times, rows = at.bodies.q[few], at.times[few], (which, bodies, numbers)
-        placed, poses = placed_bodies(robot, q[:, 7:]), seen_from_chaser(q, times, deep_ones)
-        found = obstacle_distances(robot, placed, poses, deep_ones, rows)
-        gradients = sphere_gradients(robot, placed, found, rows)
-        deeper = along_variables(gradients, at.bodies.derivatives(when))
-        if at.times_by_last.size:
-            speeds = approach_speeds(q, times, deep_ones, found, rows)
-            deeper[:, -1] += at.times_by_last[when] * speeds
-        distances, names = np.append(distances, found.distance), np.append(names, deep)
-        jacobian = np.vstack([jacobian, deeper])
+    count, split = len(robot.bodies) * len(obstacles), split_obstacles(problem)
+    distances, jacobian, names = without_allowed(problem, at, Rows(*near), count, split)
     margins = margins_of_rows(margin, room_of_obstacles(problem), names, at.times)
     return Rows(distances - margins, jacobian, names)
