@@ -11,7 +11,8 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.optimisation import qp, solver
 from ff_planner_ros.planning.optimisation.linearisation import Linearisation
 from ff_planner_ros.planning.optimisation.program import path_program
-from ff_planner_ros.planning.optimisation.solver import minimise, nearest_feasible
+from ff_planner_ros.planning.optimisation.restoration import nearest_feasible
+from ff_planner_ros.planning.optimisation.solver import minimise
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.problems.scenarios import scenario

@@ -45,9 +45,6 @@ CREEPING = f"good enough: {_CREEP} steps together brought hardly more"
 # The objective is known to six digits if no step predicts a tenth of the sixth: all further steps
 # together bring less than ten times as much.
 _SIX_DIGITS = 1e-7
-# Feasibility restoration: its first trust region, and a penalty that buys feasibility at any
-# length of step.
-_RESTORATION_RADIUS, _RESTORATION_PENALTY = 0.2, 1e3
 
 AtX = TypeVar("AtX", bound=Linearisation)
 
@@ -141,40 +138,6 @@ def minimise(
             break
     optimality_at_x = partial(_optimality, at_x, penalty, optimality)
     return Solution(x, at_x, optimality_at_x, converged, iterations, reason, curvature, radius)
-
-
-def nearest_feasible(
-    linearise: Callable[[Array], AtX], start: Array, at_start: AtX, max_iterations: int
-) -> Solution[AtX]:
-    """Go to the nearest x that keeps every constraint, whatever the objective is there.
-
-    Each step is the shortest that keeps the linearised constraints: near a feasible x the violation
-    falls quadratically, while `minimise` would trade it for the objective.
-
-    Args:
-        at_start: Functions and derivatives at the start.
-    """
-    x, at_x, radius, iterations = start, at_start, _RESTORATION_RADIUS, 0
-    working_set = None
-    while at_x.violation > FEASIBILITY_TOLERANCE and iterations < max_iterations:
-        iterations += 1
-        shortest = replace(
-            at_x,
-            gradient=np.zeros(len(x)),
-            hessian=np.eye(len(x)),
-            max_terms=at_x.max_terms[:0],
-            max_terms_jacobian=at_x.max_terms_jacobian[:0],
-        )
-        step = solve_qp(shortest, radius, _RESTORATION_PENALTY, working_set)
-        dx, working_set = step.dx, step.working_set
-        at_trial = linearise(x + dx)
-        if at_trial.violation < at_x.violation:
-            x, at_x = x + dx, at_trial
-        else:
-            radius = _SHRINK * float(np.abs(dx).max())
-    reason = "good enough: the feasible path nearest to where the solver stopped"
-    optimality_at_x = partial(_optimality, at_x, _FIRST_PENALTY, np.nan)
-    return Solution(x, at_x, optimality_at_x, False, iterations, reason)
 
 
 def _optimality(at_x: Linearisation, penalty: float, known: float) -> float:

@@ -19,7 +19,8 @@ from ff_planner_ros.planning.optimisation.program import (
     PathProgram,
     path_program,
 )
-from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS, minimise, nearest_feasible
+from ff_planner_ros.planning.optimisation.restoration import nearest_feasible
+from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS, minimise
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import DurationRange, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings

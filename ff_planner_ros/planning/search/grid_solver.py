@@ -16,7 +16,8 @@ from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
 from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
-from ff_planner_ros.planning.optimisation.solver import Solution, minimise, nearest_feasible
+from ff_planner_ros.planning.optimisation.restoration import nearest_feasible
+from ff_planner_ros.planning.optimisation.solver import Solution, minimise
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
