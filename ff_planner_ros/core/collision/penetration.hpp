@@ -45,11 +45,12 @@ class GrowingPolytope {
   }
 
  private:
-  static constexpr double kExactDepth = 1e-8;  // [m]
-  static constexpr double kThin = 1e-9;        // what is thinner has no inside [m]
-  static constexpr double kInPlane = 1e-12;    // a point less far out of a face lies in it [m]
-  static constexpr double kNoArea = 1e-20;     // a smaller triangle has no normal [m2]
-  static constexpr size_t kMostPoints = 200;   // solids that need more are known well enough
+  static constexpr double kExactDepth = 1e-10;   // [m]
+  static constexpr double kThin = 1e-9;          // what is thinner has no inside [m]
+  static constexpr double kInPlane = 1e-12;      // a point less far out of a face lies in it [m]
+  static constexpr double kSameFace = 1 - 1e-9;  // cosine of the angle between two normals
+  static constexpr double kNoArea = 1e-20;       // a smaller triangle has no normal [m2]
+  static constexpr size_t kMostPoints = 200;     // solids that need more are known well enough
   struct Face {
     std::array<int, 3> corners;  // anticlockwise, seen from outside
     Vector3 normal;
@@ -134,7 +135,7 @@ class GrowingPolytope {
     const Face* around = &nearest;
     Vector3 within = weights(nearest);
     for (const Face& face : faces_) {
-      if (face.offset > nearest.offset + kExactDepth) continue;
+      if (face.normal.dot(nearest.normal) < kSameFace) continue;
       const Vector3 found = weights(face);
       if (!(found.minCoeff() > within.minCoeff())) continue;
       within = found;
