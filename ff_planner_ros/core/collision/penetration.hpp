@@ -39,8 +39,7 @@ class GrowingPolytope {
       const DifferencePoint beyond = support_(face.normal);
       const double depth = beyond.difference.dot(face.normal);
       const bool goes_on = depth - face.offset > kExactDepth && points_.size() < kMostPoints;
-      if (!goes_on) return {depth, on_first(face), face.normal};
-      grow(beyond);
+      if (!goes_on || !grow(beyond)) return {depth, on_first(face), face.normal};
     }
   }
 
@@ -146,8 +145,9 @@ class GrowingPolytope {
            within[2] * points_[k].on_first;
   }
 
-  // Replaces the faces that a point is outside of.
-  void grow(const DifferencePoint& by) {
+  // Replaces the faces that a point is outside of; false if it is outside of all, as only rounding
+  // makes it.
+  bool grow(const DifferencePoint& by) {
     std::vector<std::array<int, 2>> rim;
     const auto seen = [&](const Face& face) {
       if (!(by.difference.dot(face.normal) - face.offset > kInPlane)) return false;
@@ -165,6 +165,7 @@ class GrowingPolytope {
     const int added = static_cast<int>(points_.size());
     points_.push_back(by);
     for (const auto& [from, to] : rim) add_face(from, to, added);
+    return !rim.empty();
   }
 
   const Support& support_;
