@@ -121,24 +121,22 @@ class SceneInput:
             self._tell(f"left out: {late}")
 
     def may_come(self) -> bool:
-        """Return whether obstacles published before the node subscribed may still arrive."""
+        """Return whether what was published before the node subscribed may still arrive.
+
+        Bodies are optional: only a publisher that is discovered already is waited for.
+        """
         if self._publishers is None:
             return False
         listens = time.monotonic() - self._begun
         if not self._obstacles.is_known and listens < _DISCOVERY:
             return True
-        is_matched = listens < _MATCHED and bool(self._publishers.heard(OBSTACLES.name))
-        return (is_matched and not self._obstacles.is_known) or self.bodies_may_come()
-
-    def bodies_may_come(self) -> bool:
-        """Return whether bodies published before the node subscribed may still arrive.
-
-        Bodies are optional: only a publisher that is discovered already is waited for.
-        """
-        if self._publishers is None or self._bodies.is_known:
-            return False
-        listens = time.monotonic() - self._begun
-        return listens < _MATCHED and bool(self._publishers.heard(OBSTACLE_BODIES.name))
+        return listens < _MATCHED and any(
+            not topic.is_known and self._publishers.heard(name)
+            for name, topic in (
+                (OBSTACLES.name, self._obstacles),
+                (OBSTACLE_BODIES.name, self._bodies),
+            )
+        )
 
     def scene(self, own: SceneMessage | None = None) -> Scene:
         """Return the obstacles: those that a request brings (`own`), or else those of the topics.

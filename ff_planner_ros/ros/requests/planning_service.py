@@ -238,15 +238,16 @@ class PlanningService:
     def _read(
         self, request: PlanRequest, knowledge: Knowledge, job: Job
     ) -> tuple[ReadRequest, NodeParameters]:
-        """Read a request; the first one waits for obstacles that were published before the node."""
+        """Read a request; the first one waits for what was published before the node listened."""
         while True:
+            waits = self._scenes.may_come()  # asked first: what arrives while it reads is read, too
             try:
                 found = read_request(request, knowledge)
             except RequestRefused as refused:
-                if refused.status is not Status.NO_OBSTACLES or not self._scenes.may_come():
+                if refused.status is not Status.NO_OBSTACLES or not waits:
                     raise
             else:
-                if request.scene or not self._scenes.bodies_may_come():
+                if request.scene or not waits:
                     return found, knowledge.parameters
             while self._scenes.may_come():
                 job.check()
