@@ -103,8 +103,9 @@ def core_by_reference() -> Iterator[None]:
             "smallest_singular_values": _singular_values,
             "joint_path": reference_objectives.joint_path,
             "chaser_euler": reference_objectives.chaser_euler,
-            # test_core_subproblem.py and test_core_limit_rows.py have the truth of these.
+            # test_core_subproblem.py, test_solver.py and test_core_limit_rows.py have their truth.
             "solve_subproblem": compiled.solve_subproblem,
+            "minimise": compiled.minimise,
             **{f"{of}_rows": getattr(compiled, f"{of}_rows") for of in _OF_LIMITS},
         }
         for name in _functions():

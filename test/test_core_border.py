@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,32 @@ ROBOT = random_robot(1)
 JOINTS, BODIES, PAIRS = ROBOT.joints, len(ROBOT.bodies), len(ROBOT.pairs)
 SIZE, POINTS, COLUMNS = 6 + JOINTS, 4, 3
 RNG = np.random.default_rng(0)
+
+
+FUNCTIONS = {
+    "value": 1.0,
+    "gradient": np.array([-3.0, -2.0, 0.0]),
+    "hessian": np.eye(3),
+    "max_terms": np.array([0.1]),
+    "max_terms_jacobian": np.array([[1.0, 0.0, 0.0]]),
+    "constraints": np.array([2.0]),
+    "constraints_jacobian": np.array([[-1.0, -1.0, 0.0]]),
+    "equalities": np.array([0.1]),
+    "equalities_jacobian": np.array([[0.0, 0.0, 1.0]]),
+    "names": np.arange(1),
+}
+
+
+def solve_subproblem(**arguments: Any) -> Any:
+    """Give the core the functions by one name."""
+    at_x = SimpleNamespace(**{name: arguments.pop(name) for name in FUNCTIONS}, is_defined=True)
+    return compiled.solve_subproblem(at_x, **arguments)
+
+
+def minimise(**arguments: Any) -> Any:
+    """Give the core the functions by one name; wherever it asks, they are the same."""
+    at_x = SimpleNamespace(**{name: arguments.pop(name) for name in FUNCTIONS}, is_defined=True)
+    return compiled.minimise(lambda _: at_x, at_start=at_x, **arguments)
 
 
 def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
@@ -195,14 +222,15 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "rate_rows": (compiled.rate_rows, between | limits),
         "stop_rows": (compiled.stop_rows, joints | limits | {"jerk": 10.0}),
         "solve_subproblem": (
-            compiled.solve_subproblem,
-            {"value": 1.0, "gradient": np.array([-3.0, -2.0, 0.0]), "hessian": np.eye(3)}
-            | {"max_terms": np.array([0.1]), "max_terms_jacobian": np.array([[1.0, 0.0, 0.0]])}
-            | {"constraints": np.array([2.0]), "names": np.arange(1)}
-            | {"constraints_jacobian": np.array([[-1.0, -1.0, 0.0]])}
-            | {"equalities": np.array([0.1])}
-            | {"equalities_jacobian": np.array([[0.0, 0.0, 1.0]])}
+            solve_subproblem,
+            FUNCTIONS
             | {"radius": 1.0, "penalty": 10.0, "inside": 1e-6, "guess": None, "elastic": False},
+        ),
+        "minimise": (
+            minimise,
+            FUNCTIONS
+            | {"start": np.zeros(3), "curvature": np.zeros((3, 3)), "radius": 1.0, "iterations": 3}
+            | {"tolerance": 1e-6, "progress": 1e-6, "tolerated": 0.0, "feasibility": 1e-6},
         ),
         "certified_clearance": (
             compiled.certified_clearance,

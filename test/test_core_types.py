@@ -12,9 +12,10 @@ from ff_planner_ros.core import compiled
 NAMES = {
     "typing.Annotated[numpy.typing.ArrayLike, numpy.float64]": "Array",
     "typing.Annotated[numpy.typing.ArrayLike, numpy.int64]": "Indices",
+    "numpy.typing.NDArray[numpy.float64]": "Array",
     "typing.SupportsFloat | typing.SupportsIndex": "float",
     "typing.SupportsInt | typing.SupportsIndex": "int",
-    "collections.abc.Sequence": "Sequence",
+    "collections.abc.": "",
     "ff_planner_ros.core.compiled.": "",
 }
 

@@ -1,6 +1,6 @@
 """What bindings/ offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ff_planner_ros.common.arrays import Array, Indices
 
@@ -467,24 +467,39 @@ class WorkingSet:
     """What a step keeps with equality."""
 
 def solve_subproblem(
-    value: float,
-    gradient: Array,
-    hessian: Array,
-    max_terms: Array,
-    max_terms_jacobian: Array,
-    constraints: Array,
-    constraints_jacobian: Array,
-    equalities: Array,
-    equalities_jacobian: Array,
-    names: Indices,
+    at_x: object,
     radius: float,
     penalty: float,
     inside: float,
     guess: WorkingSet | None,
     elastic: bool,
 ) -> tuple[Array, float, float, Array, Array, Array, float, WorkingSet, bool]:
-    """Return the fields of `planning.optimisation.qp.Step`, from those of a `Linearisation`.
+    """Return the fields of `planning.optimisation.qp.Step` at a `Linearisation`.
 
     Args:
         inside: How far inside the constraints the step aims [unit of g].
+    """
+
+def minimise(
+    linearise: Callable[[Array], object],
+    start: Array,
+    at_start: object,
+    curvature: Array,
+    radius: float,
+    iterations: int,
+    tolerance: float,
+    progress: float,
+    tolerated: float,
+    feasibility: float,
+) -> tuple[Array, object, Array, float, int, str, bool, float]:
+    """Return where `planning.optimisation.solver.minimise` ends, for functions that it is told.
+
+    Those at x are a `Linearisation`.
+
+    Args:
+        feasibility: A constraint that is violated by less counts as kept.
+
+    Returns:
+        x, the functions there, SR1 curvature, radius, iterations, a word for why it stopped,
+        whether it has converged, and first-order optimality; NaN: unknown.
     """

@@ -12,6 +12,6 @@ void bind_driven_motion(pybind11::module_& m);
 void bind_end_effector(pybind11::module_& m);
 void bind_objectives(pybind11::module_& m);
 void bind_limit_rows(pybind11::module_& m);
-void bind_quadratic_program(pybind11::module_& m);
+void bind_optimisation(pybind11::module_& m);
 
 }  // namespace ff

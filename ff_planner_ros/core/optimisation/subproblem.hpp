@@ -27,7 +27,26 @@ struct Functions {
   Rows constraints_jacobian;
   Values equalities;
   Rows equalities_jacobian;
-  std::vector<long long> names;
+  std::vector<long long> names;  // empty: as they are numbered
+  bool is_defined = true;        // at x; if not, ignore the values
+
+  double objective() const { return value + (max_terms.size() > 0 ? max_terms.maxCoeff() : 0); }
+  double violation() const {
+    if (!is_defined) return std::numeric_limits<double>::infinity();
+    const double below = constraints.size() > 0 ? -constraints.minCoeff() : 0;
+    return std::max({0.0, below, equalities.lpNorm<Eigen::Infinity>()});
+  }
+  // The same with others that are kept elsewhere.
+  Functions with_hessian(const RowMajor& other) const {
+    Functions found = *this;
+    new (&found.hessian) Rows(other.data(), other.rows(), other.cols());
+    return found;
+  }
+  Functions with_equalities(const Eigen::VectorXd& other) const {
+    Functions found = *this;
+    new (&found.equalities) Values(other.data(), other.size());
+    return found;
+  }
 };
 
 // What a step keeps with equality: where the next step's solution is looked for first.

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
@@ -51,23 +49,4 @@ def solve_qp(
         guess: Of a step before, with the same variables. None: there is none.
         elastic: In elastic mode, whether they have a solution or not.
     """
-    n, constraints, equalities = len(at_x.gradient), len(at_x.constraints), len(at_x.equalities)
-    return Step(
-        *compiled.solve_subproblem(
-            at_x.value,
-            at_x.gradient,
-            at_x.hessian,
-            at_x.max_terms,
-            at_x.max_terms_jacobian,
-            at_x.constraints,
-            at_x.constraints_jacobian,
-            at_x.equalities,
-            at_x.equalities_jacobian.reshape(equalities, n),
-            at_x.names if len(at_x.names) == constraints else np.arange(constraints),
-            radius,
-            penalty,
-            _INSIDE,
-            guess,
-            elastic,
-        )
-    )
+    return Step(*compiled.solve_subproblem(at_x, radius, penalty, _INSIDE, guess, elastic))
