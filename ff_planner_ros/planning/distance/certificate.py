@@ -185,10 +185,11 @@ def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
         Coefficients of s, s^2, s^3 from one to the next, s from 0 to 1. Shape
         (points - 1, 3, 6 + joints).
     """
-    whole = np.array([pin.difference(robot.model, *pair) for pair in pairwise(q)])
-    first, last = steps[:, None] * v[:-1], steps[:, None] * v[1:]
-    turned = np.array([pin.Jexp6(pin.Motion(way[:6])) for way in whole])
-    last[:, :6] = np.linalg.solve(turned, last[:, :6, None])[:, :, 0]
+    model, to_end = robot.model, pin.ArgumentPosition.ARG1
+    whole = np.array([pin.difference(model, *pair) for pair in pairwise(q)])
+    by_end = np.array([pin.dDifference(model, *pair, to_end) for pair in pairwise(q)])
+    first = steps[:, None] * v[:-1]
+    last = steps[:, None] * (by_end @ v[1:, :, None])[:, :, 0]
     return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
 
 
