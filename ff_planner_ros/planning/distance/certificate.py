@@ -37,6 +37,7 @@ LINES_GAP = 1e-4
 _GAP = 0.25
 # Number of parts that an interval is cut into: one call for several is cheaper than two calls.
 _PIECES = 4
+_CUTS = np.arange(_PIECES + 1)[:, None] / _PIECES
 # Fraction of an interval between points that is not cut further: the rest is rounding.
 SHORTEST_PIECE = 1e-12
 _TINY = np.finfo(float).tiny
@@ -128,7 +129,7 @@ def certified_clearance(
         if not open_.any():
             return certified
         index, begin, end = index[open_], begin[open_], end[open_]
-        ends = begin + np.linspace(0.0, 1.0, _PIECES + 1)[:, None] * (end - begin)
+        ends = begin + _CUTS * (end - begin)
         inside, which = ends[1:-1].ravel(), np.tile(index, _PIECES - 1)
         moved = np.einsum("ip,ipj->ij", inside[:, None] ** np.array([1, 2, 3]), cubics[which])
         between = np.array(
@@ -217,7 +218,7 @@ def way_bounds(slides: Array, positions: Array, q: Array, cubics: Array) -> Arra
     rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
     # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
     way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
-    moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
+    moving, turning = np.linalg.norm(rates[:, :6].reshape(-1, 2, 3), axis=2).T
     bounds: Array = moving + turning * (reach + way / 2) + rates[:, 6:] @ beyond
     return bounds
 
@@ -256,7 +257,8 @@ def _lengths(slides: Array, positions: Array, q: Array, cubics: Array) -> Array:
     One that a joint slides along is longer than at the first point by what it slides from there.
     """
     lengths: Array = np.linalg.norm(np.diff(positions, axis=0, prepend=q[None, :3]), axis=1)
-    moved = cubics[:, :, 6:]
-    begin = np.cumsum(moved.sum(axis=1), axis=0) - moved.sum(axis=1)
-    lengths[:-1] += slides * (np.abs(begin) + np.abs(moved).sum(axis=1)).max(axis=0)
+    if slides.any():
+        moved = cubics[:, :, 6:]
+        begin = np.cumsum(moved.sum(axis=1), axis=0) - moved.sum(axis=1)
+        lengths[:-1] += slides * (np.abs(begin) + np.abs(moved).sum(axis=1)).max(axis=0)
     return lengths

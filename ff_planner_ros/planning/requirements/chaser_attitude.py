@@ -28,12 +28,9 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     within,
 )
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.quaternion import (
-    quaternion_from_rotation,
-    quaternion_product,
-    rotation_from_quaternion,
-)
+from ff_planner_ros.robot.quaternion import quaternion_product, rotation_from_quaternion
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 # The search keeps this much more at the points [rad], but never more than this part of the limit.
@@ -98,7 +95,7 @@ class ChaserAttitude(Requirement):
 def attitudes_along(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
     """Return times [s] along a motion, and quaternions of chaser to inertial axes, (times, 4)."""
     to_base = robot.rotation_chaser_to_base
-    axes = quaternion_product(motion.q[:, 3:7], quaternion_from_rotation(to_base))
+    axes = quaternion_product(motion.q[:, 3:7], eigen_quaternion(to_base))
     if robot.base is Base.ATTITUDE_HELD:
         return motion.time, axes
     count = len(motion.time) - 1
