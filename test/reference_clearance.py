@@ -115,13 +115,14 @@ def search_certificate(
     times: Array,
     spheres: Sequence[Sphere],
     gap: float = CERTIFICATE_GAP,
+    part: float = 0.0,
 ) -> float:
     """Return a lower bound of the clearance of the centre lines along the whole motion [m].
 
     Between two points the motion is the cubic through both configurations and velocities. On an
     interval of it arm and sphere move at most by their speed bounds, so the distance is at least
     the mean of both ends' less half of both displacements. Intervals whose bound is too low to
-    decide are halved. The bound is within the gap [m] of the truth.
+    decide are halved. The bound is within the gap [m] or this part of the truth.
     """
     if not spheres:
         return np.inf
@@ -141,9 +142,9 @@ def search_certificate(
     # Each of shape (pieces, spheres): a fast one that is far away is not looked at closely.
     ways, at_begin, at_end = ways[:, reachable], by_sphere[:-1, reachable], by_sphere[1:, reachable]
     while True:
-        part = end - begin
-        bound = ((at_begin + at_end - ways[index] * part[:, None]) / 2).min(axis=1)
-        open_ = (bound < lowest - gap) & (part > SHORTEST_PIECE)
+        length = end - begin
+        bound = ((at_begin + at_end - ways[index] * length[:, None]) / 2).min(axis=1)
+        open_ = (bound < lowest - max(gap, part * lowest)) & (length > SHORTEST_PIECE)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return certified

@@ -234,7 +234,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         ),
         "certified_clearance": (
             compiled.certified_clearance,
-            certified | spheres | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3},
+            certified | spheres | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3, "part": 0.0},
         ),
         "Start": (compiled.Start, start),
         "Target": (compiled.Target, target),

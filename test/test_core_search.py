@@ -154,7 +154,7 @@ def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
     q[:, 6] = 1.0
     motion = {"q": q, "cubics": np.zeros((1, 3, 12)), "times": np.arange(2.0)}
     spheres = {"centers": np.full((1, 3), 9.0), "velocities": np.zeros((1, 3)), "radii": np.ones(1)}
-    rest = {"ways": np.zeros(1), "gap": 1e-3}
+    rest = {"ways": np.zeros(1), "gap": 1e-3, "part": 0.0}
 
     def certified(**change: Any) -> float:
         of_motion, of_spheres, others = (

@@ -16,6 +16,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import (
     generalised_jacobian,
     smallest_singular_values,
+    total_momenta,
     total_momentum,
 )
 from ff_planner_ros.robot.state import SystemState
@@ -53,6 +54,14 @@ def test_it_is_the_sum_over_all_bodies(robot: Robot, seed: int) -> None:
     found = total_momentum(robot, model.createData(), q, v)
     np.testing.assert_allclose(found[:3], linear, rtol=0.0, atol=1e-8 * np.abs(linear).max())
     np.testing.assert_allclose(found[3:], angular, rtol=0.0, atol=1e-8 * np.abs(angular).max())
+
+
+def test_at_many_points_it_is_that_at_each(robot: Robot) -> None:
+    rng = np.random.default_rng(0)
+    each = [configuration(robot, random_state(robot, rng)) for _ in range(4)]
+    q, v = (np.array(rows) for rows in zip(*each, strict=True))
+    data = robot.model.createData()
+    near(total_momenta(robot, q, v), np.array([total_momentum(robot, data, *at) for at in each]))
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -82,7 +82,7 @@ def test_the_joints_are_where_they_shall_be_and_nothing_pushes_the_system(
     if posture.positions is not None:
         np.testing.assert_allclose(motion.joint_positions[-1], posture.positions, atol=1e-12)
     robot = task.problem.robot
-    momenta = total_momenta(robot, robot.model.createData(), *from_trajectory(robot, motion))
+    momenta = total_momenta(robot, *from_trajectory(robot, motion))
     np.testing.assert_allclose(momenta - momenta[0], 0.0, atol=1e-6)
     assert verify(robot, motion).passed
     assert plan.family == "joint_spline"

@@ -181,12 +181,15 @@ def joint_path(
 def chaser_euler(q: Array, by_x: Array, rotation_chaser_to_base: Array) -> tuple[Array, Array]:
     """Return what `planning.objectives.chaser_euler_with_derivative` does."""
 
-def certified_clearance(motion: CubicMotion, ways: Array, spheres: Spheres, gap: float) -> float:
+def certified_clearance(
+    motion: CubicMotion, ways: Array, spheres: Spheres, gap: float, part: float
+) -> float:
     """Return what `planning.distance.certificate.certified_clearance` does.
 
     Args:
         ways: Of `way_bounds`. Shape (points - 1,) [m].
-        gap: How far it may be below the truth [m].
+        gap: How far it may be below the truth [m], or
+        part: by which part of it.
     """
 
 class Start:

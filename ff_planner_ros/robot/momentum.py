@@ -27,17 +27,26 @@ from ff_planner_ros.robot.wheels import momenta_of
 
 def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
     """Return linear and angular momentum of the whole system, Eq. (24)."""
-    (total,) = total_momenta(robot, data, q[None], v[None])
-    return np.asarray(total, np.float64)
+    total = np.array(pin.computeCentroidalMomentum(robot.model, data, q, v).vector)
+    total[3:] += cross(data.com[0], total[:3])
+    return total
 
 
-def total_momenta(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
-    """Return `total_momentum` at each row of q and v. Shape (points, 6)."""
-    model, total, centers = robot.model, np.empty((len(q), 6)), np.empty((len(q), 3))
-    for k, at in enumerate(zip(q, v, strict=True)):
-        total[k] = pin.computeCentroidalMomentum(model, data, *at)
-        centers[k] = data.com[0]
-    total[:, 3:] += cross(centers, total[:, :3])
+def total_momenta(robot: Robot, q: Array, v: Array, maps: Array | None = None) -> Array:
+    """Return `total_momentum` at each row of q and v. Shape (points, 6).
+
+    Args:
+        maps: The result of `momentum_maps`. None: they are computed.
+    """
+    if maps is None:
+        maps = momentum_maps(robot, robot.model.createData(), q)
+    return momenta_about_origin(q, (maps @ v[:, :, None])[:, :, 0])
+
+
+def momenta_about_origin(q: Array, in_base: Array) -> Array:
+    """Return momenta that are given about the base's origin, in its axes. Shape (points, 6)."""
+    total = (in_base.reshape(-1, 2, 3) @ rotation_base_to_inertial(q).swapaxes(1, 2)).reshape(-1, 6)
+    total[:, 3:] += cross(q[:, :3], total[:, :3])
     return total
 
 

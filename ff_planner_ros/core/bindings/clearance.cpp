@@ -97,11 +97,14 @@ CubicMotion cubic_motion(const Chain& chain, const Array& q, const Array& cubics
           values(times, "times", {points})};
 }
 
-double certified(const CubicMotion& motion, const Array& ways, const Spheres& spheres, double gap) {
+double certified(const CubicMotion& motion, const Array& ways, const Spheres& spheres, double gap,
+                 double part) {
   const Values of_ways = values(ways, "ways", {motion.times.size() - 1});
   if (!(checked(gap, "gap") > 0)) throw std::invalid_argument("gap must be positive");
+  if (!(checked(part, "part") >= 0 && part < 1))
+    throw std::invalid_argument("part must be at least 0 and below 1");
   if (spheres.all.empty()) return std::numeric_limits<double>::infinity();
-  return certified_clearance(motion, of_ways, spheres.all, gap);
+  return certified_clearance(motion, of_ways, spheres.all, gap, part);
 }
 
 }  // namespace
@@ -122,7 +125,7 @@ void bind_clearance(py::module_& m) {
         py::arg("times"), py::arg("spheres"), py::arg("interest"), py::arg("quarter_way"),
         py::arg("times_by_last") = Array(0));
   m.def("certified_clearance", &certified, py::arg("motion"), py::arg("ways"), py::arg("spheres"),
-        py::arg("gap"));
+        py::arg("gap"), py::arg("part"));
 }
 
 }  // namespace ff

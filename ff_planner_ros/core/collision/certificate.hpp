@@ -38,14 +38,14 @@ struct CubicMotion {
 
 // In a piece of the motion the distance from a sphere is at least the mean of both ends' less half
 // the ways of arm and sphere. Pieces whose bound is too low to tell are halved, until it is within
-// `gap`, or they are as short as numbers can tell, or there are too many of them.
+// `gap` or `part` of the least, or they are as short as numbers can tell, or there are too many.
 // `ways`: that no point of the arm exceeds to the next point [m].
 inline double certified_clearance(const CubicMotion& motion, const Values& ways,
-                                  const std::vector<Sphere>& spheres, double gap) {
+                                  const std::vector<Sphere>& spheres, double gap, double part) {
   struct Piece {
     int point;
     double begin, end;
-    std::vector<double> at_begin, at_end;  // of each sphere that counts
+    size_t at_begin, at_end;  // rows of `found`
   };
   constexpr double shortest = 1e-12;  // as part of an interval
   constexpr size_t most = 1 << 18;    // pieces: ways that need more are no arm's
@@ -70,23 +70,23 @@ inline double certified_clearance(const CubicMotion& motion, const Values& ways,
     for (int i = 0; i < intervals; ++i) longest = std::max(longest, way(i, spheres[k]));
     if (at_points.col(k).minCoeff() <= lowest + longest) reachable.push_back(static_cast<int>(k));
   }
-  const auto at_point = [&](int i) {
-    std::vector<double> distances;
-    for (const int k : reachable) distances.push_back(at_points(i, k));
-    return distances;
-  };
+  std::vector<double> found;  // distances from each of these, a row wherever the arm was looked at
+  for (int i = 0; i <= intervals; ++i)
+    for (const int k : reachable) found.push_back(at_points(i, k));
   std::vector<Piece> pieces;
-  for (int i = 0; i < intervals; ++i) pieces.push_back({i, 0, 1, at_point(i), at_point(i + 1)});
+  for (int i = 0; i < intervals; ++i) pieces.push_back({i, 0, 1, size_t(i), size_t(i) + 1});
   for (size_t looked = 0;; looked += pieces.size()) {
     std::vector<Piece> open, halves;
     for (const Piece& piece : pieces) {
-      const double part = piece.end - piece.begin;
+      const double length = piece.end - piece.begin;
       double bound = std::numeric_limits<double>::infinity();
       for (size_t n = 0; n < reachable.size(); ++n) {
-        const double moved = way(piece.point, spheres[reachable[n]]) * part;
-        bound = std::min(bound, (piece.at_begin[n] + piece.at_end[n] - moved) / 2);
+        const double moved = way(piece.point, spheres[reachable[n]]) * length;
+        const double both = found[piece.at_begin * reachable.size() + n] +
+                            found[piece.at_end * reachable.size() + n];
+        bound = std::min(bound, (both - moved) / 2);
       }
-      if (bound < lowest - gap && part > shortest && looked < most)
+      if (bound < lowest - std::max(gap, part * lowest) && length > shortest && looked < most)
         open.push_back(piece);
       else
         certified = std::min(certified, bound);
@@ -97,10 +97,10 @@ inline double certified_clearance(const CubicMotion& motion, const Values& ways,
       const double time =
           motion.times[point] + middle * (motion.times[point + 1] - motion.times[point]);
       const Arm arm(motion.chain, motion.at(point, middle));
-      std::vector<double> there;
+      const size_t there = found.size() / reachable.size();
       for (const int k : reachable) {
-        there.push_back(nearest(arm.points, starts, spheres[k], time));
-        lowest = std::min(lowest, there.back());
+        found.push_back(nearest(arm.points, starts, spheres[k], time));
+        lowest = std::min(lowest, found.back());
       }
       halves.push_back({point, begin, middle, at_begin, there});
       halves.push_back({point, middle, end, there, at_end});

@@ -37,6 +37,7 @@ LINES_GAP = 1e-4
 _GAP = 0.25
 # Number of parts that an interval is cut into: one call for several is cheaper than two calls.
 _PIECES = 4
+_CUTS = np.arange(_PIECES + 1)[:, None] / _PIECES
 # Fraction of an interval between points that is not cut further: the rest is rounding.
 SHORTEST_PIECE = 1e-12
 _TINY = np.finfo(float).tiny
@@ -128,7 +129,7 @@ def certified_clearance(
         if not open_.any():
             return certified
         index, begin, end = index[open_], begin[open_], end[open_]
-        ends = begin + np.linspace(0.0, 1.0, _PIECES + 1)[:, None] * (end - begin)
+        ends = begin + _CUTS * (end - begin)
         inside, which = ends[1:-1].ravel(), np.tile(index, _PIECES - 1)
         moved = np.einsum("ip,ipj->ij", inside[:, None] ** np.array([1, 2, 3]), cubics[which])
         between = np.array(
@@ -185,10 +186,11 @@ def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
         Coefficients of s, s^2, s^3 from one to the next, s from 0 to 1. Shape
         (points - 1, 3, 6 + joints).
     """
-    whole = np.array([pin.difference(robot.model, *pair) for pair in pairwise(q)])
-    first, last = steps[:, None] * v[:-1], steps[:, None] * v[1:]
-    turned = np.array([pin.Jexp6(pin.Motion(way[:6])) for way in whole])
-    last[:, :6] = np.linalg.solve(turned, last[:, :6, None])[:, :, 0]
+    model, to_end = robot.model, pin.ArgumentPosition.ARG1
+    whole = np.array([pin.difference(model, *pair) for pair in pairwise(q)])
+    by_end = np.array([pin.dDifference(model, *pair, to_end) for pair in pairwise(q)])
+    first = steps[:, None] * v[:-1]
+    last = steps[:, None] * (by_end @ v[1:, :, None])[:, :, 0]
     return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
 
 
@@ -216,7 +218,7 @@ def way_bounds(slides: Array, positions: Array, q: Array, cubics: Array) -> Arra
     rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
     # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
     way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
-    moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
+    moving, turning = np.linalg.norm(rates[:, :6].reshape(-1, 2, 3), axis=2).T
     bounds: Array = moving + turning * (reach + way / 2) + rates[:, 6:] @ beyond
     return bounds
 
@@ -255,7 +257,8 @@ def _lengths(slides: Array, positions: Array, q: Array, cubics: Array) -> Array:
     One that a joint slides along is longer than at the first point by what it slides from there.
     """
     lengths: Array = np.linalg.norm(np.diff(positions, axis=0, prepend=q[None, :3]), axis=1)
-    moved = cubics[:, :, 6:]
-    begin = np.cumsum(moved.sum(axis=1), axis=0) - moved.sum(axis=1)
-    lengths[:-1] += slides * (np.abs(begin) + np.abs(moved).sum(axis=1)).max(axis=0)
+    if slides.any():
+        moved = cubics[:, :, 6:]
+        begin = np.cumsum(moved.sum(axis=1), axis=0) - moved.sum(axis=1)
+        lengths[:-1] += slides * (np.abs(begin) + np.abs(moved).sum(axis=1)).max(axis=0)
     return lengths

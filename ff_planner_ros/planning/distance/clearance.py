@@ -134,7 +134,7 @@ def clearances(
     along = end - start
     from_center = start - centers
     fraction = -_dot(from_center, along) / np.maximum(_dot(along, along), _TINY)
-    fraction = np.clip(fraction, 0.0, 1.0)
+    fraction = np.minimum(np.maximum(fraction, 0.0), 1.0)  # numpy's `clip` takes twice as long
     offset = from_center + fraction[..., None] * along
     return Clearances(np.sqrt(_dot(offset, offset)) - radii, fraction, offset)
 

@@ -29,11 +29,12 @@ def search_certificate(
     times: Array,
     spheres: Sequence[Sphere],
     gap: float = CERTIFICATE_GAP,
+    part: float = 0.0,
 ) -> float:
     """Return a lower bound of the clearance of the centre lines along the whole motion [m].
 
     It bounds displacements only, and so may be below `certified_clearance`, which also bounds
-    accelerations: by the gap [m] at most.
+    accelerations: by the gap [m] or, if that is more, by this part of it at most.
     """
     if not spheres:
         return np.inf
@@ -43,6 +44,7 @@ def search_certificate(
         way_bounds(slides(robot), arm_points(robot, q[:1])[0], q[0], cubics),
         spheres_of(spheres, float(times[-1])),
         gap,
+        part,
     )
 
 

@@ -89,8 +89,7 @@ def peaks_of_steps(values: Array, motion: FollowedMotion) -> Peaks:
     """
     before, there, after = values[:-2], values[1:-1], values[2:]
     slope, curvature = (after - before) / 2, before + after - 2 * there
-    with np.errstate(divide="ignore", invalid="ignore"):
-        aside = np.nan_to_num(-slope / curvature)
+    aside = np.divide(-slope, curvature, out=np.zeros_like(slope), where=curvature != 0.0)
     at_point = np.arange(1, len(values) - 1) % motion.pieces == 0
     aside[(np.abs(aside) > 1.0) | (at_point[:, None] & (motion.pieces > 1))] = 0.0
     peaks = np.concatenate(

@@ -20,11 +20,11 @@ from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import (
     base_twist,
-    momentum_maps,
     total_momentum,
     with_wheel_momenta,
 )
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
+from ff_planner_ros.robot.rotation import skew
 from ff_planner_ros.robot.state import SystemState
 
 # Largest rotation in one step [rad]. The error of RK4 in a radian is about its fourth power, 1e-7,
@@ -107,19 +107,20 @@ def carried(
     positions, rates, joint_accelerations = joints.at(half_steps)
     # The momentum map depends on the joints alone, so that Eq. (27) is prepared for all times.
     of_joints = np.empty((len(half_steps), model.nq))
-    of_joints[:, :7], of_joints[:, 7:] = q_start[:7], positions
-    maps = momentum_maps(robot, data, of_joints)
+    of_joints[:, :7], of_joints[:, 7:] = pin.neutral(model)[:7], positions
+    # To momentum about the centre of mass, in axes of the base.
+    maps = np.array([pin.computeCentroidalMap(model, data, row) for row in of_joints])
     # The system's centre of mass moves uniformly: its position is known without integration. In the
     # base frame the map holds it: mass times its cross-product matrix.
     mass, linear, angular = pin.computeTotalMass(model), momentum[:3], momentum[3:]
-    in_base = maps[::2, [5, 3, 4], [1, 2, 0]] / mass
+    in_base = maps[::2, [1, 2, 0], [5, 3, 4]] / mass
     centers = pin.centerOfMass(model, data, q_start) + np.outer(time - time[0], linear / mass)
     # The angular momentum about it is constant, and consists of these parts of the base's rotation
     # and of the joints, whatever the linear velocity is.
     constant = angular - pin.skew(centers[0]) @ linear
-    about_center = maps[:, 3:, 3:] - maps[:, 3:, :3] @ (maps[:, :3, 3:] / mass)
+    about_center, maps = maps[:, 3:, 3:], maps[::2]
     turning = [row - 3 for row in robot.base.rows if row >= 3]
-    of_momentum = np.zeros((len(maps), 3, 3))
+    of_momentum = np.zeros((len(about_center), 3, 3))
     rows, columns = np.ix_(turning, turning)
     of_momentum[:, rows, columns] = np.linalg.inv(about_center[:, rows, columns])
     of_rates = (of_momentum @ (about_center[:, :, 3:] @ rates[:, :, None]))[:, :, 0]
@@ -136,11 +137,12 @@ def carried(
     q[:, 7:], v[:, 6:] = positions[::2], rates[::2]
     seen = (constant @ base_to_inertial)[:, :, None]
     v[:, 3:6] = (of_momentum[::2] @ seen)[:, :, 0] - of_rates[::2]
-    of_turns = (maps[::2, :3, 3:] @ v[:, 3:, None])[:, :, 0]
+    of_turns = (maps[:, :3, 3:] @ v[:, 3:, None])[:, :, 0]
     v[:, :3] = (linear @ base_to_inertial - of_turns) / mass
     if robot.base is Base.PLANAR:
         q[:, 2], v[:, 2] = q_start[2], 0.0
-    return q, v, joint_accelerations[::2], maps[::2]
+    maps[:, 3:] += skew(in_base) @ maps[:, :3]
+    return q, v, joint_accelerations[::2], maps
 
 
 def _phases(

@@ -51,9 +51,9 @@ class JointMotion:
         # De Casteljau's: of six coefficients five, four, three and so on.
         left = self._coefficients[0][:, piece]
         while len(left) > 3:
-            left = left[:-1] + part * np.diff(left, axis=0)
-        of_rates = np.diff(left, axis=0)
-        accelerations = np.diff(of_rates, axis=0)[0] * (20 / step**2)
+            left = left[:-1] + part * (left[1:] - left[:-1])
+        of_rates = left[1:] - left[:-1]
+        accelerations = (of_rates[1] - of_rates[0]) * (20 / step**2)
         rates = (of_rates[0] + part * (of_rates[1] - of_rates[0])) * (5 / step)
         left = left[:-1] + part * of_rates
         return left[0] + part * (left[1] - left[0]), rates, accelerations

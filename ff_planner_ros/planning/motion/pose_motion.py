@@ -66,9 +66,16 @@ def attitudes_between(
         Quaternions (x, y, z, w) to inertial axes. Shape (times, 4).
     """
     rotations = rotation_from_quaternion(quaternions_xyzw)
+    body_rates = np.einsum("pi,pij->pj", angular_velocities, rotations)
+    return attitudes_by_body_rates(times, quaternions_xyzw, body_rates, at)
+
+
+def attitudes_by_body_rates(
+    times: Array, quaternions_xyzw: Array, body_rates: Array, at: Array
+) -> Array:
+    """Return `attitudes_between`, from angular velocities in the frame's own axes."""
     turns = quaternion_product(quaternion_inverse(quaternions_xyzw[:-1]), quaternions_xyzw[1:])
     whole = rotation_vector_from_quaternion(turns)
-    body_rates = np.einsum("pi,pij->pj", angular_velocities, rotations)
     rates_before, rates_after = body_rates[:-1], _rates_of_vectors(whole, body_rates[1:])
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
     step = np.diff(times)[before, None]

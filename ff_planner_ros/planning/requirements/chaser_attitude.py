@@ -16,7 +16,7 @@ from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.measures import chaser_euler_with_derivative
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.pose_motion import attitudes_between
+from ff_planner_ros.planning.motion.pose_motion import attitudes_by_body_rates
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -28,9 +28,9 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     within,
 )
-from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion
+from ff_planner_ros.robot.quaternion import quaternion_product, rotation_from_quaternion
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 # The search keeps this much more at the points [rad], but never more than this part of the limit.
@@ -94,14 +94,13 @@ class ChaserAttitude(Requirement):
 @lru_cache(maxsize=2)  # what is measured first is judged soon after
 def attitudes_along(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
     """Return times [s] along a motion, and quaternions of chaser to inertial axes, (times, 4)."""
-    rotations = rotation_base_to_inertial(motion.q)
-    axes = quaternion_from_rotation(rotations @ robot.rotation_chaser_to_base)
+    to_base = robot.rotation_chaser_to_base
+    axes = quaternion_product(motion.q[:, 3:7], eigen_quaternion(to_base))
     if robot.base is Base.ATTITUDE_HELD:
         return motion.time, axes
-    angular_velocities = np.einsum("pij,pj->pi", rotations, motion.v[:, 3:6])
     count = len(motion.time) - 1
     at = np.interp(np.arange(_TIMES * count + 1), _TIMES * np.arange(count + 1), motion.time)
-    return at, attitudes_between(motion.time, axes, angular_velocities, at)
+    return at, attitudes_by_body_rates(motion.time, axes, motion.v[:, 3:6] @ to_base, at)
 
 
 def _angles(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:

@@ -42,7 +42,7 @@ from ff_planner_ros.planning.paths.start_approach import refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
-from ff_planner_ros.planning.requirements.collisions import refuse_nearness
+from ff_planner_ros.planning.requirements.collisions import SLACK_PART, refuse_nearness
 from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
@@ -59,9 +59,6 @@ from ff_planner_ros.robot.model import Robot
 # A certificate of a motion at more times begins with every second one: it subdivides intervals
 # where that matters.
 _ENOUGH = 98
-# The search's first certificate may be below the truth by this [m], half of the default margin:
-# of most paths it is positive, and a closer one takes half as long again.
-_FIRST_GAP = 1e-3
 
 
 class Clearance(Requirement):
@@ -126,8 +123,7 @@ class Clearance(Requirement):
             return np.inf
         at = _looked_at(motion)
         asked = problem.robot, motion.q[at], motion.v[at], motion.time[at], problem.spheres
-        first = search_certificate(*asked, _FIRST_GAP)
-        return first if first >= 0.0 else search_certificate(*asked, certificate_gap(problem))
+        return search_certificate(*asked, certificate_gap(problem), SLACK_PART)
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return R_obst and, of robots with centre lines, the certified clearance [m]."""

@@ -9,8 +9,9 @@ from ff_planner_ros.planning.distance.body_certificate import Least
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
 from ff_planner_ros.planning.requirements.requirement import Samples
 
-# Relative accuracy of certificates in the search, which only asks whether a clearance is positive.
-SLACK_PART = 0.5
+# Relative accuracy of certificates in the search, which only asks whether a clearance is positive;
+# what is left of one is far more than rounding.
+SLACK_PART = 0.95
 
 DETOURS = (
     "a longer duration",

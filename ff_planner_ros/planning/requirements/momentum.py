@@ -17,10 +17,8 @@ from ff_planner_ros.planning.requirements.requirement import (
     too_large,
 )
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import total_momenta, total_momentum
-from ff_planner_ros.robot.rotation import cross
+from ff_planner_ros.robot.momentum import momenta_about_origin, total_momenta, total_momentum
 
 _REPORT = "a report to the maintainers, for this is a fault of the planner"
 
@@ -34,7 +32,7 @@ class Momentum(Requirement):
         """Return the largest errors of momentum, relative, and of torques [N m, N]."""
         problem, trajectory, robot = samples.problem, samples.trajectory, samples.problem.robot
         data = robot.model.createData()
-        momentum = total_momenta(robot, data, *samples.q_and_v)
+        momentum = total_momenta(robot, *samples.q_and_v, samples.maps)
         wanted = total_momentum(robot, data, *configuration(robot, problem.start))
         # A system whose total is zero is measured against the chaser's own momentum; where that is
         # zero too, against what carries the system off by the goal's tolerance.
@@ -61,10 +59,5 @@ class Momentum(Requirement):
 
 def _chaser_momentum(robot: Robot, q: Array, v: Array) -> float:
     """Return the largest size of the chaser's own momentum, linear and angular about the origin."""
-    base_to_inertial = rotation_base_to_inertial(q)
-    in_base = v[:, :6] @ robot.model.inertias[1].matrix()
-    linear, about_base = (
-        np.einsum("pij,pj->pi", base_to_inertial, part) for part in (in_base[:, :3], in_base[:, 3:])
-    )
-    angular = about_base + cross(q[:, :3], linear)
-    return float(np.linalg.norm(np.hstack([linear, angular]), axis=1).max())
+    own = momenta_about_origin(q, v[:, :6] @ robot.model.inertias[1].matrix())
+    return float(np.linalg.norm(own, axis=1).max())

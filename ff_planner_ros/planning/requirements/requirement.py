@@ -27,7 +27,6 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import momentum_maps
 
 # A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
 # limit: rad, rad/s, N m, and that of singular values.
@@ -81,9 +80,10 @@ class Tracked:
         return joint_torques(self.robot, *self.q_and_v, accelerations, self.maps)
 
     @cached_property
-    def maps(self) -> Array:
-        """Matrices of `momentum_maps` at the points. Shape (points, 6, 6 + joints)."""
-        return momentum_maps(self.robot, self.robot.model.createData(), self.q_and_v[0])
+    def maps(self) -> Array | None:
+        """Of `followed`, at the points: they depend on the joints alone."""
+        maps = self.followed.maps
+        return None if maps is None else maps[:: self.followed.pieces]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ class Samples:
         return self._tracked.torques
 
     @property
-    def maps(self) -> Array:
+    def maps(self) -> Array | None:
         """As of `Tracked`."""
         return self._tracked.maps
 
