@@ -6,6 +6,7 @@ import base64
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 from xml.etree.ElementTree import Element, SubElement
 
@@ -163,6 +164,7 @@ def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -
     return replace(held, notes=(*robot.notes, note), payload=payload)
 
 
+@lru_cache(maxsize=8)
 def payload_frame(robot: Robot) -> int | None:
     """Return the index of the frame of a payload's fixed joint; None: the robot holds none."""
     for number, one in enumerate(robot.model.frames):
