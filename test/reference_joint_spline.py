@@ -43,7 +43,8 @@ def reference_motion(family: JointSplines, x: Array, points: int) -> ReferenceMo
     robot, duration, controls = family.robot, family.basis.duration, family.control_points(x)
     angles, rates, accelerated = (rows @ controls for rows in _rows(family, points))
     center, momentum = _conserved(family)
-    rotation = pin.Quaternion(family.q_start[3:7]).toRotationMatrix()
+    q_start, _ = configuration(robot, family.problem.start)
+    rotation = pin.Quaternion(q_start[3:7]).toRotationMatrix()
     maps = momentum_maps(robot, angles)
     turn = base_turn(maps, rates, rotation, momentum[3:], duration / (points - 1))
     drift = momentum[:3] / pin.computeTotalMass(robot.model)
@@ -63,7 +64,7 @@ def reference_motion(family: JointSplines, x: Array, points: int) -> ReferenceMo
     linear -= np.einsum("pij,pj->pi", maps.of_center[::2], rates[::2])
     v = np.hstack([linear, base_rates, rates[::2]])
     if robot.base is Base.PLANAR:  # the table takes up what an axis is off its normal
-        q[:, 2] = q_half_way[:, 2] = family.q_start[2]
+        q[:, 2] = q_half_way[:, 2] = q_start[2]
         v[:, 2] = 0.0
     of_base = base_acceleration(robot, robot.model.createData(), q[-1], v[-1], accelerated[-1])
     none = np.empty((robot.model.nv, 0))

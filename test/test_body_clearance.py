@@ -250,7 +250,7 @@ def test_a_start_in_contact_with_itself_is_refused_and_the_way_out_is_right(
         require_plannable(problem, SETTINGS)
     assert refused.value.status is Status.START_IN_COLLISION
     message = str(refused.value)
-    q, _ = configuration(problem.robot, problem.start)
+    q = configuration(problem.robot, problem.start)[0].copy()
     depth = -dense_least(problem.robot, q[None], np.zeros(1), ())[1]
     assert f"{depth:.4f} m deep" in message
     joint, turn = message.split("; ")[1].split(" turned by ")

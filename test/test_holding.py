@@ -277,7 +277,7 @@ def test_a_hold_in_part_that_would_need_a_stretched_arm_is_refused(
     lemur_capture: PlanningProblem,
 ) -> None:
     """The target goes where the arm can hardly follow: it would take rates of thousands."""
-    q, _ = configuration(lemur_capture.robot, lemur_capture.start)
+    q = configuration(lemur_capture.robot, lemur_capture.start)[0].copy()
     q[7:] = 1e-5
     directions, sizes, _ = np.linalg.svd(ee_moves(lemur_capture, q, np.zeros(6)))
     assert sizes[-1] < 1e-4

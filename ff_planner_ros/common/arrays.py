@@ -55,7 +55,8 @@ def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
         raise InvalidInput(
             Status.WRONG_SIZE, field, values, f"it must have {size} entries, not {vector.size}"
         )
-    if not np.abs(vector).max(initial=0.0) <= _LARGEST:
+    # The square of the length shows of nearly all vectors, and sooner, that no entry is too large.
+    if not vector.dot(vector) <= _LARGEST and not np.abs(vector).max(initial=0.0) <= _LARGEST:
         if not np.isfinite(vector).all():
             raise InvalidInput(Status.NOT_FINITE, field, values, "every entry must be finite")
         allowed = f"no entry may be larger than {_LARGEST:g}"
@@ -71,7 +72,8 @@ def finite_number(field: str, value: float, *, above: float | None = None) -> fl
     """
     if isinstance(value, float) and not math.isfinite(value):
         raise InvalidInput(Status.NOT_FINITE, field, value, "it must be finite")
-    number = float(finite_vector(field, [value], 1)[0])
+    is_sound = isinstance(value, float) and abs(value) <= _LARGEST
+    number = float(value if is_sound else finite_vector(field, [value], 1)[0])
     if above is not None and number <= above:
         raise InvalidInput(Status.OUT_OF_RANGE, field, number, f"it must be greater than {above:g}")
     return number
@@ -84,7 +86,7 @@ def unit_quaternion(field: str, values: ArrayLike) -> Array:
         InvalidInput: Wrong size, not finite, or the norm differs from 1 by more than 1e-3.
     """
     quaternion = finite_vector(field, values, 4)
-    norm = float(np.linalg.norm(quaternion))
+    norm = math.sqrt(quaternion @ quaternion)
     if abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE:
         raise InvalidInput(
             Status.BAD_QUATERNION,

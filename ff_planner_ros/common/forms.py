@@ -143,8 +143,9 @@ def a_vector(size: int | None = 3) -> Form:
     """Return the form of a list of `size` finite numbers; None: of any number."""
 
     def checked(field: str, value: Any) -> Array:
-        given = len(value) if isinstance(value, Sized) else 1
-        return finite_vector(field, value, given if size is None else size)
+        if size is not None:
+            return finite_vector(field, value, size)
+        return finite_vector(field, value, len(value) if isinstance(value, Sized) else 1)
 
     slots = tuple("xyz") if size == 3 else ()
     return Form(numbers, lambda: of_numbers(size), checked, _as_list, slots=slots)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Event, Thread
 
 from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime, Status
@@ -86,7 +86,7 @@ class _Watch(Watch):
         self._best = plan.metrics
 
     def report(self, progress: Progress) -> None:
-        self._told(progress_words(replace(progress, best=self._best)))
+        self._told(progress_words(progress._replace(best=self._best)))
 
 
 def progress_words(progress: Progress) -> str:

@@ -15,8 +15,6 @@ from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.rotation import cross
 
 _NOTHING = np.empty((0, 3))
 
@@ -120,11 +118,9 @@ def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:
         v: Tangent velocity. Shape (6 + joints,).
     """
     data = robot.model.createData()
-    momentum = total_momentum(robot, data, q, v)
-    center = np.array(pin.centerOfMass(robot.model, data, q))
-    momentum[3:] -= cross(center, momentum[:3])
+    momentum = pin.computeCentroidalMomentum(robot.model, data, q, v)
     rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
-    return compiled.Start(q[:3], rotation, center, momentum, robot.base)
+    return compiled.Start(q[:3], rotation, data.com[0], momentum.vector, robot.base)
 
 
 def target_of(target: Target) -> compiled.Target:

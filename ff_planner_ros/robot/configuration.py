@@ -10,10 +10,12 @@ velocities.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -27,8 +29,9 @@ def eigen_quaternion(rotation: Array) -> Array:
     return quaternion
 
 
+@lru_cache(maxsize=8)  # a search asks for those of its start again and again
 def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:
-    """Return the Pinocchio configuration and tangent velocity of a state."""
+    """Return the Pinocchio configuration and tangent velocity of a state, both read-only."""
     rotation_chaser_to_inertial = pin.Quaternion(
         state.quaternion_chaser_to_inertial_xyzw
     ).toRotationMatrix()
@@ -50,7 +53,7 @@ def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:
             state.joint_velocities,
         ]
     )
-    return q, v
+    return frozen(q), frozen(v)
 
 
 def system_state(robot: Robot, q: Array, v: Array) -> SystemState:

@@ -17,7 +17,6 @@ from ff_planner_ros.planning.problem.target_body import MOST_TURNS
 from ff_planner_ros.planning.requirements import REQUIREMENTS, requirements_of
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import total_momentum
 
 # A joint that must exceed its limits by more than this fraction is refused at once.
 _SPARE = 1e-3
@@ -40,9 +39,8 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
             raise InvalidInput(Status.OUT_OF_RANGE, "requirements", required.name, allowed)
     for required in requirements_of(problem):
         required.refuse_start(problem, q_start, settings)
-    momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
     if problem.posture is None:
-        _require_reachable_goal(problem, q_start, momentum)
+        _require_reachable_goal(problem, q_start, v_start)
     _require_foretold(problem, v_start)
 
 
@@ -97,7 +95,7 @@ def _require_foretold(problem: PlanningProblem, v_start: Array) -> None:
         raise InvalidInput(Status.OUT_OF_RANGE, "duration", f"{problem.duration:g} s", allowed)
 
 
-def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: Array) -> None:
+def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: Array) -> None:
     """Refuse a goal that no posture reaches, or that lies inside an obstacle.
 
     The system's centre of mass moves in a straight line. The end effector is never further from
@@ -124,9 +122,9 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
                 f"target.position lies {depth:.4f} m inside obstacle {sphere.id}: at the goal the "
                 "arm cannot be outside it",
             )
-    total_mass = pin.computeTotalMass(robot.model)
-    center = pin.centerOfMass(robot.model, robot.model.createData(), q_start)
-    center_at_end = center + momentum[:3] / total_mass * problem.duration
+    data = robot.model.createData()
+    pin.centerOfMass(robot.model, data, q_start, v_start)
+    center_at_end = data.com[0] + data.vcom[0] * problem.duration
     reach = _reach(robot)
     distance = float(np.linalg.norm(target - center_at_end))
     if distance > reach:

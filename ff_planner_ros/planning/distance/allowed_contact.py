@@ -256,7 +256,9 @@ def _split(may: list[bool], room: Array, obstacles: tuple[Obstacle | None, ...])
         obstacles: Of the pairs, in turn.
     """
     flags = np.array(may, bool)
-    touches = flags & (room.ravel() < KEPT * LEAST_CLEARANCE) if room.size else np.zeros_like(flags)
+    if not flags.any():
+        return Split(np.arange(len(flags)), np.empty(0, np.intp), ())
+    touches = flags & (room.ravel() < KEPT * LEAST_CLEARANCE)
     number = np.arange(len(flags)) % max(len(obstacles), 1)
     groups = tuple(
         (obstacles[k], np.flatnonzero(touches & (number == k))) for k in np.unique(number[touches])

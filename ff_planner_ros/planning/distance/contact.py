@@ -16,7 +16,7 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     split_pairs,
     split_spheres,
 )
-from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
+from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     distance_from,
     pair_bounds,
@@ -58,30 +58,50 @@ def deepest_contact(
     Args:
         within: Clearance from obstacles [m]; a smaller distance is a contact, too.
     """
+    if not (problem.robot.bodies or problem.obstacle_bodies):
+        return None
+    placed = placed_bodies(with_bodies(problem.robot), q[None, 7:])
+    found = list[Contact]()
+    if problem.robot.bodies:
+        found += _of_pairs(problem, placed, q, time)
+        found += _with_spheres(problem, placed, q, time, within)
+    found += _with_obstacles(problem, placed, q, time, within)
+    return _deepest(found, within)
+
+
+def _of_pairs(problem: PlanningProblem, placed: Placed, q: Array, time: float) -> Iterator[Contact]:
+    """Yield contacts of two bodies, and what may be one."""
     robot, bodies = problem.robot, problem.robot.bodies
-    if not bodies:
-        return _deepest(_with_obstacles(problem, q, time, within), within)
-    placed, found = placed_bodies(robot, q[None, 7:]), list[Contact]()
     near = pair_bounds(robot, placed) <= 0.0
     near[0, may_touch(problem, split_pairs(problem), q, time)] = False
     rows = np.nonzero(near)
     measured = pair_distances(robot, placed, rows)
+    if measured.distance.min(initial=np.inf) > 0.0:
+        return
     gradients = pair_gradients(robot, placed, measured, rows)
     for number, distance, by_joints in zip(rows[1], measured.distance, gradients, strict=True):
         first, second = (bodies[body].name for body in robot.pairs[number])
-        found.append(Contact(float(distance), first, second, False, by_joints))
+        yield Contact(float(distance), first, second, False, by_joints)
+
+
+def _with_spheres(
+    problem: PlanningProblem, placed: Placed, q: Array, time: float, within: float
+) -> Iterator[Contact]:
+    """Yield contacts with spheres, and what may be one."""
+    robot, bodies = problem.robot, problem.robot.bodies
     centers, radius = _spheres(problem, q, time)
     near = sphere_bounds(robot, placed, centers, radius) <= within
     near.reshape(-1)[may_touch(problem, split_spheres(problem), q, time)] = False
     at = np.nonzero(near)
     measured = sphere_distances(robot, placed, centers, radius, at)
+    if measured.distance.min(initial=np.inf) > within:
+        return
     gradients = sphere_gradients(robot, placed, measured, at)[:, 6:]
     for body, sphere, distance, by_joints in zip(
         *at[1:], measured.distance, gradients, strict=True
     ):
         names = bodies[body].name, problem.spheres[sphere].id
-        found.append(Contact(float(distance), *names, True, by_joints))
-    return _deepest([*found, *_with_obstacles(problem, q, time, within)], within)
+        yield Contact(float(distance), *names, True, by_joints)
 
 
 def _deepest(found: Iterable[Contact], within: float) -> Contact | None:
@@ -94,19 +114,20 @@ def _deepest(found: Iterable[Contact], within: float) -> Contact | None:
 
 
 def _with_obstacles(
-    problem: PlanningProblem, q: Array, time: float, within: float
+    problem: PlanningProblem, placed: Placed, q: Array, time: float, within: float
 ) -> Iterator[Contact]:
     """Yield contacts with obstacles that are no spheres, and what may be one."""
     robot, obstacles = with_bodies(problem.robot), problem.obstacle_bodies
     if not obstacles:
         return
-    placed = placed_bodies(robot, q[None, 7:])
     at_time = np.array([time])
     poses = seen_from_chaser(q[None], at_time, obstacles)
     near = obstacle_bounds(robot, placed, q[None], at_time, obstacles) <= within
     near.reshape(-1)[may_touch(problem, split_obstacles(problem), q, time)] = False
     at = np.nonzero(near)
     measured = obstacle_distances(robot, placed, poses, obstacles, at)
+    if measured.distance.min(initial=np.inf) > within:
+        return
     gradients = sphere_gradients(robot, placed, measured, at)[:, 6:]
     for body, number, distance, by_joints in zip(
         *at[1:], measured.distance, gradients, strict=True
@@ -152,16 +173,19 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
         return None
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
+    spheres, obstacles = problem.spheres if robot.bodies else (), problem.obstacle_bodies
+    if not (spheres or obstacles):
+        return None
     allowed, found = split_spheres(problem).may_touch, list[Contact]()
-    obstacles, others = problem.obstacle_bodies, split_obstacles(problem).may_touch
+    others = split_obstacles(problem).may_touch
     centers = centers_at(np.array([problem.duration]), problem.spheres)[0]
     for number, body in enumerate(with_bodies(robot).bodies):
         if body.joint != robot.joints + 1:
             continue
         place = last_joint * body.placement_in_joint
-        for index, sphere in enumerate(problem.spheres if robot.bodies else ()):
+        for index, sphere in enumerate(spheres):
             distance = distance_from(body, place.actInv(centers[index])) - sphere.radius
-            if distance <= 0.0 and number * len(problem.spheres) + index not in allowed:
+            if distance <= 0.0 and number * len(spheres) + index not in allowed:
                 found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
         for index, one in enumerate(obstacles):
             rotations, positions = one.poses(np.array([problem.duration]))

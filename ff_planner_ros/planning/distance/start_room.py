@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array, Indices, frozen
 from ff_planner_ros.core.conversions import sphere_arrays
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import pair_distances, sphere_distances
@@ -16,9 +16,11 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_distances,
     seen_from_chaser,
 )
-from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
 
 # The clearance from every obstacle that a start needs [m], ten times the solver's tolerance; and
 # that a plan needs at its last point, where another may start: planning frames round positions.
@@ -33,13 +35,22 @@ _SHORT, _GAINED = 0.5, 0.25
 _FAR = 2.0
 
 
+def lines_from_spheres(problem: PlanningProblem) -> Array:
+    """Return the distances of lines from spheres at the start. Shape (lines, spheres) [m]."""
+    return _lines_from_spheres(problem.robot, problem.start, problem.spheres)
+
+
+@lru_cache(maxsize=4)  # problems that differ in something else have the same
+def _lines_from_spheres(robot: Robot, start: SystemState, spheres: tuple[Sphere, ...]) -> Array:
+    q, _ = configuration(robot, start)
+    positions = arm_points(robot, q[None])
+    return frozen(clearances(positions, np.zeros(1), segments(positions), spheres).distance[0])
+
+
 @lru_cache(maxsize=4)
 def room_of_lines(problem: PlanningProblem) -> Array:
     """Return half the start distances of lines from spheres. Shape (lines, spheres) [m]."""
-    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
-    positions = arm_points(robot, q[None])
-    found = clearances(positions, np.zeros(1), segments(positions), problem.spheres)
-    return _room(found.distance[0])
+    return _room(lines_from_spheres(problem))
 
 
 @lru_cache(maxsize=4)

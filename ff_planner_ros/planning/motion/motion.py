@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.dynamics import inverse_dynamics
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
@@ -87,7 +86,7 @@ def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
     attitudes = base_to_inertial @ robot.rotation_chaser_to_base
     return {
         "chaser_positions": q[:, :3] + chaser_from_base,
-        "chaser_quaternions_xyzw": np.array([eigen_quaternion(R) for R in attitudes]),
+        "chaser_quaternions_xyzw": quaternion_from_rotation(attitudes),
         "chaser_linear_velocities": velocity_base + cross(omega, chaser_from_base),
         "chaser_angular_velocities": omega,
     }

@@ -23,10 +23,17 @@ _LEAST_PART = 0.003
 
 def steered(robot: Robot, target: Target) -> int:
     """Return how many of a target's conditions the joint velocities can meet at once: a rank."""
+    axis = target.free_axis_in_ee
+    return _rank(robot, target.orientation, None if axis is None else tuple(axis.tolist()))
+
+
+@lru_cache(maxsize=8)
+def _rank(robot: Robot, orientation: Orientation, axis: tuple[float, ...] | None) -> int:
     data, most = robot.model.createData(), 0
+    free_axis = None if axis is None else np.array(axis)
     for number in range(_POSTURES):
         q, of_rates = _posture(robot, number)
-        asked = twist_conditions(robot, data, target, q) @ of_rates
+        asked = twist_conditions(robot, data, orientation, free_axis, q) @ of_rates
         values = np.linalg.svd(asked, compute_uv=False)
         most = max(most, int((values > _LEAST_PART * values[0]).sum()))
         if most == len(values):  # no posture has more
@@ -49,7 +56,9 @@ def _posture(robot: Robot, number: int) -> tuple[Array, Array]:
     return q, of_rates
 
 
-def twist_conditions(robot: Robot, data: pin.Data, target: Target, q: Array) -> Array:
+def twist_conditions(
+    robot: Robot, data: pin.Data, orientation: Orientation, free_axis: Array | None, q: Array
+) -> Array:
     """Return the matrix that selects from an inertial twist what a target specifies.
 
     Shape (conditions, rows), where the rows are the base's `tip_rows`.
@@ -57,11 +66,11 @@ def twist_conditions(robot: Robot, data: pin.Data, target: Target, q: Array) -> 
     rows = robot.base.tip_rows
     every = np.eye(len(rows))
     linear = every[[row < 3 for row in rows]]
-    if target.orientation is Orientation.FREE:
+    if orientation is Orientation.FREE:
         return linear
-    if target.free_axis_in_ee is None:
+    if free_axis is None:
         return every
     pin.forwardKinematics(robot.model, data, q)
     tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    _, _, across = np.linalg.svd((tip.rotation @ target.free_axis_in_ee)[None])
+    _, _, across = np.linalg.svd((tip.rotation @ free_axis)[None])
     return np.concatenate([linear, np.hstack([np.zeros((2, 3)), across[1:]])])

@@ -22,15 +22,16 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
-from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
+from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, with_attached
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.target import Target
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import (
     canonical_quaternion,
     quaternion_inverse,
     quaternion_product,
-    rotation_from_quaternion,
 )
 from ff_planner_ros.robot.state import SystemState
 
@@ -52,43 +53,31 @@ class SystemFrame:
     @cached_property
     def rotation(self) -> Array:
         """Rotation from its axes to the user's. Shape (3, 3)."""
-        return frozen(rotation_from_quaternion(self.quaternion_xyzw))
+        return frozen(pin.Quaternion(self.quaternion_xyzw).toRotationMatrix())
 
     def problem(self, problem: PlanningProblem) -> PlanningProblem:
         """Return a problem of the user's frame, whose first point is at time zero, in this frame.
 
         Its values are rounded, and its start is `start`.
         """
-        target, end, window = problem.target, problem.duration, problem.duration_range
-        seen = replace(
+        body, end, window = problem.target_body, problem.duration, problem.duration_range
+        here = None if body is None else self._body_here(body)
+        others = tuple(
+            self._obstacle_here(one)
+            for one in problem.obstacles
+            if here is None or one.body is None
+        )
+        return replace(
             problem,
             start=self.start,
-            target=replace(
-                target,
-                position=self._place_here(target.position, end),
-                quaternion_xyzw=self._attitude_here(target.quaternion_xyzw),
-                linear_velocity=self._velocity_here(target.linear_velocity),
-                angular_velocity=self._vector_here(target.angular_velocity, _OTHER),
-                linear_acceleration=self._vector_here(target.linear_acceleration, _OTHER),
-                angular_acceleration=self._vector_here(target.angular_acceleration, _OTHER),
-            ),
-            obstacles=tuple(map(self._obstacle_here, problem.obstacles)),
+            target=self._target_here(problem.target, end) if here is None else here.target(end),
+            obstacles=others if here is None else with_attached(others, here),
+            target_body=here,
             requirements=tuple(one.seen_from(self) for one in problem.requirements),
             duration_range=None
             if window is None
             else replace(window, target_velocity=self._velocity_here(window.target_velocity)),
         )
-        body = problem.target_body
-        if body is None:
-            return seen
-        moved = replace(
-            body,
-            position=self._place_here(body.position, 0.0),
-            quaternion_xyzw=self._attitude_here(body.quaternion_xyzw),
-            linear_velocity=self._velocity_here(body.linear_velocity),
-            angular_velocity=self._vector_here(body.angular_velocity, _OTHER),
-        )
-        return with_capture_target(moved, seen)
 
     def state_seen_by_user(self, state: SystemState, time: float) -> SystemState:
         """Return a state of this frame at a time [s] in the user's frame."""
@@ -128,6 +117,26 @@ class SystemFrame:
 
         return _with_motion(plan, there)
 
+    def _target_here(self, target: Target, time: float) -> Target:
+        return replace(
+            target,
+            position=self._place_here(target.position, time),
+            quaternion_xyzw=self._attitude_here(target.quaternion_xyzw),
+            linear_velocity=self._velocity_here(target.linear_velocity),
+            angular_velocity=self._vector_here(target.angular_velocity, _OTHER),
+            linear_acceleration=self._vector_here(target.linear_acceleration, _OTHER),
+            angular_acceleration=self._vector_here(target.angular_acceleration, _OTHER),
+        )
+
+    def _body_here(self, body: TargetBody) -> TargetBody:
+        return replace(
+            body,
+            position=self._place_here(body.position, 0.0),
+            quaternion_xyzw=self._attitude_here(body.quaternion_xyzw),
+            linear_velocity=self._velocity_here(body.linear_velocity),
+            angular_velocity=self._vector_here(body.angular_velocity, _OTHER),
+        )
+
     def _obstacle_here(self, one: Obstacle) -> Obstacle:
         velocity = self._velocity_here(one.velocity)
         if isinstance(one, Sphere):
@@ -162,7 +171,7 @@ def system_frame(robot: Robot, state: SystemState) -> SystemFrame:
         state: State of the system at time zero, in the user's frame.
     """
     quaternion = state.quaternion_chaser_to_inertial_xyzw
-    axes = rotation_from_quaternion(quaternion)
+    axes = pin.Quaternion(quaternion).toRotationMatrix()
     # Relative to the chaser, so that no digit is lost to where the system is or how fast it moves.
     beside_chaser = replace(
         state,
@@ -194,7 +203,7 @@ def in_own_frame(problem: PlanningProblem) -> PlanningProblem:
 
 
 def _rounded(values: Array, grid: float) -> Array:
-    rounded: Array = np.round(values / grid) * grid
+    rounded: Array = np.rint(values / grid) * grid
     return rounded
 
 

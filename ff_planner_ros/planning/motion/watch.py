@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from ff_planner_ros.errors import EndedBy, OutOfTime
@@ -25,8 +22,7 @@ class Budget(NamedTuple):
     with_plan: float = math.inf  # in all, once there is a plan [s]
 
 
-@dataclass(frozen=True)
-class Progress:
+class Progress(NamedTuple):
     """How far a search has come."""
 
     phase: str  # SEARCHING on the coarse grid, REFINING on the fine grid, or CHECKING
@@ -147,8 +143,11 @@ class Steps(PassingOn):
                 after that raises it, too.
         """
         self._require_before_last(1)
-        with self._ending_here():
+        try:
             self._watch.require_time(phase)
+        except OutOfTime:
+            self._end_here()
+            raise
         self._step += 1
 
     def passed(self, steps: int, end: OutOfTime | None = None) -> None:
@@ -158,8 +157,11 @@ class Steps(PassingOn):
             OutOfTime: One of them is the last one, or the part was ended.
         """
         self._require_before_last(steps)
-        with self._ending_here():
+        try:
             super().passed(steps, end)
+        except OutOfTime:
+            self._end_here()
+            raise
         self._step += steps
 
     def _require_before_last(self, steps: int) -> None:
@@ -168,15 +170,10 @@ class Steps(PassingOn):
             self.ended_at = self._last
             raise OutOfTime(f"the search ends at step {self._last}", EndedBy.EFFORT)
 
-    @contextmanager
-    def _ending_here(self) -> Iterator[None]:
-        """Remember the present step if the other watch ends the search."""
-        try:
-            yield
-        except OutOfTime:
-            self.ended_at = self._last = self._step
-            raise
+    def _end_here(self) -> None:
+        """Remember that the other watch ended the search at the present step."""
+        self.ended_at = self._last = self._step
 
     def report(self, progress: Progress) -> None:
         """Forward the progress with the present step."""
-        super().report(replace(progress, step=self._step))
+        super().report(progress._replace(step=self._step))

@@ -218,7 +218,7 @@ class PathProgram:
 
         Those on demand, which have no rows yet, are left out.
         """
-        violated = at_x.names[at_x.constraints < -FEASIBILITY_TOLERANCE] // _NAMES
+        violated = set((at_x.names[at_x.constraints < -FEASIBILITY_TOLERANCE] // _NAMES).tolist())
         return frozenset(
             required.name
             for number, required in enumerate(self.requirements)

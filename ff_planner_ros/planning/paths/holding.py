@@ -128,7 +128,7 @@ def _held_rates(
         spare: Joint rates. Shape (joints,).
     """
     rows = robot.base.tip_rows
-    conditions = twist_conditions(robot, data, target, q)
+    conditions = twist_conditions(robot, data, target.orientation, target.free_axis_in_ee, q)
     of_rates = conditions @ generalised_jacobian(robot, data, q)
     nearest = of_rates / robot.joint_weights**2
     drifting = np.concatenate([base_twist(robot, data, q, momentum, spare), spare])

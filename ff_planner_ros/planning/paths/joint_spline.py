@@ -47,8 +47,6 @@ class JointSplines:
 
     problem: PlanningProblem
     basis: SplineBasis
-    q_start: Array  # configuration at the first point; shape (7 + joints,)
-    start: compiled.Start  # base pose, centre of mass and momentum there
     goal_motion: GoalMotion | None = None  # if the duration is one more variable
 
     name: ClassVar[str] = "joint_spline"
@@ -60,6 +58,11 @@ class JointSplines:
     def robot(self) -> Robot:
         """The robot of the problem."""
         return self.problem.robot
+
+    @cached_property
+    def start(self) -> compiled.Start:
+        """Base pose, centre of mass and momentum at the first point."""
+        return start_of(self.robot, *configuration(self.robot, self.problem.start))
 
     @cached_property
     def fixed(self) -> Array:
@@ -124,7 +127,7 @@ class JointSplines:
 
     def near(self, q: Array) -> Array:
         """Return the free control points of the splines that fit the joint angles of a motion."""
-        rows = self.basis.rows(np.linspace(0.0, 1.0, len(q)))
+        rows = self.basis.on_grid(len(q))
         free, *_ = np.linalg.lstsq(self.free(rows), q[:, 7:] - self.known(rows))
         return np.asarray(free.T.ravel(), np.float64)
 
@@ -224,10 +227,7 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
 
     If the start's joint accelerations are not known, they are zero.
     """
-    robot = problem.robot
-    q, v = configuration(robot, problem.start)
-    basis = SplineBasis(problem.duration, settings.joint_spline_spans)
-    return JointSplines(problem, basis, q, start_of(robot, q, v))
+    return JointSplines(problem, SplineBasis(problem.duration, settings.joint_spline_spans))
 
 
 @lru_cache(maxsize=32)

@@ -219,7 +219,7 @@ def end_effector_polynomials(
     long.
     """
     paths = _paths("inertial", np.eye(3), np.eye(3), start, end, duration)
-    straight, _, _ = paths.components(np.zeros((COMPONENTS, FREE_TERMS)), _PITCH_SAMPLES)
+    straight = powers(_PITCH_SAMPLES, 0)[:, :6] @ paths.quintic
     turned = np.abs(straight[-1, 3:] - straight[0, 3:]).max()
     if np.abs(straight[:, 4]).max() <= _SAFE_PITCH and turned <= _SAFE_TURN:
         return [paths]
@@ -297,11 +297,11 @@ def _quintic(conditions: Sequence[tuple[Array, ...]], duration: float) -> Array:
 def _components(motion: EndEffectorMotion, outer: Array, inner: Array) -> tuple[Array, ...]:
     """Return the six components, their rates and accelerations at one end."""
     euler = euler_from_rotation(outer.T @ motion.rotation_ee_to_inertial @ inner.T)
-    rate_map = euler_rate_map(euler)
-    rate: Array = np.linalg.inv(rate_map) @ outer.T @ motion.twist[3:]
+    to_rate = np.linalg.inv(euler_rate_map(euler))
+    rate: Array = to_rate @ outer.T @ motion.twist[3:]
     alpha = outer.T @ motion.acceleration[3:]
     alpha -= euler_rate_map_derivative(euler, rate) @ rate
-    acceleration: Array = np.linalg.inv(rate_map) @ alpha
+    acceleration: Array = to_rate @ alpha
     return (
         np.concatenate([motion.position, euler]),
         np.concatenate([motion.twist[:3], rate]),

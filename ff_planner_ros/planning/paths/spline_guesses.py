@@ -76,17 +76,17 @@ def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -
     if family.problem.posture is not None:
         yield from _ways_of_joints(family, family.problem.posture)
         return
-    ways = list[Array]()
+    ways, begin = list[Array](), family.problem.start.joint_positions
     for guess in _near_papers_path(family, obstacles, points, slice(1)):
         ways.append(guess)
         yield guess
-    ways.append(_way_to_posture(family, family.q_start[7:], _NEAR_DAMPING, _SHORT_STEP))
+    ways.append(_way_to_posture(family, begin, _NEAR_DAMPING, _SHORT_STEP))
     yield ways[-1]
     yield from _near_papers_path(family, obstacles, points, slice(1, _PAPERS_GUESSES))
     bump = _bump(family)
     for number, (aside, across) in enumerate(_drawn(family.robot)):
         if number % 2 == 0:
-            ways.append(_way_to_posture(family, family.q_start[7:] + _POSTURES * aside))
+            ways.append(_way_to_posture(family, begin + _POSTURES * aside))
             yield ways[-1]
         way = ways[(number // 2) % len(ways)]
         yield way + np.outer(_DETOURS * across, bump).ravel()
@@ -206,8 +206,7 @@ def _fitted(family: JointSplines, angles: Array) -> Array:
     Args:
         angles: Shape (points, joints) [rad].
     """
-    s = np.linspace(0.0, 1.0, len(angles))
-    rows, wanted = _with_curvature(family, s, angles)
+    rows, wanted = _with_curvature(family, angles)
     free, *_ = np.linalg.lstsq(family.free(rows), wanted - family.known(rows))
     x: Array = np.asarray(free.T.ravel(), np.float64)
     return x
@@ -216,7 +215,7 @@ def _fitted(family: JointSplines, angles: Array) -> Array:
 def _straight(family: JointSplines) -> Array:
     """Return the free control points of a joint that goes from 0 to 1 smoothly."""
     s = np.linspace(0.0, 1.0, 4 * _POINTS)
-    rows, wanted = _with_curvature(family, s, _smooth(s)[:, None])
+    rows, wanted = _with_curvature(family, _smooth(s)[:, None])
     free, *_ = np.linalg.lstsq(rows[:, FIXED:], wanted)
     return np.asarray(free[:, 0], np.float64)
 
@@ -230,15 +229,14 @@ def _smooth(s: Array) -> Array:
 def _bump(family: JointSplines) -> Array:
     """Return the free control points of a joint that goes from 0 to 1 and back."""
     s = np.linspace(0.0, 1.0, 4 * _POINTS)
-    rows, wanted = _with_curvature(family, s, (64.0 * s**3 * (1.0 - s) ** 3)[:, None])
+    rows, wanted = _with_curvature(family, (64.0 * s**3 * (1.0 - s) ** 3)[:, None])
     free, *_ = np.linalg.lstsq(family.free(rows), wanted)
     return np.asarray(free[:, 0], np.float64)
 
 
-def _with_curvature(family: JointSplines, s: Array, values: Array) -> tuple[Array, Array]:
-    """Return rows and right-hand sides of a fit that keeps the curvature low."""
+def _with_curvature(family: JointSplines, values: Array) -> tuple[Array, Array]:
+    """Return rows and right-hand sides of a fit to values at equal steps with low curvature."""
     basis = family.basis
-    fine = np.linspace(0.0, 1.0, 4 * basis.spans + 1)
-    curvature = _CURVATURE * basis.duration**2 * basis.rows(fine, 2)
-    rows = np.concatenate([basis.rows(s), curvature])
-    return rows, np.concatenate([values, np.zeros((len(fine), values.shape[1]))])
+    curvature = _CURVATURE * basis.duration**2 * basis.on_grid(4 * basis.spans + 1, 2)
+    rows = np.concatenate([basis.on_grid(len(values)), curvature])
+    return rows, np.concatenate([values, np.zeros((len(curvature), values.shape[1]))])

@@ -106,7 +106,7 @@ def least_highest_positions(
 ) -> Array:
     """Return a lower bound of each joint's highest position in any plan of a duration [s].
 
-    The jerk is at least -`FASTEST_CHANGE`. Shape (joints,) [rad].
+    The jerk is at least -`FASTEST_CHANGE`. Shape (..., joints) [rad].
     """
     jerk = FASTEST_CHANGE
     turns = accelerations**2 + 2.0 * jerk * rates

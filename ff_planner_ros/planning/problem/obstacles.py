@@ -28,6 +28,7 @@ from ff_planner_ros.planning.problem.target_body import (
 from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
+from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.urdf.meshes import Meshes
 
 
@@ -320,29 +321,19 @@ def with_attached(obstacles: Sequence[Obstacle], body: TargetBody) -> tuple[Obst
 
 def attached(body: TargetBody) -> Iterator[Obstacle]:
     """Yield the obstacles of a problem that are fixed to a body."""
-    now = np.zeros(1)
+    to_inertial, rate = rotation_from_quaternion(body.quaternion_xyzw), body.angular_velocity
     for one in body.obstacles:
+        place = one.position if isinstance(one, AttachedBody) else one.center
+        lever = to_inertial @ place
+        at, velocity = body.position + lever, body.linear_velocity + cross(rate, lever)
         if isinstance(one, AttachedBody):
-            yield simplest(_attached_body(one, body))
-            continue
-        motion = body.motion(one.center, now)
-        center, velocity = motion.positions[0], motion.twists[0, :3]
-        yield Sphere(one.id, center, one.radius, velocity, body, one.center)
-
-
-def _attached_body(one: AttachedBody, body: TargetBody) -> ObstacleBody:
-    place = pin.SE3(rotation_from_quaternion(one.quaternion_xyzw), one.position)
-    motion = body.motion(one.position, np.zeros(1))
-    return ObstacleBody(
-        one.id,
-        one.shape,
-        motion.positions[0],
-        eigen_quaternion(motion.rotations[0] @ place.rotation),
-        motion.twists[0, :3],
-        motion.twists[0, 3:],
-        body,
-        place,
-    )
+            turn = rotation_from_quaternion(one.quaternion_xyzw)
+            attitude, in_body = eigen_quaternion(to_inertial @ turn), pin.SE3(turn, place)
+            yield simplest(
+                ObstacleBody(one.id, one.shape, at, attitude, velocity, rate, body, in_body)
+            )
+        else:
+            yield Sphere(one.id, at, one.radius, velocity, body, place)
 
 
 # An obstacle in a file has a key `shape` if it is a body, and a centre and radius if a sphere

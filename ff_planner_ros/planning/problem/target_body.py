@@ -188,7 +188,7 @@ class TargetBody:
 
     def _turned(self, times: Array) -> Turning:
         self._require_foretold(float(times.max(initial=0.0)))
-        return self._turning.at(times)
+        return _turned(self, frozen(times).tobytes())
 
     def _require_foretold(self, until: float) -> None:
         turns = self.fastest_turn * until
@@ -319,6 +319,12 @@ class TargetBody:
         """Largest angular velocity over all time, but for rounding [rad/s]."""
         to_inertial = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix()
         return fastest_turn(self._relative_inertia, to_inertial, self.angular_velocity)
+
+
+@lru_cache(maxsize=16)
+def _turned(body: TargetBody, times: bytes) -> Turning:
+    """Return attitudes at some times: many points of the body are asked for at the same."""
+    return body._turning.at(np.frombuffer(times))  # noqa: SLF001
 
 
 @lru_cache(maxsize=16)

@@ -71,8 +71,7 @@ class TorqueFreeMotion:
         """
         self._inertia, self._inverse = inertia, np.linalg.inv(inertia)
         # w' = I^-1 sum_bc (I e_b) x e_c  w_b w_c, and q' the same with half the quaternions' units.
-        units = np.eye(3)
-        products = np.array([[cross(inertia @ b, c) for c in units] for b in units])
+        products = cross(inertia.T[:, None], np.eye(3))
         self._of_rates = (products @ self._inverse.T).reshape(9, 3).T.copy()
         self._of_attitude = _QUATERNION_PRODUCTS
         self._begins, self._end = np.empty(0), 0.0

@@ -32,13 +32,14 @@ from ff_planner_ros.planning.distance.search_certificate import search_certifica
 from ff_planner_ros.planning.distance.start_room import (
     CLEARANCE_AT_END,
     LEAST_CLEARANCE,
+    lines_from_spheres,
     margins_of_rows,
     room_of_lines,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.paths.start_approach import refuse_approached
+from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
@@ -72,16 +73,15 @@ class Clearance(Requirement):
         """Refuse a start inside a sphere, too near to one, or moving into one whatever follows."""
         if problem.robot.geometry is Geometry.SHAPES:
             return
-        positions = arm_points(problem.robot, q_start[None])
-        starts = segments(positions)
-        distance = clearances(positions, np.zeros(1), starts, problem.spheres).distance[0]
-        if distance.min(initial=np.inf) < LEAST_CLEARANCE:
+        distance = lines_from_spheres(problem)
+        if distance.min(initial=np.inf) >= NEAR:
+            return
+        starts = segments(arm_points(problem.robot, q_start[None]))
+        if distance.min() < LEAST_CLEARANCE:
             segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
             link = link_name(problem.robot, int(starts[segment]))
             nearest = float(distance[segment, sphere])
             refuse_nearness(problem.spheres[sphere].id, link, nearest, "arm", "")
-        if not problem.spheres:
-            return
 
         def of_lines(q: Array, times: Array) -> Array:
             found = clearances(arm_points(problem.robot, q), times, starts, problem.spheres)

@@ -94,5 +94,7 @@ class SingularValues(Requirement):
 
 def is_regular(robot: Robot, q: Array, settings: PlannerSettings) -> bool:
     """Tell whether the smallest singular value is above its threshold; q: shape (7 + joints,)."""
-    smallest = float(smallest_singular_values(robot, q[None])[0])
-    return smallest >= settings.singular_value_threshold - LIMIT_TOLERANCE
+    (smallest,), _ = compiled.smallest_singular_values(
+        chain_of(robot), q[None, 7:], robot.base.rows
+    )
+    return bool(smallest >= settings.singular_value_threshold - LIMIT_TOLERANCE)

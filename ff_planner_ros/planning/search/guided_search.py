@@ -114,23 +114,19 @@ def _restoration(solver: GridSolver, grid: Grid, start: Array) -> PathSolution:
     return solver.nearest(grid, start, at_start, _RESTORATION_ITERATIONS)
 
 
-def _is_long(solver: GridSolver, at_x: PathLinearisation) -> bool:
-    """Tell whether a path may be a detour."""
+def _much_shorter(solver: GridSolver, at_x: PathLinearisation) -> Array | None:
+    """Return the family's own first guess, if a path may be a detour beside it; None: it is not."""
     length = at_x.objective / solver.program.objective.joint_path_length
     robot = solver.problem.robot
     if length <= _DIRECT * straight_way(at_x.motion.q[[0, -1], 7:], robot.joint_weights):
-        return False
-    stage = solver.grids[0].stage
-    own = solver.program.family.motion(_own(solver), stage.points, stage.damping)
+        return None
+    stage, guess = solver.grids[0].stage, next(solver.initial_guesses())
+    own = solver.program.family.motion(guess, stage.points, stage.damping)
     if own.singular_at is not None:
-        return False
+        return None
     step = solver.problem.duration / (stage.points - 1)
-    return length > _LONG * joint_path_length(own.v[:, 6:], step, robot.joint_weights)
-
-
-def _own(solver: GridSolver) -> Array:
-    """Return the family's own first guess."""
-    return next(solver.initial_guesses())
+    is_long = length > _LONG * joint_path_length(own.v[:, 6:], step, robot.joint_weights)
+    return guess if is_long else None
 
 
 def _coarse_optimum(solver: GridSolver, guess: Array) -> PathSolution | None:
@@ -144,10 +140,11 @@ def _coarse_optimum(solver: GridSolver, guess: Array) -> PathSolution | None:
     found = solver.solve(grid, guess, at_start=at_guess)
     if not is_promising(found, problem):
         return None
-    if not _is_long(solver, found.at_x):
+    own = _much_shorter(solver, found.at_x)
+    if own is None:
         return found
     solver.effort.starts += 1
-    other = solver.solve(coarse, _own(solver))
+    other = solver.solve(coarse, own)
     is_better = other.at_x.objective < found.at_x.objective
     return other if is_better and is_promising(other, problem) else found
 

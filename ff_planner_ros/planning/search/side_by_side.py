@@ -7,7 +7,7 @@ count of steps depend on the number of processes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Generic, TypeVar
 
@@ -70,7 +70,7 @@ class SideBySide(Generic[Part, Value]):
             self._effort.add(found.effort)
             if found.progress is not None:
                 starts, rollouts = self._effort.starts, self._effort.rollouts
-                self._watch.report(replace(found.progress, starts=starts, iterations=rollouts))
+                self._watch.report(found.progress._replace(starts=starts, iterations=rollouts))
             yield found.value
 
 

@@ -17,7 +17,6 @@ import sys
 import time
 import traceback
 from contextlib import suppress
-from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import recv_handle, send_handle
@@ -186,7 +185,7 @@ class _Teller(TimeBudget):
         now = time.monotonic()
         if now - self._reported >= _REPORT_INTERVAL:
             self._reported = now
-            progress = replace(progress, best=self._best)
+            progress = progress._replace(best=self._best)
             self._data.send(progress)  # a reader that is gone ends the plan
 
 

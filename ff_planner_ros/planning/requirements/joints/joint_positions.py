@@ -33,6 +33,8 @@ from ff_planner_ros.robot.model import Robot
 _MARGIN = 1e-5
 # A joint that stops further from its limit than this [rad] after the last point stops soon enough.
 _STOP_OF_INTEREST = 1e-3
+# A joint moves down and up.
+_WAYS = np.array([[-1.0], [1.0]])
 
 
 class JointPositions(Requirement):
@@ -144,8 +146,7 @@ def _left_at_end(joints: JointMotion, lower: Array, upper: Array) -> Array:
     As from a measured start, of which the accelerations are not known.
     """
     p, v, none = joints.positions[-1], joints.velocities[-1], np.zeros(len(lower))
-    highest = [least_highest_positions(s * p, s * v, none, np.inf) for s in (-1.0, 1.0)]
-    return np.array([-lower, upper]) - highest
+    return np.array([-lower, upper]) - least_highest_positions(_WAYS * p, _WAYS * v, none, np.inf)
 
 
 def _stops(motion: Motion, sensitivity: Sensitivity, lower: Array, upper: Array) -> Rows:
@@ -180,23 +181,20 @@ def _require_stops(problem: PlanningProblem) -> None:
     accelerations = start.joint_accelerations
     if accelerations is None:
         accelerations = np.zeros(robot.joints)
-    for sign, limits in (
-        (1.0, robot.upper_position_limits),
-        (-1.0, robot.lower_position_limits),
-    ):
-        highest = least_highest_positions(
-            sign * positions, sign * rates, sign * accelerations, problem.duration
+    highest = least_highest_positions(
+        _WAYS * positions, _WAYS * rates, _WAYS * accelerations, problem.duration
+    )
+    limits = np.array([robot.lower_position_limits, robot.upper_position_limits])
+    excess = highest - _WAYS * limits
+    side, joint = (int(number) for number in np.unravel_index(excess.argmax(), excess.shape))
+    if excess[side, joint] > ALLOWED_EXCESS:
+        unit = robot.unit(joint)
+        raise InvalidInput(
+            Status.START_OUTSIDE_LIMITS,
+            f"joints.velocity[{robot.joint_names[joint]}]",
+            f"{rates[joint]:.6f} {unit}/s at {positions[joint]:.6f} {unit}",
+            f"no plan can stop the joint before its limit of {limits[side, joint]:.6f} {unit}",
         )
-        excess = highest - sign * limits
-        joint = int(excess.argmax())
-        if excess[joint] > ALLOWED_EXCESS:
-            unit = robot.unit(joint)
-            raise InvalidInput(
-                Status.START_OUTSIDE_LIMITS,
-                f"joints.velocity[{robot.joint_names[joint]}]",
-                f"{rates[joint]:.6f} {unit}/s at {positions[joint]:.6f} {unit}",
-                f"no plan can stop the joint before its limit of {limits[joint]:.6f} {unit}",
-            )
 
 
 def _distances(robot: Robot, joints: JointMotion) -> tuple[Array, Array]:
