@@ -12,7 +12,11 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.dynamics import inverse_dynamics
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion
+from ff_planner_ros.robot.quaternion import (
+    canonical_quaternion,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.state import SystemState
 
@@ -86,7 +90,7 @@ def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
     attitudes = base_to_inertial @ robot.rotation_chaser_to_base
     return {
         "chaser_positions": q[:, :3] + chaser_from_base,
-        "chaser_quaternions_xyzw": quaternion_from_rotation(attitudes),
+        "chaser_quaternions_xyzw": canonical_quaternion(quaternion_from_rotation(attitudes)),
         "chaser_linear_velocities": velocity_base + cross(omega, chaser_from_base),
         "chaser_angular_velocities": omega,
     }
