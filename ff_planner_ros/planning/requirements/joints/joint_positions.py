@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
@@ -73,7 +72,10 @@ class JointPositions(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows:
         """Return the distances to near limits, at points and turning points [rad, m]."""
-        lower, upper = _searched_limits(problem, margin)
+        at_start = motion.q[0, 7:]
+        lower, upper = _eased_limits(problem.robot, at_start)
+        lower = lower + np.clip(at_start - lower, 0.0, margin)
+        upper = upper - np.clip(upper - at_start, 0.0, margin)
         if motion.hull is not None and sensitivity.hull is not None:
             hull, by_x = motion.hull.positions, sensitivity.hull.positions
             rows = within(hull, by_x, lower, upper, OF_INTEREST)
@@ -156,17 +158,6 @@ def _stops(motion: Motion, sensitivity: Sensitivity, lower: Array, upper: Array)
     values, jacobian, names = compiled.stop_rows(q, v, by_q, by_v, FASTEST_CHANGE, *limits)
     # Below those of the turns.
     return Rows(values, jacobian, -2 - 2 * len(motion.q) * len(lower) - names)
-
-
-@lru_cache(maxsize=4)
-def _searched_limits(problem: PlanningProblem, margin: float) -> tuple[Array, Array]:
-    """Return the limits less the margin, as far as the start keeps it [rad, m]."""
-    at_start = problem.start.joint_positions
-    lower, upper = _eased_limits(problem.robot, at_start)
-    return (
-        frozen(lower + np.clip(at_start - lower, 0.0, margin)),
-        frozen(upper - np.clip(upper - at_start, 0.0, margin)),
-    )
 
 
 def _eased_limits(robot: Robot, at_start: Array) -> tuple[Array, Array]:

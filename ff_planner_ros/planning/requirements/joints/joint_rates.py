@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
@@ -85,8 +84,11 @@ class JointRates(Requirement):
         """Return the distances to near limits, at points and peaks between [rad/s, m/s]."""
         if not problem.limits.joint_velocities:
             return None
-        limits = _searched_limits(problem, margin)
-        interest = (1.0 - _OF_INTEREST) * problem.robot.velocity_limits
+        limits = problem.robot.velocity_limits
+        interest = (1.0 - _OF_INTEREST) * limits
+        at_start = np.abs(motion.v[0, 6:])
+        limits = eased(limits, at_start, ALLOWED_EXCESS * limits)
+        limits = limits - np.clip(limits - at_start, 0.0, margin * limits)
         if motion.hull is not None and sensitivity.hull is not None:
             return within(motion.hull.rates, sensitivity.hull.rates, -limits, limits, interest)
         path = motion.q, motion.v, sensitivity.q, sensitivity.v
@@ -131,14 +133,6 @@ class JointRates(Requirement):
             f"{samples.at(times[side, joint])}",
             ("a longer duration", "more planner.starts"),
         )
-
-
-@lru_cache(maxsize=4)
-def _searched_limits(problem: PlanningProblem, margin: float) -> Array:
-    """Return the limits less the margin, a part of them, as far as the start keeps it."""
-    limits, at_start = problem.robot.velocity_limits, np.abs(problem.start.joint_velocities)
-    limits = eased(limits, at_start, ALLOWED_EXCESS * limits)
-    return frozen(limits - np.clip(limits - at_start, 0.0, margin * limits))
 
 
 def _distances(robot: Robot, joints: JointMotion) -> tuple[Array, Array]:
