@@ -374,7 +374,9 @@ def test_nothing_of_a_method_outlives_a_contest_that_is_ended(small, method, tmp
     there.mkdir()
     evil = method(LINGERS.format(there=str(there), then=""))
     command = [sys.executable, "-m", cli.__name__, "contest", str(small), "--scenarios", "1"]
-    with subprocess.Popen([*command, "--method", evil], stderr=subprocess.DEVNULL) as run:
+    # Tests that run in the background have inherited that SIGINT is ignored, and so would the run.
+    command = ["env", "--default-signal=INT", *command, "--method", evil]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as run:
         left = waiting(there)
         run.send_signal(getattr(signal, end))
         try:
