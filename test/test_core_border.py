@@ -230,7 +230,8 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             minimise,
             FUNCTIONS
             | {"start": np.zeros(3), "curvature": np.zeros((3, 3)), "radius": 1.0, "iterations": 3}
-            | {"tolerance": 1e-6, "progress": 1e-6, "tolerated": 0.0, "feasibility": 1e-6},
+            | {"tolerance": 1e-6, "progress": 1e-6, "tolerated": 0.0, "feasibility": 1e-6}
+            | {"inside": 5e-6},
         ),
         "certified_clearance": (
             compiled.certified_clearance,

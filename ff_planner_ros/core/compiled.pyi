@@ -494,6 +494,7 @@ def minimise(
     progress: float,
     tolerated: float,
     feasibility: float,
+    inside: float,
 ) -> tuple[Array, object, Array, float, int, str, bool, float]:
     """Return where `planning.optimisation.solver.minimise` ends, for functions that it is told.
 
@@ -501,6 +502,7 @@ def minimise(
 
     Args:
         feasibility: A constraint that is violated by less counts as kept.
+        inside: How far inside the constraints steps aim [unit of g].
 
     Returns:
         x, the functions there, SR1 curvature, radius, iterations, a word for why it stopped,

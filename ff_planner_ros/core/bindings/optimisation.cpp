@@ -98,16 +98,19 @@ const char* word(Stop stop) {
 py::tuple minimise(const py::typing::Callable<py::object(Array)>& linearise, const Array& start,
                    const py::object& at_start, const Array& curvature, double radius,
                    int iterations, double tolerance, double progress, double tolerated,
-                   double feasibility) {
+                   double feasibility, double inside) {
   const py::ssize_t n = start.size();
   const auto at = [&](const Eigen::VectorXd& x) -> FunctionsAt {
     return linearised(linearise(array_of(x, "x")), n);
   };
   const Place from = {values(start, "start", {n}), linearised(at_start, n),
                       rows(curvature, "curvature", {n, n}), checked(radius, "radius")};
-  const Options options = {iterations, checked(tolerance, "tolerance"),
-                           checked(progress, "progress"), checked(tolerated, "tolerated"),
-                           checked(feasibility, "feasibility")};
+  const Options options = {iterations,
+                           checked(tolerance, "tolerance"),
+                           checked(progress, "progress"),
+                           checked(tolerated, "tolerated"),
+                           checked(feasibility, "feasibility"),
+                           checked(inside, "inside")};
   const Solution found = TrustRegionSolver(at, from, options).minimise();
   return py::make_tuple(array_of(found.end.x, "x"),
                         static_cast<const Linearised&>(*found.end.at_x).from,
@@ -123,7 +126,7 @@ void bind_optimisation(py::module_& m) {
         py::arg("inside"), py::arg("guess"), py::arg("elastic"));
   m.def("minimise", &minimise, py::arg("linearise"), py::arg("start"), py::arg("at_start"),
         py::arg("curvature"), py::arg("radius"), py::arg("iterations"), py::arg("tolerance"),
-        py::arg("progress"), py::arg("tolerated"), py::arg("feasibility"));
+        py::arg("progress"), py::arg("tolerated"), py::arg("feasibility"), py::arg("inside"));
 }
 
 }  // namespace ff

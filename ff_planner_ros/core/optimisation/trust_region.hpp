@@ -28,6 +28,7 @@ struct Options {
   double progress;     // relative reduction of the objective that a step must predict
   double tolerated;    // violation up to which the objective alone may judge a step
   double feasibility;  // a constraint that is violated by less counts as kept
+  double inside;       // how far inside the constraints steps aim [unit of g]
 };
 
 enum class Stop { kUndefined, kIterations, kOptimality, kProgress, kCreeping, kStuck, kStalled };
@@ -85,7 +86,7 @@ class TrustRegionSolver {
         return Stop::kCreeping;
       ++found.iterations;
       const RowMajor hessian = convex_hessian();
-      const Step step = step_and_penalty(here().with_hessian(hessian), at_.radius, working_set);
+      const Step step = step_and_penalty(here().with_hessian(hessian), working_set);
       found.optimality = step.optimality;
       working_set = step.working_set;
       if (const auto stop = convergence(step, found.converged)) return *stop;
@@ -123,14 +124,13 @@ class TrustRegionSolver {
   // The penalty is the lowest that leaves hardly more of the linearised violation than the highest;
   // if none is left, it follows the multipliers. Too high a penalty makes the solver refuse good
   // steps along curved constraints.
-  Step step_and_penalty(const Functions& model, double radius,
-                        const std::optional<WorkingSet>& guess) {
+  Step step_and_penalty(const Functions& model, const std::optional<WorkingSet>& guess) {
     std::vector<double> penalties = {penalty_};
-    std::vector<Step> steps = {solve(model, radius, penalty_, guess, false)};
+    std::vector<Step> steps = {solve(model, penalty_, guess, false)};
     while (steps.back().violation > options_.feasibility && penalties.back() < kHighestPenalty) {
       penalties.push_back(kPenaltyFactor * penalties.back());
       const Step& last = steps.back();
-      steps.push_back(solve(model, radius, penalties.back(), last.working_set, last.is_elastic));
+      steps.push_back(solve(model, penalties.back(), last.working_set, last.is_elastic));
     }
     const double enough = std::max(kHardlyMore * steps.back().violation, options_.feasibility);
     size_t chosen = 0;
@@ -144,10 +144,9 @@ class TrustRegionSolver {
     return step;
   }
 
-  Step solve(const Functions& model, double radius, double penalty,
-             const std::optional<WorkingSet>& guess, bool elastic) const {
-    const double inside = kInside * options_.feasibility;
-    return solve_subproblem(model, radius, penalty, inside, guess, elastic);
+  Step solve(const Functions& model, double penalty, const std::optional<WorkingSet>& guess,
+             bool elastic) const {
+    return solve_subproblem(model, at_.radius, penalty, options_.inside, guess, elastic);
   }
 
   std::optional<Stop> convergence(const Step& step, bool& converged) const {
@@ -185,7 +184,7 @@ class TrustRegionSolver {
       dx = step.dx + correction;
     } else {
       const Vector curved = trial.at_x->equalities - here().equalities_jacobian * step.dx;
-      dx = solve(here().with_equalities(curved), at_.radius, penalty_, step.working_set, false).dx;
+      dx = solve(here().with_equalities(curved), penalty_, step.working_set, false).dx;
     }
     const Trial corrected = tried(step, dx);
     const double least = std::max(reduction(*trial.at_x), 0.0);
@@ -248,9 +247,6 @@ class TrustRegionSolver {
                           kPenaltyFactor = 100;
   // The merit function is exact above the multipliers' sum; the markup leaves them room to grow.
   static constexpr double kMarkup = 2, kHardlyMore = 1.1;
-  // Steps aim so many times what counts as kept inside the constraints, so that whole steps keep a
-  // curved constraint, not only tiny ones.
-  static constexpr double kInside = 5;
   // A violation that does not fall to this part of itself in this many iterations is stagnant; but
   // a small one [unit of g] only waits for the trust region to become as small.
   static constexpr double kStagnant = 0.7, kSmallViolation = 2e-3;

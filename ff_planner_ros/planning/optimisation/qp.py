@@ -15,7 +15,7 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
 
 # Steps aim this far inside, so that whole steps keep a curved constraint, not only tiny ones.
-_INSIDE = 5.0 * FEASIBILITY_TOLERANCE
+INSIDE = 5.0 * FEASIBILITY_TOLERANCE
 
 
 class Step(NamedTuple):
@@ -49,4 +49,4 @@ def solve_qp(
         guess: Of a step before, with the same variables. None: there is none.
         elastic: In elastic mode, whether they have a solution or not.
     """
-    return Step(*compiled.solve_subproblem(at_x, radius, penalty, _INSIDE, guess, elastic))
+    return Step(*compiled.solve_subproblem(at_x, radius, penalty, INSIDE, guess, elastic))

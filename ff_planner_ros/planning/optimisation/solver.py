@@ -15,7 +15,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
-from ff_planner_ros.planning.optimisation.qp import solve_qp
+from ff_planner_ros.planning.optimisation.qp import INSIDE, solve_qp
 
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
 # radians: half a unit is a bold first step.
@@ -106,6 +106,7 @@ def minimise(
         progress,
         tolerated,
         FEASIBILITY_TOLERANCE,
+        INSIDE,
     )
     reason = _REASONS[stop].format(
         tolerance=tolerance, progress=progress, max_iterations=max_iterations
