@@ -78,6 +78,8 @@ def core_by_reference() -> Iterator[None]:
         ):
             stack.enter_context(patch.object(family, "motion", motion))
             stack.enter_context(patch.object(family, "sensitivity", sensitivity))
+            # Without it, a program asks the requirements for their rows.
+            stack.enter_context(patch.object(family, "on_grid", lambda *_: None))
         for original, by_reference in (
             (velocity_map.velocity, _velocity),
             (clearance.clearance_rows, _clearance_rows),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bodied_robots import random_robot
+from programs_at_border import programs
 
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of
@@ -159,7 +160,15 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     between = joints | {"step": 0.7, "has_duration": True}
     limits = {"lower": np.full(JOINTS, -0.3), "upper": np.full(JOINTS, 0.3)}
     limits |= {"interest": np.full(JOINTS, 3.0)}
-    return {
+    still = compiled.EndEffectorPolynomial(
+        **{name: polynomial[name] for name in ("duration", "quintic", "rotation_outer")}
+    )
+    of_paths = chain | {"q_start": q[0], "momentum": np.full(6, 0.3), "path": still}
+    of_paths |= {"null_space": compiled.NullSpaceFade(**fade)}
+    of_splines = chain | {"start": driven["start"], "target": goal, "has_goal": True}
+    of_splines |= {"duration": 3.0}
+    made = programs(ROBOT, of_paths, of_splines, spheres["spheres"], obstacles["obstacles"])
+    return made | {
         "Chain": (compiled.Chain, links),
         "velocity": (
             compiled.velocity,
@@ -336,7 +345,8 @@ def test_everything_that_the_core_offers_is_tried_here() -> None:
         for name, found in vars(kind).items()
         if callable(found) and not name.startswith("_")
     }
-    only_made_by_the_core = {"WorkingSet"}
+    only_made_by_the_core = {"WorkingSet", "EvaluatedPath", "MotionOfPath"}
+    only_made_by_the_core |= {"PathsOnGrid", "PathRequirement"}
     assert (offered | methods) - only_made_by_the_core == set(SOUND)
 
 

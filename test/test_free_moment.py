@@ -22,8 +22,9 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
 from ff_planner_ros.planning.optimisation.free_program import FreeProgram
-from ff_planner_ros.planning.optimisation.program import PathLinearisation, path_program
+from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.joint_spline import joint_splines
 from ff_planner_ros.planning.paths.path_family import PathFamily

@@ -508,3 +508,249 @@ def minimise(
         x, the functions there, SR1 curvature, radius, iterations, a word for why it stopped,
         whether it has converged, and first-order optimality; NaN: unknown.
     """
+
+class PathsOnGrid:
+    """The paths of one family on one time grid."""
+
+def end_effector_paths(
+    chain: Chain,
+    q_start: Array,
+    momentum: Array,
+    path: EndEffectorPolynomial,
+    null_space: NullSpaceFade,
+    points: int,
+    damping: float,
+) -> PathsOnGrid:
+    """Return the paths whose motions `end_effector_motion` integrates, of a given duration."""
+
+class SplineRows:
+    """Values of all joints that are linear in the variables of their splines."""
+
+    def __init__(
+        self,
+        free: Array,  # by the variables of one joint; shape (rows, variables of a joint)
+        known: Array,  # what start and goal give; shape (rows, joints)
+    ) -> None: ...
+
+def joint_splines(
+    chain: Chain,
+    start: Start,
+    target: Target,
+    has_goal: bool,
+    duration: float,
+    positions: SplineRows,
+    rates: SplineRows,
+    accelerations: SplineRows,
+    position_hull: SplineRows,
+    rate_hull: SplineRows,
+) -> PathsOnGrid:
+    """Return joint splines, whose base follows by conservation of momentum.
+
+    Args:
+        has_goal: Whether the target is a condition; otherwise the splines end where they must.
+        positions: At half steps; rates and accelerations likewise.
+        position_hull: Points whose range bounds each joint.
+        rate_hull: Likewise its rate.
+    """
+
+class PathObjective:
+    """The objectives of `planning.optimisation.objectives` but for the momenta of wheels."""
+
+    def __init__(
+        self,
+        joint_path: float,  # weight
+        slow: float,  # as of `joint_path`
+        smoothing: float,  # likewise
+        shares: Array,  # of velocities in the joint path; shape (6 + joints,), or empty: all are 1
+        attitude: float,  # weight
+        rotation_chaser_to_base: Array,  # shape (3, 3)
+        attitude_norm: float,  # p of the p-norm that stands for the largest angle; zero: none does
+    ) -> None: ...
+
+class Margins:
+    """The margins of `planning.distance.start_room.margins_of_rows`."""
+
+    def __init__(
+        self,
+        margin: float,  # the largest [m]
+        room: Array,  # at the start; shape (pairs,) [m]
+        little: float,  # fraction of the margin below which a room grows
+        gained: float,  # fraction of the duration in which it has grown to the margin
+    ) -> None: ...
+
+class PathRequirement:
+    """What makes rows g(x) >= 0 of a path, as the `rows` of a requirement do."""
+
+def positions_within(
+    lower: Array,
+    upper: Array,
+    excess: float,
+    margin: float,
+    interest: float,
+    stop_interest: float,
+    jerk: float,
+    step: float,
+) -> PathRequirement:
+    """Return what makes the rows of `JointPositions`.
+
+    Args:
+        excess: Of a start that raises a limit [rad, m].
+        margin: How far from the limits the search stays [rad, m].
+        interest: Rows that are further from violated than this are left out [rad, m].
+        stop_interest: Likewise of where joints come to rest after the last point.
+        jerk: By which they stop [rad/s3, m/s3].
+        step: Time from point to point [s].
+    """
+
+def rates_within(
+    limits: Array, excess: float, margin: float, interest: float, step: float
+) -> PathRequirement:
+    """Return what makes the rows of `JointRates`; excess, margin and interest: parts of limits."""
+
+def attitude_within(
+    rotation_chaser_to_base: Array, limit: float, interest: float
+) -> PathRequirement:
+    """Return what makes the rows of `ChaserAttitude` [rad]."""
+
+def singular_value_above(rows: Sequence[int], margin: float, interest: float) -> PathRequirement:
+    """Return what makes the rows of `SingularValues`.
+
+    Args:
+        rows: Of the base's twist in which it gives way.
+        interest: Multiple of the margin above which values have no rows.
+    """
+
+def lines_clear_of_spheres(
+    spheres: Spheres,
+    margins: Margins,
+    lines: int,
+    times: Array,
+    interest: float,
+    quarter_way: bool,
+) -> PathRequirement:
+    """Return what makes the rows of `Clearance`.
+
+    Args:
+        margins: Of each line and sphere, spheres running fastest.
+        times: Of all points but the first, half-way, and at quarters if they are looked at [s].
+        interest: Distances above have no rows [m].
+    """
+
+def bodies_clear_of_spheres(
+    bodies: Bodies,
+    spheres: Spheres,
+    margins: Margins,
+    times: Array,
+    interest: float,
+    quarter_way: bool,
+) -> PathRequirement:
+    """Return what makes the rows of `BodyClearance`; times: as before, ascending."""
+
+def bodies_clear_of_obstacles(
+    bodies: Bodies,
+    obstacles: Obstacles,
+    margins: Margins,
+    times: Array,
+    interest: float,
+    quarter_way: bool,
+) -> PathRequirement:
+    """Return what makes the rows of `ObstacleClearance`; times: ascending."""
+
+def pairs_apart(
+    bodies: Bodies, margins: Array, interest: float, quarter_way: bool
+) -> PathRequirement:
+    """Return what makes the rows of `SelfClearance`; margins: of each pair, shape (pairs,) [m]."""
+
+class MotionOfPath:
+    """A motion at which Python is asked for rows; only as long as that takes."""
+
+    @property
+    def x(self) -> Array: ...
+    @property
+    def q(self) -> Array: ...
+    @property
+    def v(self) -> Array: ...
+    @property
+    def q_half_way(self) -> Array: ...
+    @property
+    def acceleration(self) -> Array: ...
+    @property
+    def goal_error(self) -> Array: ...
+    @property
+    def q_by_x(self) -> Array: ...
+    @property
+    def v_by_x(self) -> Array: ...
+    @property
+    def q_half_way_by_x(self) -> Array: ...
+    @property
+    def goal_error_by_x(self) -> Array: ...
+
+class EvaluatedPath:
+    """A path with what a program says of it, as `PathLinearisation` has it; arrays are read-only.
+
+    Where it is not defined, only x and the time of the singularity have a meaning.
+    """
+
+    @property
+    def is_defined(self) -> bool: ...
+    @property
+    def singular_at(self) -> float | None: ...
+    @property
+    def objective(self) -> float: ...
+    @property
+    def violation(self) -> float: ...
+    @property
+    def value(self) -> float: ...
+    @property
+    def x(self) -> Array: ...
+    @property
+    def gradient(self) -> Array: ...
+    @property
+    def hessian(self) -> Array: ...
+    @property
+    def max_terms(self) -> Array: ...
+    @property
+    def max_terms_jacobian(self) -> Array: ...
+    @property
+    def constraints(self) -> Array: ...
+    @property
+    def constraints_jacobian(self) -> Array: ...
+    @property
+    def equalities(self) -> Array: ...
+    @property
+    def equalities_jacobian(self) -> Array: ...
+    @property
+    def names(self) -> Indices: ...
+    @property
+    def q(self) -> Array: ...
+    @property
+    def v(self) -> Array: ...
+    @property
+    def q_half_way(self) -> Array: ...
+    @property
+    def acceleration(self) -> Array: ...
+
+class Correction:
+    """From a path's motion to another, as `planning.optimisation.program` has it."""
+
+    def __init__(
+        self,
+        q: Array,  # tangent steps at the points; shape (points, 6 + joints)
+        v: Array,  # differences of velocities; likewise
+        q_half_way: Array,  # tangent steps half-way; shape (points - 1, 6 + joints)
+    ) -> None: ...
+
+class PathProgram:
+    """The optimisation problem of Eq. (43) on a time grid."""
+
+    def __init__(
+        self,
+        paths: PathsOnGrid,
+        step: float,  # time from point to point [s]
+        objective: PathObjective,
+        # With their numbers, by which the names of rows differ; a function returns `Rows`, or None
+        requirements: Sequence[tuple[int, PathRequirement | Callable[[MotionOfPath], object]]],
+        correction: Correction | None = ...,  # to the motion that requirements are asked of
+    ) -> None: ...
+    def at(self, x: Array) -> EvaluatedPath:
+        """Return objective and constraints of a path with their derivatives."""

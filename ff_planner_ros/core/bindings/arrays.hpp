@@ -68,6 +68,16 @@ inline Matrix3 matrix3(const Array& array, const char* name) { return rows(array
 inline Vector3 vector3(const Array& array, const char* name) { return values(array, name, {3}); }
 inline Vector6 vector6(const Array& array, const char* name) { return values(array, name, {6}); }
 
+// The rows of a twist that count, as ones: those of the base that can move.
+inline Vector6 ones_at(const std::vector<int>& rows) {
+  Vector6 found = Vector6::Zero();
+  for (const int row : rows) {
+    if (row < 0 || row > 5) throw std::invalid_argument("rows are numbers from 0 to 5");
+    found[row] = 1;
+  }
+  return found;
+}
+
 // Returns a result; throws where the core computed what is no number.
 inline Array result(const Array& array, const char* name) {
   if (!are_finite(values(array))) throw std::domain_error(std::string(name) + " is not finite");

@@ -13,5 +13,7 @@ void bind_end_effector(pybind11::module_& m);
 void bind_objectives(pybind11::module_& m);
 void bind_limit_rows(pybind11::module_& m);
 void bind_optimisation(pybind11::module_& m);
+void bind_path_requirements(pybind11::module_& m);
+void bind_path_program(pybind11::module_& m);
 
 }  // namespace ff

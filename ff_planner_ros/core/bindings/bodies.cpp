@@ -2,7 +2,7 @@
 #include "collision/bodies.hpp"
 
 #include "bindings/bindings.hpp"
-#include "bindings/solids.hpp"
+#include "bindings/distances.hpp"
 
 namespace ff {
 namespace {
@@ -105,7 +105,8 @@ void bind_bodies(py::module_& m) {
   py::class_<Body>(m, "Body").def(py::init(&body), py::arg("carriers"), py::arg("rotation"),
                                   py::arg("position"), py::arg("center"), py::arg("radius"),
                                   py::arg("kind"), py::arg("sizes"), py::arg("vertices"));
-  py::class_<Bodies>(m, "Bodies").def(py::init(&bodies), py::arg("bodies"), py::arg("pairs"));
+  py::class_<Bodies, std::shared_ptr<Bodies>>(m, "Bodies")
+      .def(py::init(&bodies), py::arg("bodies"), py::arg("pairs"));
   py::class_<BodiesAlong>(m, "BodiesAlong")
       .def(py::init(&bodies_along), py::arg("chain"), py::arg("bodies"), py::arg("q"),
            py::arg("q_sensitivity"), py::arg("q_half_way") = Array(0),

@@ -113,7 +113,7 @@ void bind_clearance(py::module_& m) {
   py::class_<Attached>(m, "Attached")
       .def(py::init(&attached), py::arg("spheres"), py::arg("places"), py::arg("position"),
            py::arg("velocity"), py::arg("begins"), py::arg("series"), py::arg("fastest_turn"));
-  py::class_<Spheres>(m, "Spheres")
+  py::class_<Spheres, std::shared_ptr<Spheres>>(m, "Spheres")
       .def(py::init(&spheres), py::arg("centers"), py::arg("velocities"), py::arg("radii"),
            py::arg("attached") = std::vector<Attached>());
   py::class_<CubicMotion>(m, "CubicMotion")

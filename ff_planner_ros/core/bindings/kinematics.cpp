@@ -73,11 +73,7 @@ py::tuple smallest_singular_values(const Chain& chain, const Array& joints,
                                    const std::vector<int>& movable_rows, double interest) {
   const py::ssize_t n = chain.joints();
   const Rows at = rows(joints, "joints", {kAny, n});
-  Vector6 movable = Vector6::Zero();
-  for (const int row : movable_rows) {
-    if (row < 0 || row > 5) throw std::invalid_argument("rows are numbers from 0 to 5");
-    movable[row] = 1;
-  }
+  const Vector6 movable = ones_at(movable_rows);
   std::vector<double> values;
   RowMajor by_joints(at.rows(), n);
   for (py::ssize_t i = 0; i < at.rows(); ++i) {

@@ -4,16 +4,11 @@
 #include <optional>
 
 #include "bindings/bindings.hpp"
-#include "bindings/solids.hpp"
+#include "bindings/distances.hpp"
 #include "collision/obstacle_certificate.hpp"
 
 namespace ff {
 namespace {
-
-// Obstacles as Python holds them: they are not copied with every question.
-struct Obstacles {
-  std::vector<Obstacle> all;
-};
 
 Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, double grown,
                   const Array& center, double radius, const Array& rotation, const Array& position,
@@ -63,7 +58,7 @@ void bind_obstacles(py::module_& m) {
            py::arg("grown"), py::arg("center"), py::arg("radius"), py::arg("rotation"),
            py::arg("position"), py::arg("velocity"), py::arg("rate"), py::arg("highest_speed"),
            py::arg("body"));
-  py::class_<Obstacles>(m, "Obstacles")
+  py::class_<Obstacles, std::shared_ptr<Obstacles>>(m, "Obstacles")
       .def(py::init([](const std::vector<Obstacle>& all) { return Obstacles{all}; }),
            py::arg("obstacles"));
   m.def("obstacle_rows", &rows_of_obstacles, py::arg("along"), py::arg("times"),

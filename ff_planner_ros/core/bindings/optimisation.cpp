@@ -5,11 +5,13 @@
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
 #include "optimisation/trust_region.hpp"
+#include "program/path_program.hpp"
 
 namespace ff {
 namespace {
 
-// Functions that look at the arrays of a Linearisation of Python.
+// Functions that look at what an object of Python keeps: a path that the core evaluated, or the
+// arrays of a Linearisation.
 struct Linearised : Functions {
   py::object from;
   std::vector<Array> arrays;
@@ -22,6 +24,13 @@ double number(const py::object& from, const char* name) {
 }
 
 std::shared_ptr<const Linearised> linearised(const py::object& from, py::ssize_t n = kAny) {
+  if (py::isinstance<EvaluatedPath>(from)) {
+    const auto& path = from.cast<const EvaluatedPath&>();
+    if (n != kAny && path.motion.x.size() != n)
+      throw std::invalid_argument("the path has " + std::to_string(path.motion.x.size()) +
+                                  " variables, not " + std::to_string(n));
+    return std::make_shared<Linearised>(Linearised{path.functions(), from, {}});
+  }
   const Values none(nullptr, 0);
   const Rows no_rows(nullptr, 0, 0);
   if (!from.attr("is_defined").cast<bool>())

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices, frozen
+from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import sphere_arrays
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import pair_distances, sphere_distances
@@ -109,6 +110,11 @@ def margins_of_rows(margin: float, room: Array, names: Indices, times: Array) ->
         least[short] += gained[configurations[short]]
     margins: Array = np.minimum(margin, least)
     return margins
+
+
+def margins_in_core(margin: float, room: Array) -> compiled.Margins:
+    """Return the margins of `margins_of_rows` as the core keeps them."""
+    return compiled.Margins(margin, room.ravel(), _SHORT, _GAINED)
 
 
 def _room(distances: Array) -> Array:

@@ -22,7 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
+from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.paths.path_family import GoalMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -15,6 +16,22 @@ from ff_planner_ros.common.arrays import Array, Indices
 # A constraint violated by less counts as kept [unit of g]; well below any tolerance that a
 # user sets, well above the accuracy of the quadratic programs.
 FEASIBILITY_TOLERANCE = 1e-6
+
+
+class Evaluation(Protocol):
+    """What a search asks of the functions at one x; the solver reads a `Linearisation`'s arrays."""
+
+    @property
+    def is_defined(self) -> bool:
+        """Whether the functions are defined at x."""
+
+    @property
+    def objective(self) -> float:
+        """Sum of f and the largest max term."""
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of a constraint."""
 
 
 @dataclass(frozen=True, eq=False)

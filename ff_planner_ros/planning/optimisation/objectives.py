@@ -84,6 +84,28 @@ def terms(
     return found
 
 
+def objective_in_core(
+    weights: Objective, problem: PlanningProblem, smoothing: float, attitude_norm: float
+) -> compiled.PathObjective:
+    """Return the objectives of `terms` that the core knows: all but the momenta of wheels."""
+    robot = problem.robot
+    shares = np.append(np.ones(6), robot.joint_weights) if robot.has_slides else np.empty(0)
+    return compiled.PathObjective(
+        joint_path=weights.joint_path_length,
+        slow=_slow(problem.duration, smoothing),
+        smoothing=smoothing,
+        shares=shares,
+        attitude=weights.chaser_attitude,
+        rotation_chaser_to_base=robot.rotation_chaser_to_base,
+        attitude_norm=attitude_norm if np.isfinite(attitude_norm) else 0.0,
+    )
+
+
+def _slow(duration: float, smoothing: float) -> float:
+    """Return the rate of the one more joint of `joint_path` [rad/s]."""
+    return _ROUNDING / duration if smoothing > 0.0 else 0.0
+
+
 def power_mean(values: Array, jacobian: Array, p: float) -> tuple[float, Array, Array]:
     """Return (mean |values|^p)^(1/p), its gradient and its Gauss-Newton Hessian.
 
@@ -163,5 +185,5 @@ def joint_path(
     if weights is not None:
         shares = np.append(np.ones(6), weights)
         v, by_x = shares * v, shares[:, None] * by_x
-    slow = _ROUNDING / ((len(v) - 1) * step) if smoothing > 0.0 else 0.0
+    slow = _slow((len(v) - 1) * step, smoothing)
     return compiled.joint_path(v, by_x, step, slow, smoothing)

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.followed_path import followed_path
-from ff_planner_ros.planning.optimisation.linearisation import (
-    FEASIBILITY_TOLERANCE,
-    Linearisation,
+from ff_planner_ros.planning.optimisation.evaluated_path import (
+    EvaluatedPath,
+    PathLinearisation,
+    seen,
+    undefined,
 )
-from ff_planner_ros.planning.optimisation.objectives import terms, with_tie_break
+from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
+from ff_planner_ros.planning.optimisation.objectives import (
+    objective_in_core,
+    terms,
+    with_tie_break,
+)
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
-from ff_planner_ros.planning.paths.path_family import Motion, PathFamily
+from ff_planner_ros.planning.paths.path_family import Motion, PathFamily, Sensitivity
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements import requirements_of
 from ff_planner_ros.planning.requirements.goal import beside, miss
-from ff_planner_ros.planning.requirements.requirement import Requirement
+from ff_planner_ros.planning.requirements.requirement import Requirement, Rows
 from ff_planner_ros.robot.configuration import configuration
 
 # Fewest intervals of the grid, however few points the plan has: on fewer, the motion is not exact
@@ -35,28 +44,6 @@ _GRID_TURN, _MOST_INTERVALS = 0.25, 200
 _EASED = 1.5
 # No requirement has as many rows: the names of all of them differ.
 _NAMES = 1 << 40
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PathLinearisation(Linearisation):
-    """Objective and constraints of a path with their derivatives, and the motion behind them."""
-
-    motion: Motion  # may be singular
-    acceleration: Array  # dv/dt at each point; shape (points, 6 + joints)
-
-    def by(self, directions: Array) -> PathLinearisation:
-        """Return the linearisation in steps along directions, one a column."""
-        if not self.is_defined:
-            return self
-        return replace(
-            self,
-            gradient=self.gradient @ directions,
-            hessian=directions.T @ self.hessian @ directions,
-            # In one thread: where several share the work, the last bit depends on their number.
-            max_terms_jacobian=np.einsum("rx,xd->rd", self.max_terms_jacobian, directions),
-            constraints_jacobian=np.einsum("rx,xd->rd", self.constraints_jacobian, directions),
-            equalities_jacobian=np.einsum("rx,xd->rd", self.equalities_jacobian, directions),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,45 +102,86 @@ class PathProgram:
         """The requirements that a plan must keep."""
         return requirements_of(self.problem)
 
+    @cached_property
+    def _required(self) -> list[tuple[int, Requirement]]:
+        """The requirements that a path may have rows of, with their numbers."""
+        return [
+            (number, required)
+            for number, required in enumerate(self.requirements)
+            if required.name not in self.on_demand and required.concerns(self.problem)
+        ]
+
+    @cached_property
+    def in_core(self) -> compiled.PathProgram | None:
+        """The program as the core has it.
+
+        None: the duration is one more variable, or the momenta of wheels are minimised.
+        """
+        weights, robot, problem = self.objective, self.problem.robot, self.problem
+        paths = self.family.on_grid(self.points, self.damping)
+        if paths is None or (weights.wheel_momentum > 0.0 and robot.wheels is not None):
+            return None
+        requirements = list[tuple[int, compiled.PathRequirement | Callable[..., Rows | None]]]()
+        for number, required in self._required:
+            margin = self.margins[required.name]
+            known = required.in_core(problem, self.points, margin)
+            by_python = (partial(_rows_by_python, required, problem, margin),)
+            requirements += [(number, one) for one in (by_python if known is None else known)]
+        corrected = None
+        if self.correction is not None:
+            steps = self.correction
+            corrected = compiled.Correction(steps.q, steps.v, steps.q_half_way)
+        return compiled.PathProgram(
+            paths,
+            problem.duration / (self.points - 1),
+            objective_in_core(weights, problem, self.smoothing, self.attitude_norm),
+            requirements,
+            corrected,
+        )
+
+    def evaluate(self, x: Array) -> EvaluatedPath:
+        """Return objective and constraints of a path with their derivatives, by the core if it can.
+
+        A search asks for hundreds, of which it looks at the last.
+        """
+        return self.linearise(x) if self.in_core is None else self.in_core.at(x)
+
     def linearise(self, x: Array) -> PathLinearisation:
         """Return objective and constraints of a path with their derivatives."""
+        if self.in_core is not None:
+            return seen(self.in_core.at(x))
         motion = self.family.motion(x, self.points, self.damping)
         if motion.singular_at is not None:
-            return _undefined(motion)
+            return undefined(motion)
         sensitivity = self.family.sensitivity(motion, self.damping)
-        step, robot = self.problem.duration / (self.points - 1), self.problem.robot
-        driven = motion if self.correction is None else self.correction.of(robot.model, motion)
+        problem, step = self.problem, self.problem.duration / (self.points - 1)
+        corrected = self.correction
+        driven = motion if corrected is None else corrected.of(problem.robot.model, motion)
         variables = sensitivity.variables
         value, gradient = 0.0, np.zeros(variables)
         hessian = np.zeros((variables, variables))
         max_terms, max_terms_jacobian = [np.empty(0)], [np.empty((0, variables))]
         how = self.smoothing, self.attitude_norm
-        for term in terms(self.objective, self.problem, motion, sensitivity, step, *how):
+        for term in terms(self.objective, problem, motion, sensitivity, step, *how):
             value, gradient = value + term.value, gradient + term.gradient
             hessian = hessian + term.hessian
             max_terms.append(term.max_terms)
             max_terms_jacobian.append(term.max_terms_jacobian)
         rows = [
-            None
-            if required.name in self.on_demand
-            else required.rows(self.problem, driven, sensitivity, self.margins[required.name])
-            for required in self.requirements
+            (number, required.rows(problem, driven, sensitivity, self.margins[required.name]))
+            for number, required in self._required
         ]
-        kept = [found for found in rows if found is not None]
-        names = [  # those of a requirement lie on both sides of zero
-            found.names + number * _NAMES + _NAMES // 2
-            for number, found in enumerate(rows)
-            if found is not None
-        ]
+        kept = [(number, found) for number, found in rows if found is not None]
         return PathLinearisation(
             value=value,
             gradient=gradient,
             hessian=hessian,
             max_terms=np.concatenate(max_terms),
             max_terms_jacobian=np.concatenate(max_terms_jacobian),
-            constraints=np.concatenate([found.values for found in kept]),
-            constraints_jacobian=np.concatenate([found.jacobian for found in kept]),
-            names=np.concatenate(names),
+            constraints=np.concatenate([found.values for _, found in kept]),
+            constraints_jacobian=np.concatenate([found.jacobian for _, found in kept]),
+            # Those of a requirement lie on both sides of zero.
+            names=np.concatenate([of.names + k * _NAMES + _NAMES // 2 for k, of in kept]),
             equalities=motion.goal_error,
             equalities_jacobian=sensitivity.goal_error,
             motion=motion,
@@ -213,7 +241,7 @@ class PathProgram:
                     margins[required.name] = max(margin - _EASED * missing, 0.0)
         return self if margins == self.margins else replace(self, margins=margins)
 
-    def met(self, at_x: PathLinearisation) -> frozenset[str]:
+    def met(self, at_x: EvaluatedPath) -> frozenset[str]:
         """Return the names of the requirements that a regular path keeps, margins included.
 
         Those on demand, which have no rows yet, are left out.
@@ -228,6 +256,17 @@ class PathProgram:
     def with_requirements(self, violated: frozenset[str]) -> PathProgram:
         """Return the program with the rows of requirements on demand that a path has violated."""
         return replace(self, on_demand=self.on_demand - violated)
+
+
+def _rows_by_python(
+    required: Requirement, problem: PlanningProblem, margin: float, of: compiled.MotionOfPath
+) -> Rows | None:
+    """Return the rows of a requirement that the core does not know."""
+    motion = Motion(x=of.x, q=of.q, v=of.v, q_half_way=of.q_half_way, goal_error=of.goal_error)
+    sensitivity = Sensitivity(
+        of.q_by_x, of.v_by_x, of.q_half_way_by_x, of.goal_error_by_x, of.acceleration
+    )
+    return required.rows(problem, motion, sensitivity, margin)
 
 
 def path_program(
@@ -258,20 +297,3 @@ def _grid_points(problem: PlanningProblem) -> int:
     intervals = problem.points - 1
     wanted = max(_LEAST_INTERVALS, min(turn / _GRID_TURN, _MOST_INTERVALS))
     return 1 + intervals * int(np.ceil(wanted / intervals))
-
-
-def _undefined(motion: Motion) -> PathLinearisation:
-    """Return the linearisation of a path that meets a singularity: not defined."""
-    nothing = np.empty((0, len(motion.x)))
-    return PathLinearisation(
-        value=np.inf,
-        gradient=np.zeros(len(motion.x)),
-        hessian=nothing,
-        max_terms=np.empty(0),
-        max_terms_jacobian=nothing,
-        constraints=np.empty(0),
-        constraints_jacobian=nothing,
-        is_defined=False,
-        motion=motion,
-        acceleration=nothing,
-    )

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
+from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
 
 # Steps aim this far inside, so that whole steps keep a curved constraint, not only tiny ones.
 INSIDE = 5.0 * FEASIBILITY_TOLERANCE
@@ -33,7 +33,7 @@ class Step(NamedTuple):
 
 
 def solve_qp(
-    at_x: Linearisation,
+    at_x: object,
     radius: float,
     penalty: float,
     guess: compiled.WorkingSet | None = None,
@@ -46,6 +46,7 @@ def solve_qp(
     leaves none.
 
     Args:
+        at_x: A `Linearisation`, or a path that the core evaluated.
         guess: Of a step before, with the same variables. None: there is none.
         elastic: In elastic mode, whether they have a solution or not.
     """

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
+from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
 from ff_planner_ros.planning.optimisation.qp import solve_qp
-from ff_planner_ros.planning.optimisation.solver import AtX, Solution
+from ff_planner_ros.planning.optimisation.solver import Solution
+
+AtX = TypeVar("AtX", bound=Linearisation)
 
 # Its first trust region, what is left of one after a step that does not help, and a penalty that
 # buys feasibility at any length of step.

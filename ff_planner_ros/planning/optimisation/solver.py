@@ -14,7 +14,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
+from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Evaluation
 from ff_planner_ros.planning.optimisation.qp import INSIDE, solve_qp
 
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
@@ -34,7 +34,7 @@ _REASONS = {
     "undefined": "the functions are not defined at the start",
 }
 
-AtX = TypeVar("AtX", bound=Linearisation)
+AtX = TypeVar("AtX", bound=Evaluation)
 
 
 @dataclass(frozen=True, eq=False)

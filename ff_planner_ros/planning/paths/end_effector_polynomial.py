@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar, cast
 
 import numpy as np
@@ -132,25 +133,8 @@ class EndEffectorPaths:
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the motion of one path; x: coefficients of the free terms, flattened."""
-        nothing, no_rates = np.empty(0), np.zeros(self.robot.joints)
-        null_space = self.null_space or NullSpaceFade(no_rates, no_rates, seconds=1.0)
-        found = compiled.end_effector_motion(
-            chain=chain_of(self.robot),
-            q_start=self.q_start,
-            momentum=self.momentum,
-            path=compiled.EndEffectorPolynomial(
-                self.polynomial.duration,
-                self.polynomial.quintic,
-                self.polynomial.rotation_outer,
-                self.quintic_by_duration,
-            ),
-            null_space=compiled.NullSpaceFade(
-                null_space.rates, null_space.accelerations, null_space.seconds
-            ),
-            x=x,
-            points=points,
-            damping=damping,
-        )
+        nothing = np.empty(0)
+        found = compiled.end_effector_motion(*self._in_core, x=x, points=points, damping=damping)
         if isinstance(found, float):
             return Motion(
                 x=x, q=nothing, v=nothing, q_half_way=nothing, goal_error=nothing, singular_at=found
@@ -175,6 +159,32 @@ class EndEffectorPaths:
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
         """Return the derivatives of a regular motion of this family, computed with the motion."""
         return cast(Rollout, motion).sensitivity
+
+    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid | None:
+        """Return the family as the core has it; None: the duration is one more variable."""
+        if self.goal_motion is not None:
+            return None
+        return compiled.end_effector_paths(*self._in_core, points=points, damping=damping)
+
+    @cached_property
+    def _in_core(
+        self,
+    ) -> tuple[
+        compiled.Chain, Array, Array, compiled.EndEffectorPolynomial, compiled.NullSpaceFade
+    ]:
+        """Chain, configuration at the start, momentum, path and null-space motion."""
+        no_rates = np.zeros(self.robot.joints)
+        null_space = self.null_space or NullSpaceFade(no_rates, no_rates, seconds=1.0)
+        path = compiled.EndEffectorPolynomial(
+            self.polynomial.duration,
+            self.polynomial.quintic,
+            self.polynomial.rotation_outer,
+            self.quintic_by_duration,
+        )
+        fade = compiled.NullSpaceFade(
+            null_space.rates, null_space.accelerations, null_space.seconds
+        )
+        return chain_of(self.robot), self.q_start, self.momentum, path, fade
 
 
 def applies(problem: PlanningProblem) -> bool:

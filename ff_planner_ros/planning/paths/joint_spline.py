@@ -181,6 +181,20 @@ class JointSplines:
         found = compiled_motion.sensitivity(*rows, self._goal, by_duration, of_goal)
         return Sensitivity(*self._without_goal(found), hull=wide, goal_motion=goal_motion)
 
+    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid | None:
+        """Return the family as the core has it; None: the duration is one more variable."""
+        if self.goal_motion is not None:
+            return None
+        rows = *_rows(self.basis, points), *_hulls(self.basis)
+        return compiled.joint_splines(
+            chain_of(self.robot),
+            self.start,
+            self._goal,
+            not self.ending,
+            self.basis.duration,
+            *(compiled.SplineRows(self.free(of), self.known(of)) for of in rows),
+        )
+
     def _without_goal(self, found: Derivatives) -> Derivatives:
         """Return derivatives without those of the goal error, where there is none."""
         if not self.ending:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Target
@@ -107,6 +108,12 @@ class PathFamily(Protocol):
 
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
         """Differentiate a regular motion of this family; damping: that of the motion."""
+
+    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid | None:
+        """Return `motion` and `sensitivity` at once, as the core has them.
+
+        None: the duration is one more variable, which the core does not know.
+        """
 
     def first_guesses(
         self, obstacles: Sequence[Obstacle], points: int, damping: float

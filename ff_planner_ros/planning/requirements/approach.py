@@ -60,6 +60,10 @@ class ApproachCorridor(Requirement):
         """Return the margin at the approach distance [m]; nearer the grasp it is less."""
         return _MARGIN
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether there is a corridor."""
+        return problem.approach is not None
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:

@@ -5,12 +5,14 @@ This is for robots with collision geometry; `Clearance` is for centre lines.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import bodies_of, spheres_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import (
     may_touch,
@@ -34,14 +36,25 @@ from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
     search_sphere_distance,
 )
-from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
+from ff_planner_ros.planning.distance.start_room import (
+    LEAST_CLEARANCE,
+    margins_in_core,
+    room_of_bodies,
+    room_of_pairs,
+)
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
+from ff_planner_ros.planning.requirements.body_rows import (
+    FEW_POINTS,
+    OF_INTEREST,
+    pair_rows,
+    sphere_rows,
+    times_looked_at,
+)
 from ff_planner_ros.planning.requirements.collisions import (
     DETOURS,
     SLACK_PART,
@@ -84,6 +97,10 @@ class BodyClearance(Requirement):
         """Return the clearance that the search keeps at the points [m]."""
         return settings.clearance_margin
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether there are bodies and spheres."""
+        return bool(problem.robot.bodies and problem.spheres)
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
@@ -91,6 +108,23 @@ class BodyClearance(Requirement):
         if not (problem.robot.bodies and problem.spheres):
             return None
         return sphere_rows(problem, motion, sensitivity, margin)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement] | None:
+        """Return what makes the rows in the core, which knows no allowed collisions."""
+        if problem.allowed_collisions:
+            return None
+        return (
+            compiled.bodies_clear_of_spheres(
+                bodies_of(problem.robot),
+                spheres_of(problem.spheres, problem.duration),
+                margins_in_core(margin, room_of_bodies(problem)),
+                np.sort(times_looked_at(problem.duration, points)),
+                OF_INTEREST,
+                points < FEW_POINTS,
+            ),
+        )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
@@ -143,6 +177,10 @@ class SelfClearance(Requirement):
         """Return the clearance that the search keeps at the points [m]."""
         return settings.clearance_margin
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether there are pairs that must not touch."""
+        return bool(problem.robot.pairs)
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
@@ -150,6 +188,16 @@ class SelfClearance(Requirement):
         if not problem.robot.pairs:
             return None
         return pair_rows(problem, motion, sensitivity, margin)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement] | None:
+        """Return what makes the rows in the core, which knows no allowed collisions."""
+        if problem.allowed_collisions:
+            return None
+        margins = np.minimum(margin, room_of_pairs(problem))
+        bodies = bodies_of(problem.robot)
+        return (compiled.pairs_apart(bodies, margins, OF_INTEREST, points < FEW_POINTS),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""

@@ -67,6 +67,10 @@ class CameraView(Requirement):
         """Return how much further inside the view the search keeps the goal at the points [rad]."""
         return 0.0 if problem.camera is None else min(_MARGIN, _PART * problem.camera.half_angle)
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether a camera has to see the grasp."""
+        return problem.camera is not None
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:

@@ -6,12 +6,13 @@ limits the rotation angle, which is mostly larger.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.measures import chaser_euler_with_derivative
@@ -49,6 +50,10 @@ class ChaserAttitude(Requirement):
         """Return how far from the limit the search stays at the points [rad]."""
         return min(_MARGIN, _PART * problem.limits.chaser_attitude)
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether the Euler angles have a limit."""
+        return bool(np.isfinite(problem.limits.chaser_attitude))
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
@@ -60,6 +65,13 @@ class ChaserAttitude(Requirement):
         limits = np.full(3, problem.limits.chaser_attitude - margin)
         euler, jacobian = chaser_euler_with_derivative(problem.robot, q, of_q)
         return within(euler, jacobian, -limits, limits, OF_INTEREST)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        axes, limit = problem.robot.rotation_chaser_to_base, problem.limits.chaser_attitude
+        return (compiled.attitude_within(axes, limit - margin, OF_INTEREST),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the chaser stays from the limit [rad]."""

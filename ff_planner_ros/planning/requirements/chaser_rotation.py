@@ -59,6 +59,10 @@ class ChaserRotation(Requirement):
         """Return how far from the limit the search stays at the points [rad]."""
         return min(_MARGIN, _PART * problem.limits.chaser_rotation)
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether there is a limit that a rotation can exceed."""
+        return _is_limited(problem)
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:

@@ -7,12 +7,14 @@ outside every sphere at every point.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.distance.certificate import (
     LINES_GAP,
@@ -33,6 +35,7 @@ from ff_planner_ros.planning.distance.start_room import (
     CLEARANCE_AT_END,
     LEAST_CLEARANCE,
     lines_from_spheres,
+    margins_in_core,
     margins_of_rows,
     room_of_lines,
 )
@@ -97,6 +100,10 @@ class Clearance(Requirement):
         """Return the clearance that the search keeps at the points [m]."""
         return settings.clearance_margin
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether there are centre lines and spheres."""
+        return problem.robot.geometry is not Geometry.SHAPES and bool(problem.spheres)
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
@@ -116,6 +123,22 @@ class Clearance(Requirement):
         )
         margins = margins_of_rows(margin, room_of_lines(problem), names, looked_at)
         return Rows(distances - margins, jacobian, names)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        times, room = times_looked_at(problem.duration, points), room_of_lines(problem)
+        return (
+            compiled.lines_clear_of_spheres(
+                spheres_of(problem.spheres, problem.duration),
+                margins_in_core(margin, room),
+                len(room),
+                times,
+                OF_INTEREST,
+                points < FEW_POINTS,
+            ),
+        )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance, or a bound below it that is not negative [m]."""

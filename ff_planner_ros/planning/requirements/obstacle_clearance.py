@@ -8,14 +8,14 @@ closed forms.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import obstacles_of
+from ff_planner_ros.core.conversions import bodies_of, obstacles_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import may_touch, split_obstacles, stretches
 from ff_planner_ros.planning.distance.bodies import placed_bodies
@@ -32,7 +32,11 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     seen_from_chaser,
 )
 from ff_planner_ros.planning.distance.search_certificate import search_obstacle_distance
-from ff_planner_ros.planning.distance.start_room import margins_of_rows, room_of_obstacles
+from ff_planner_ros.planning.distance.start_room import (
+    margins_in_core,
+    margins_of_rows,
+    room_of_obstacles,
+)
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
@@ -40,8 +44,10 @@ from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_app
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
+    FEW_POINTS,
     OF_INTEREST,
     looked_at,
+    times_looked_at,
     without_allowed,
 )
 from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
@@ -86,6 +92,10 @@ class ObstacleClearance(Requirement):
         """Return the clearance that the search keeps at the points [m]."""
         return settings.clearance_margin
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether there are such obstacles."""
+        return bool(problem.obstacle_bodies)
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
@@ -93,6 +103,23 @@ class ObstacleClearance(Requirement):
         if not problem.obstacle_bodies:
             return None
         return obstacle_rows(problem, motion, sensitivity, margin)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement] | None:
+        """Return what makes the rows in the core, which knows no allowed collisions."""
+        if problem.allowed_collisions:
+            return None
+        return (
+            compiled.bodies_clear_of_obstacles(
+                bodies_of(with_bodies(problem.robot)),
+                obstacles_of(problem.obstacle_bodies, problem.duration),
+                margins_in_core(margin, room_of_obstacles(problem)),
+                np.sort(times_looked_at(problem.duration, points)),
+                OF_INTEREST,
+                points < FEW_POINTS,
+            ),
+        )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""

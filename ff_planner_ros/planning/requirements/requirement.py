@@ -5,7 +5,7 @@ The check measures the plan's samples alone and never uses the solver's rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import ClassVar, NamedTuple, Self
@@ -200,6 +200,19 @@ class Requirement:
         Returns:
             Values, shape (rows,), and their Jacobian, (rows, variables). None: nothing is near a
             limit, or the search does not keep this requirement.
+        """
+        return None
+
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether a path may have rows: without, `rows` is not called."""
+        return type(self).rows is not Requirement.rows
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement] | None:
+        """Return what makes the rows of `rows` in the core, for paths of so many points.
+
+        None: the core does not know the requirement, and `rows` is called, which is slower.
         """
         return None
 

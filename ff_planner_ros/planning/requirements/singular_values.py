@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -52,6 +52,10 @@ class SingularValues(Requirement):
                 f"{settings.singular_value_threshold:g}",
             )
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether the paths follow the end effector's."""
+        return problem.parametrisation is not Parametrisation.JOINT_SPLINE
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
@@ -71,6 +75,14 @@ class SingularValues(Requirement):
         near += 1
         jacobian = np.einsum("pj,pjx->px", by_joints[near], sensitivity.q[near, 6:])
         return Rows(values[near] - margin, jacobian, near)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        if margin == 0.0:
+            return ()
+        return (compiled.singular_value_above(problem.robot.base.rows, margin, _OF_INTEREST),)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the smallest singular value at the points."""

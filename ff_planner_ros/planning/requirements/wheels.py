@@ -99,6 +99,10 @@ class WheelLimits(Requirement):
         """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether there are wheels with limits."""
+        return problem.robot.wheels is not None and _is_limited(problem.robot.wheels)
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:

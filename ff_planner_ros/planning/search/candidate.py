@@ -13,7 +13,7 @@ from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.followed_path import followed_path
 from ff_planner_ros.planning.motion.motion import to_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.optimisation.program import PathLinearisation
+from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings

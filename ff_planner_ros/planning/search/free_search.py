@@ -13,12 +13,9 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.watch import SEARCHING, Progress, Watch
+from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
 from ff_planner_ros.planning.optimisation.free_program import FreeProgram
-from ff_planner_ros.planning.optimisation.program import (
-    PathLinearisation,
-    PathProgram,
-    path_program,
-)
+from ff_planner_ros.planning.optimisation.program import PathProgram, path_program
 from ff_planner_ros.planning.optimisation.restoration import nearest_feasible
 from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS, minimise
 from ff_planner_ros.planning.paths.path_family import PathFamily

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.optimisation.evaluated_path import EvaluatedPath
+from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -68,10 +69,10 @@ class Grid:
             return x
         return np.asarray(np.linalg.solve(self.directions, x), np.float64)
 
-    def linearise(self, along: Array) -> PathLinearisation:
+    def evaluate(self, along: Array) -> EvaluatedPath:
         """Return objective and constraints, with derivatives by the solver's variables."""
         if self.directions is None:
-            return self.program.linearise(along)
+            return self.program.evaluate(along)
         return self.program.linearise(self.directions @ along).by(self.directions)
 
     def with_stage(self, **changes: Any) -> Grid:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -14,8 +14,13 @@ from ff_planner_ros.planning.check.check import failures, named_failures
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
+from ff_planner_ros.planning.optimisation.evaluated_path import (
+    EvaluatedPath,
+    PathLinearisation,
+    seen,
+)
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
-from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.optimisation.restoration import nearest_feasible
 from ff_planner_ros.planning.optimisation.solver import Solution, minimise
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -56,7 +61,7 @@ class GridSolver:
         self.effort = Effort() if effort is None else effort
         self._solved: list[PathSolution] = []
         self._on_all_points: list[PathSolution] = []
-        self._best_visited: PathLinearisation | None = None
+        self._best_visited: EvaluatedPath | None = None
 
     @property
     def problem(self) -> PlanningProblem:
@@ -74,14 +79,14 @@ class GridSolver:
 
     def evaluate(self, grid: Grid, x: Array) -> PathLinearisation:
         """Return objective and constraints of x, with derivatives by the solver's variables."""
-        return self._watched(grid)(grid.along(x))
+        return seen(self._watched(grid)(grid.along(x)))
 
     def solve(
         self,
         grid: Grid,
         start: Array,
         curvature: Array | None = None,
-        at_start: PathLinearisation | None = None,
+        at_start: EvaluatedPath | None = None,
     ) -> PathSolution:
         """Minimise on a grid from decision variables; see `minimise`."""
         stage = grid.stage
@@ -118,8 +123,12 @@ class GridSolver:
         self, grid: Grid, x: Array, at_x: PathLinearisation, iterations: int
     ) -> PathSolution:
         """Return the nearest feasible path, as far as so many steps lead there."""
-        along = grid.along(x)
-        return self._record(nearest_feasible(self._watched(grid), along, at_x, iterations))
+        watched = self._watched(grid)
+
+        def linearise(along: Array) -> PathLinearisation:
+            return seen(watched(along))
+
+        return self._record(nearest_feasible(linearise, grid.along(x), at_x, iterations))
 
     def restore(self, grid: Grid, solution: PathSolution, iterations: int) -> PathSolution:
         """Return a solution with its violations mended, as far as possible (restoration)."""
@@ -145,7 +154,7 @@ class GridSolver:
             solution = restored if restored.feasible else solution
         if solution.feasible or self._best_visited is None:
             return solution
-        at_best = self.solve(grid.with_stage(iterations=0), self._best_visited.motion.x)
+        at_best = self.solve(grid.with_stage(iterations=0), self._best_visited.x)
         reason = "good enough: the best on the way that keeps the constraints"
         return replace(at_best, stop_reason=reason, curvature=solution.curvature)
 
@@ -262,22 +271,23 @@ class GridSolver:
             and turn <= _MISS * settings.orientation_tolerance
         )
 
-    def _record(self, solution: PathSolution) -> PathSolution:
+    def _record(self, found: Solution[Any]) -> PathSolution:
         """Convert a solution to decision variables, and keep it."""
-        solution = replace(solution, x=solution.at_x.motion.x)
+        at_x = seen(found.at_x)
+        solution: PathSolution = replace(found, x=at_x.x, at_x=at_x)
         self._solved.append(solution)
         self.effort.iterations += solution.iterations
         return solution
 
-    def _watched(self, grid: Grid) -> Callable[[Array], PathLinearisation]:
-        """Return a function that linearises on a grid, counts effort and reports to the watch."""
+    def _watched(self, grid: Grid) -> Callable[[Array], EvaluatedPath]:
+        """Return a function that evaluates on a grid, counts effort and reports to the watch."""
         phase = REFINING if grid.stage is self.grids[-1].stage else SEARCHING
         is_initial = True
 
-        def linearise(along: Array) -> PathLinearisation:
+        def evaluate(along: Array) -> EvaluatedPath:
             nonlocal is_initial
             self.watch.require_time(phase)
-            at_x = grid.linearise(along)
+            at_x = grid.evaluate(along)
             if at_x.is_defined:
                 if is_initial:
                     self.effort.met.update(grid.program.met(at_x))
@@ -292,9 +302,9 @@ class GridSolver:
                     self._best_visited = at_x
             return at_x
 
-        return linearise
+        return evaluate
 
-    def _progress(self, phase: str, at_x: PathLinearisation) -> Progress:
+    def _progress(self, phase: str, at_x: EvaluatedPath) -> Progress:
         effort = self.effort
         return Progress(phase, effort.starts, effort.rollouts, at_x.objective, at_x.violation)
 

@@ -11,7 +11,7 @@ from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.motion.measures import joint_path_length, straight_way
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, PassingOn, Watch
-from ff_planner_ros.planning.optimisation.program import PathLinearisation
+from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
 from ff_planner_ros.planning.search.grid import CLEARANCES, Grid
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution
 from ff_planner_ros.planning.search.multi_start import is_promising

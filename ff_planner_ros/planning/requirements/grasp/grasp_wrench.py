@@ -64,6 +64,12 @@ class GraspWrench(Requirement):
         """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether a grasp with limits holds a payload."""
+        return payload_frame(problem.robot) is not None and bool(
+            np.isfinite(_limits(problem)).any()
+        )
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:

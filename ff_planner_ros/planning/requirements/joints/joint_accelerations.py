@@ -62,6 +62,10 @@ class JointAccelerations(Requirement):
         """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether accelerations have limits."""
+        return _limits(problem) is not None
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:

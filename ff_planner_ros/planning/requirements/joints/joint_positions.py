@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -87,6 +87,24 @@ class JointPositions(Requirement):
             rows = Rows(*compiled.position_rows(*path, step, has_duration, *limits))
         stops = _stops(motion, sensitivity, lower, upper)
         return Rows(*(np.concatenate(both) for both in zip(rows, stops, strict=True)))
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        robot = problem.robot
+        return (
+            compiled.positions_within(
+                robot.lower_position_limits,
+                robot.upper_position_limits,
+                excess=ALLOWED_EXCESS,
+                margin=margin,
+                interest=OF_INTEREST,
+                stop_interest=_STOP_OF_INTEREST,
+                jerk=FASTEST_CHANGE,
+                step=problem.duration / (points - 1),
+            ),
+        )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance to the limits, or a positive bound below it [rad, m]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -78,6 +78,10 @@ class JointRates(Requirement):
         """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether velocities have limits."""
+        return problem.limits.joint_velocities
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
@@ -95,6 +99,20 @@ class JointRates(Requirement):
         step = problem.duration / (len(motion.q) - 1)
         has_duration = sensitivity.goal_motion is not None
         return Rows(*compiled.rate_rows(*path, step, has_duration, -limits, limits, interest))
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        return (
+            compiled.rates_within(
+                problem.robot.velocity_limits,
+                excess=ALLOWED_EXCESS,
+                margin=margin,
+                interest=1.0 - _OF_INTEREST,
+                step=problem.duration / (points - 1),
+            ),
+        )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance as a fraction of its limit, or a positive bound below it."""

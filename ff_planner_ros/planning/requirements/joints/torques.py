@@ -71,6 +71,10 @@ class Torques(Requirement):
         """Return how far from the limits the search stays, as a fraction of them."""
         return _MARGIN
 
+    def concerns(self, problem: PlanningProblem) -> bool:
+        """Tell whether torques have limits."""
+        return problem.limits.joint_torques
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:

@@ -1,0 +1,285 @@
+// Python's way to a path's program on a time grid.
+#include "program/path_program.hpp"
+
+#include <pybind11/stl.h>
+#include <pybind11/typing.h>
+
+#include "bindings/bindings.hpp"
+#include "bindings/distances.hpp"
+
+namespace ff {
+namespace {
+
+using Paths = std::shared_ptr<PathsOnGrid>;
+using Requirement = std::shared_ptr<PathRequirement>;
+
+Paths end_effector_paths(const Chain& chain, const Array& q_start, const Array& momentum,
+                         const EndEffectorPolynomial& path, const NullSpaceFade& null_space,
+                         int points, double damping) {
+  const py::ssize_t n = chain.joints();
+  if (points < 2) throw std::invalid_argument("points must be 2 or more");
+  if (null_space.rates.size() != n) throw std::invalid_argument("null_space is of another chain");
+  if (path.quintic_by_duration) throw std::invalid_argument("path must last a given duration");
+  return std::make_shared<EndEffectorPathsOnGrid>(
+      chain, Configuration::read(values(q_start, "q_start", {7 + n})),
+      vector6(momentum, "momentum"), path, null_space, points, checked(damping, "damping"));
+}
+
+SplineRows spline_rows(const Array& free, const Array& known) {
+  const Rows by_variables = rows(free, "free", {kAny, kAny});
+  return {by_variables, rows(known, "known", {by_variables.rows(), kAny})};
+}
+
+Paths joint_splines(const Chain& chain, const Start& start, const Target& target, bool has_goal,
+                    double duration, const SplineRows& positions, const SplineRows& rates,
+                    const SplineRows& accelerations, const SplineRows& position_hull,
+                    const SplineRows& rate_hull) {
+  const Eigen::Index half_steps = positions.free.rows(), each = positions.free.cols();
+  if (half_steps < 3 || half_steps % 2 == 0)
+    throw std::invalid_argument("positions has " + std::to_string(half_steps) +
+                                " rows, not an odd number of three or more");
+  for (const SplineRows* of : {&rates, &accelerations})
+    if (of->free.rows() != half_steps)
+      throw std::invalid_argument("rates or accelerations are at other half steps");
+  for (const SplineRows* of : {&positions, &rates, &accelerations, &position_hull, &rate_hull})
+    if (of->free.cols() != each || of->known.cols() != chain.joints())
+      throw std::invalid_argument("rows are of other variables, or of another chain");
+  return std::make_shared<JointSplinesOnGrid>(
+      chain, start, target, has_goal, checked(duration, "duration"),
+      SplineGrid{positions, rates, accelerations, position_hull, rate_hull});
+}
+
+Correction correction(const Array& q, const Array& v, const Array& q_half_way) {
+  const Rows of_q = rows(q, "q", {kAny, kAny});
+  const py::ssize_t points = of_q.rows(), size = of_q.cols();
+  if (points < 2) throw std::invalid_argument("q must have two rows or more");
+  RowMajor steps(2 * points - 1, size);
+  steps << of_q, rows(q_half_way, "q_half_way", {points - 1, size});
+  return {steps, rows(v, "v", {points, size})};
+}
+
+PathObjective path_objective(double joint_path, double slow, double smoothing, const Array& shares,
+                             double attitude, const Array& chaser_to_base, double attitude_norm) {
+  return {
+      checked(joint_path, "joint_path"),      checked(slow, "slow"),
+      checked(smoothing, "smoothing"),        values(shares, "shares", {kAny}),
+      checked(attitude, "attitude"),          matrix3(chaser_to_base, "rotation_chaser_to_base"),
+      checked(attitude_norm, "attitude_norm")};
+}
+
+// A motion at which Python is asked for rows.
+struct MotionOfPath {
+  const PathMotion& of;
+
+  Array q(Eigen::Index first, Eigen::Index count) const {
+    return Array(Shape{count, of.q.cols()}, of.q.row(first).data());
+  }
+  Array by_x(const RowMajor& of_q_or_v, Eigen::Index first, Eigen::Index count) const {
+    const Eigen::Index size = of.v.cols();
+    return Array(Shape{count, size, of.variables()}, of_q_or_v.row(first * size).data());
+  }
+};
+
+// What the core does not know.
+struct RowsByPython : PathRequirement {
+  py::function rows_of;
+
+  explicit RowsByPython(py::function rows_of) : rows_of(std::move(rows_of)) {}
+
+  ConstraintRows rows(const LookedAt& at) const override {
+    const py::object found = rows_of(MotionOfPath{at.motion});
+    if (found.is_none()) return {};
+    const auto [left, by_x, names] = found.cast<std::tuple<Array, Array, Numbers>>();
+    const Values of = values(left, "rows", {kAny});
+    const Rows derivatives = rows_of_array(by_x, of.size(), at.motion.variables());
+    require_shape(names, "names", {of.size()});
+    return {{of.begin(), of.end()},
+            {derivatives.data(), derivatives.data() + derivatives.size()},
+            {names.data(), names.data() + names.size()}};
+  }
+
+ private:
+  static Rows rows_of_array(const Array& by_x, py::ssize_t count, py::ssize_t variables) {
+    return ff::rows(by_x, "jacobian", {count, variables});
+  }
+};
+
+using KnownOrNot = std::variant<Requirement, py::typing::Callable<py::object(MotionOfPath)>>;
+
+PathProgram path_program(const Paths& paths, double step, const PathObjective& objective,
+                         const std::vector<std::pair<long long, KnownOrNot>>& requirements,
+                         const std::optional<Correction>& correction) {
+  const py::ssize_t joints = paths->chain().joints();
+  if (objective.shares.size() > 0 && objective.shares.size() != 6 + joints)
+    throw std::invalid_argument("shares are of another chain");
+  std::vector<PathProgram::Numbered> numbered;
+  for (const auto& [number, one] : requirements) {
+    const auto* known = std::get_if<Requirement>(&one);
+    numbered.push_back({number, known ? *known : std::make_shared<RowsByPython>(std::get<1>(one))});
+    numbered.back().requirement->require_fits(joints, paths->points());
+  }
+  if (correction && (correction->v.rows() != paths->points() || correction->v.cols() != 6 + joints))
+    throw std::invalid_argument("correction is of other points, or of another chain");
+  if (!(checked(step, "step") > 0)) throw std::invalid_argument("step must be positive");
+  return {paths, step, objective, numbered, correction};
+}
+
+using Evaluated = std::shared_ptr<EvaluatedPath>;
+
+// Throws where the core computed what is no number.
+Evaluated evaluated(const PathProgram& program, const Array& x) {
+  auto found = std::make_shared<EvaluatedPath>(program.at(values(x, "x", {program.variables()})));
+  if (!found->is_defined()) return found;
+  const auto require = [](const auto& of, const char* name) {
+    if (!are_finite({of.data(), static_cast<Eigen::Index>(of.size())}))
+      throw std::domain_error(std::string(name) + " is not finite");
+  };
+  const PathMotion& motion = found->motion;
+  require(motion.q, "q");
+  require(motion.v, "v");
+  require(motion.acceleration, "acceleration");
+  require(motion.goal_error, "goal error");
+  require(motion.goal_error_by_x, "d(goal error)/dx");
+  result(found->terms.value, "value");
+  require(found->terms.gradient, "gradient");
+  require(found->terms.hessian, "hessian");
+  require(found->terms.max_terms, "max terms");
+  require(found->terms.max_terms_jacobian, "d(max terms)/dx");
+  require(found->rows.values, "constraints");
+  require(found->rows.jacobian, "d(constraints)/dx");
+  return found;
+}
+
+// An array of numbers that `owner` keeps, which nobody may change.
+template <typename T>
+py::array_t<T> kept(const py::object& owner, const T* numbers, const Shape& shape) {
+  py::array_t<T> found(shape, numbers, owner);
+  py::detail::array_proxy(found.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+  return found;
+}
+
+// What Python sees of a vector or a matrix of an evaluated path.
+template <typename Of>
+auto vector(Of of) {
+  return [of](const py::object& self) {
+    const auto& numbers = of(self.cast<const EvaluatedPath&>());
+    return kept(self, numbers.data(), {static_cast<py::ssize_t>(numbers.size())});
+  };
+}
+template <typename Of>
+auto matrix(Of of) {
+  return [of](const py::object& self) {
+    const RowMajor& numbers = of(self.cast<const EvaluatedPath&>());
+    return kept(self, numbers.data(), {numbers.rows(), numbers.cols()});
+  };
+}
+
+void bind_evaluated(py::module_& m) {
+  const auto motion = [](auto member) {
+    return matrix([member](const EvaluatedPath& of) -> auto& { return of.motion.*member; });
+  };
+  const auto configurations = [](bool half_way) {
+    return [half_way](const py::object& self) {
+      const PathMotion& of = self.cast<const EvaluatedPath&>().motion;
+      const Eigen::Index first = half_way ? of.points() : 0;
+      return kept(self, of.q.data() + first * of.q.cols(), {of.points() - half_way, of.q.cols()});
+    };
+  };
+  const auto terms = [](auto member) {
+    return matrix([member](const EvaluatedPath& of) -> auto& { return of.terms.*member; });
+  };
+  py::class_<EvaluatedPath, Evaluated>(m, "EvaluatedPath")
+      .def_property_readonly("is_defined", &EvaluatedPath::is_defined)
+      .def_property_readonly("singular_at",
+                             [](const EvaluatedPath& of) -> std::optional<double> {
+                               if (of.is_defined()) return std::nullopt;
+                               return of.motion.singular_at;
+                             })
+      .def_property_readonly("objective",
+                             [](const EvaluatedPath& of) { return of.functions().objective(); })
+      .def_property_readonly("violation",
+                             [](const EvaluatedPath& of) { return of.functions().violation(); })
+      .def_property_readonly("value", [](const EvaluatedPath& of) { return of.terms.value; })
+      .def_property_readonly("x",
+                             vector([](const EvaluatedPath& of) -> auto& { return of.motion.x; }))
+      .def_property_readonly(
+          "gradient", vector([](const EvaluatedPath& of) -> auto& { return of.terms.gradient; }))
+      .def_property_readonly(
+          "max_terms", vector([](const EvaluatedPath& of) -> auto& { return of.terms.max_terms; }))
+      .def_property_readonly(
+          "constraints", vector([](const EvaluatedPath& of) -> auto& { return of.rows.values; }))
+      .def_property_readonly("equalities", vector([](const EvaluatedPath& of) -> auto& {
+                               return of.motion.goal_error;
+                             }))
+      .def_property_readonly("names",
+                             vector([](const EvaluatedPath& of) -> auto& { return of.rows.names; }))
+      .def_property_readonly("constraints_jacobian",
+                             [](const py::object& self) {
+                               const auto& of = self.cast<const EvaluatedPath&>();
+                               const auto count = static_cast<py::ssize_t>(of.rows.values.size());
+                               return kept(self, of.rows.jacobian.data(),
+                                           {count, of.motion.variables()});
+                             })
+      .def_property_readonly("hessian", terms(&Terms::hessian))
+      .def_property_readonly("max_terms_jacobian", terms(&Terms::max_terms_jacobian))
+      .def_property_readonly("equalities_jacobian", motion(&PathMotion::goal_error_by_x))
+      .def_property_readonly("q", configurations(false))
+      .def_property_readonly("v", motion(&PathMotion::v))
+      .def_property_readonly("q_half_way", configurations(true))
+      .def_property_readonly("acceleration", motion(&PathMotion::acceleration));
+}
+
+}  // namespace
+
+void bind_path_program(py::module_& m) {
+  bind_evaluated(m);
+  const auto matrix = [](auto member) {
+    return [member](const MotionOfPath& m) {
+      const RowMajor& rows = m.of.*member;
+      return Array(Shape{rows.rows(), rows.cols()}, rows.data());
+    };
+  };
+  const auto vector = [](auto member) {
+    return [member](const MotionOfPath& m) {
+      const Eigen::VectorXd& numbers = m.of.*member;
+      return Array(numbers.size(), numbers.data());
+    };
+  };
+  py::class_<MotionOfPath>(m, "MotionOfPath")
+      .def_property_readonly("x", vector(&PathMotion::x))
+      .def_property_readonly("goal_error", vector(&PathMotion::goal_error))
+      .def_property_readonly("goal_error_by_x", matrix(&PathMotion::goal_error_by_x))
+      .def_property_readonly("v", matrix(&PathMotion::v))
+      .def_property_readonly("acceleration", matrix(&PathMotion::acceleration))
+      .def_property_readonly("q", [](const MotionOfPath& m) { return m.q(0, m.of.points()); })
+      .def_property_readonly(
+          "q_half_way", [](const MotionOfPath& m) { return m.q(m.of.points(), m.of.points() - 1); })
+      .def_property_readonly(
+          "q_by_x", [](const MotionOfPath& m) { return m.by_x(m.of.dq, 0, m.of.points()); })
+      .def_property_readonly(
+          "v_by_x", [](const MotionOfPath& m) { return m.by_x(m.of.dv, 0, m.of.points()); })
+      .def_property_readonly("q_half_way_by_x", [](const MotionOfPath& m) {
+        return m.by_x(m.of.dq, m.of.points(), m.of.points() - 1);
+      });
+  py::class_<SplineRows>(m, "SplineRows")
+      .def(py::init(&spline_rows), py::arg("free"), py::arg("known"));
+  py::class_<Correction>(m, "Correction")
+      .def(py::init(&correction), py::arg("q"), py::arg("v"), py::arg("q_half_way"));
+  py::class_<PathsOnGrid, Paths>(m, "PathsOnGrid");
+  m.def("end_effector_paths", &end_effector_paths, py::arg("chain"), py::arg("q_start"),
+        py::arg("momentum"), py::arg("path"), py::arg("null_space"), py::arg("points"),
+        py::arg("damping"));
+  m.def("joint_splines", &joint_splines, py::arg("chain"), py::arg("start"), py::arg("target"),
+        py::arg("has_goal"), py::arg("duration"), py::arg("positions"), py::arg("rates"),
+        py::arg("accelerations"), py::arg("position_hull"), py::arg("rate_hull"));
+  py::class_<PathObjective>(m, "PathObjective")
+      .def(py::init(&path_objective), py::arg("joint_path"), py::arg("slow"), py::arg("smoothing"),
+           py::arg("shares"), py::arg("attitude"), py::arg("rotation_chaser_to_base"),
+           py::arg("attitude_norm"));
+  py::class_<PathProgram>(m, "PathProgram")
+      .def(py::init(&path_program), py::arg("paths"), py::arg("step"), py::arg("objective"),
+           py::arg("requirements"), py::arg("correction") = std::nullopt)
+      .def("at", &evaluated, py::arg("x"));
+}
+
+}  // namespace ff

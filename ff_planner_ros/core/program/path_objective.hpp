@@ -1,0 +1,91 @@
+// The objectives of Eqs. (44) and (45) of a path on a time grid.
+#pragma once
+#include "kinematics/chaser_euler.hpp"
+#include "motion/joint_path.hpp"
+#include "program/path_motion.hpp"
+
+namespace ff {
+
+inline Rows view(const RowMajor& of) { return {of.data(), of.rows(), of.cols()}; }
+
+// The contribution of the objectives to a program: f, and the max terms p.
+struct Terms {
+  double value = 0;
+  Eigen::VectorXd gradient, max_terms;
+  RowMajor hessian, max_terms_jacobian;
+};
+
+struct PathObjective {
+  double joint_path;       // weight
+  double slow, smoothing;  // see `JointPath`
+  Eigen::VectorXd shares;  // of each velocity in the joint path; empty: all are one
+  double attitude;         // weight
+  Matrix3 chaser_to_base;  // of the chaser's axes
+  // p of the p-norm that stands for the largest Euler angle; zero: none does.
+  double attitude_norm;
+  Terms terms(const PathMotion& motion, double step) const {
+    const Eigen::Index variables = motion.variables();
+    Terms found;
+    found.gradient.setZero(variables);
+    found.hessian.setZero(variables, variables);
+    found.max_terms_jacobian.resize(0, variables);
+    if (joint_path > 0) add_joint_path(motion, step, found);
+    if (attitude > 0) add_attitude(motion, found);
+    return found;
+  }
+
+ private:
+  void add_joint_path(const PathMotion& motion, double step, Terms& to) const {
+    const auto add = [&](const Rows& v, const Rows& dv) {
+      const JointPath path(v, dv, step, slow, smoothing);
+      to.value += joint_path * path.value;
+      to.gradient += joint_path * path.gradient;
+      to.hessian += joint_path * path.hessian;
+    };
+    if (shares.size() == 0) return add(view(motion.v), view(motion.dv));
+    RowMajor v = motion.v, dv = motion.dv;
+    for (Eigen::Index i = 0; i < v.rows(); ++i) {
+      v.row(i).array() *= shares.transpose().array();
+      dv.middleRows(i * v.cols(), v.cols()).array().colwise() *= shares.array();
+    }
+    add(view(v), view(dv));
+  }
+
+  void add_attitude(const PathMotion& motion, Terms& to) const {
+    const ChaserEuler euler({motion.q.data(), motion.points(), motion.q.cols()},
+                            {motion.dq.data(), motion.dv.rows(), motion.variables()},
+                            chaser_to_base);
+    const Values angles(euler.angles.data(), euler.angles.size());
+    const Eigen::VectorXd values = attitude * angles;
+    const RowMajor by_x = attitude * euler.jacobian;
+    if (attitude_norm > 0) return add_power_mean(values, by_x, attitude_norm, to);
+    const Eigen::Index count = values.size();
+    to.max_terms.resize(2 * count);
+    to.max_terms << values, -values;
+    to.max_terms_jacobian.resize(2 * count, by_x.cols());
+    to.max_terms_jacobian << by_x, -by_x;
+  }
+
+  // (mean |values|^p)^(1/p), which is smooth where its limit for large p, the largest modulus, has
+  // kinks. Its Gauss-Newton Hessian is exact if the values are linear in x, and positive
+  // semidefinite because a norm is convex.
+  static void add_power_mean(const Eigen::VectorXd& values, const RowMajor& by_x, double p,
+                             Terms& to) {
+    const double largest = values.lpNorm<Eigen::Infinity>();
+    if (largest == 0) return;
+    const auto count = static_cast<double>(values.size());
+    const Eigen::ArrayXd parts = values.array() / largest;
+    const double mean = std::pow(parts.abs().pow(p).sum() / count, 1 / p);
+    const Eigen::ArrayXd shares = parts / mean;
+    const Eigen::VectorXd slopes = shares.sign() * shares.abs().pow(p - 1) / count;
+    const Eigen::VectorXd gradient = by_x.transpose() * slopes;
+    const Eigen::ArrayXd curved = shares.abs().pow(p - 2) / count;
+    const double value = largest * mean;
+    const RowMajor squares = by_x.transpose() * curved.matrix().asDiagonal() * by_x;
+    to.value += value;
+    to.gradient += gradient;
+    to.hessian += (p - 1) / value * (squares - gradient * gradient.transpose());
+  }
+};
+
+}  // namespace ff

@@ -1,0 +1,106 @@
+// The optimisation problem of Eq. (43) on a time grid: objectives and requirements as functions of
+// a path, with their derivatives.
+#pragma once
+#include "optimisation/subproblem.hpp"
+#include "program/path_objective.hpp"
+#include "program/path_requirements.hpp"
+
+namespace ff {
+
+// Difference between a path's motion and the controller's interpolation of the plan's points, which
+// requirements are asked of: tangent steps at the points and half-way, and differences of
+// velocities at the points. Its own derivatives are neglected.
+struct Correction {
+  RowMajor q, v;
+
+  void apply(PathMotion& to) const {
+    for (Eigen::Index i = 0; i < q.rows(); ++i)
+      Configuration::read(to.q.row(i)).step(q.row(i)).write(to.q.row(i));
+    to.v += v;
+  }
+};
+
+// A path with what a program says of it; the functions look at what is kept beside them.
+struct EvaluatedPath {
+  PathMotion motion;
+  Terms terms;
+  ConstraintRows rows;
+
+  bool is_defined() const { return motion.is_regular(); }
+  Functions functions() const {
+    const auto count = static_cast<Eigen::Index>(rows.values.size());
+    return {terms.value,
+            view(terms.gradient),
+            view(terms.hessian),
+            view(terms.max_terms),
+            view(terms.max_terms_jacobian),
+            {rows.values.data(), count},
+            {rows.jacobian.data(), count, motion.variables()},
+            view(motion.goal_error),
+            view(motion.goal_error_by_x),
+            rows.names,
+            is_defined()};
+  }
+};
+
+class PathProgram {
+ public:
+  // A requirement with its number, by which the names of its rows differ from those of others.
+  struct Numbered {
+    long long number;
+    std::shared_ptr<const PathRequirement> requirement;
+  };
+
+  PathProgram(std::shared_ptr<const PathsOnGrid> paths, double step, PathObjective objective,
+              std::vector<Numbered> requirements, std::optional<Correction> correction)
+      : paths_(std::move(paths)),
+        step_(step),
+        objective_(std::move(objective)),
+        requirements_(std::move(requirements)),
+        correction_(std::move(correction)) {}
+
+  Eigen::Index variables() const { return paths_->variables(); }
+
+  EvaluatedPath at(const Eigen::VectorXd& x) const {
+    EvaluatedPath found{paths_->motion(x), {}, {}};
+    if (!found.is_defined()) return found;
+    PathMotion& motion = found.motion;
+    found.terms = objective_.terms(motion, step_);
+    if (!correction_) {
+      found.rows = rows_of(motion);
+      return found;
+    }
+    const RowMajor q = motion.q, v = motion.v;
+    correction_->apply(motion);
+    found.rows = rows_of(motion);
+    motion.q = q;
+    motion.v = v;
+    return found;
+  }
+
+ private:
+  // No requirement has as many rows: the names of all of them differ. Those of one lie on both
+  // sides of zero.
+  static constexpr long long kNames = 1LL << 40;
+
+  ConstraintRows rows_of(const PathMotion& motion) const {
+    const LookedAt at(paths_->chain(), motion);
+    ConstraintRows all;
+    for (const Numbered& of : requirements_) {
+      const ConstraintRows found = of.requirement->rows(at);
+      all.values.insert(all.values.end(), found.values.begin(), found.values.end());
+      all.jacobian.insert(all.jacobian.end(), found.jacobian.begin(), found.jacobian.end());
+      for (const long long name : found.names)
+        all.names.push_back(name + of.number * kNames + kNames / 2);
+    }
+    return all;
+  }
+
+  std::shared_ptr<const PathsOnGrid> paths_;
+  double step_;
+  PathObjective objective_;
+  std::vector<Numbered> requirements_;
+  std::optional<Correction> correction_;
+};
+
+}  // namespace ff
