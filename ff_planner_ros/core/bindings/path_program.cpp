@@ -87,7 +87,8 @@ struct RowsByPython : PathRequirement {
   explicit RowsByPython(py::function rows_of) : rows_of(std::move(rows_of)) {}
 
   ConstraintRows rows(const LookedAt& at) const override {
-    const py::object found = rows_of(MotionOfPath{at.motion});
+    if (!at.elsewhere.has_value()) at.elsewhere = py::cast(MotionOfPath{at.motion});
+    const py::object found = rows_of(std::any_cast<py::object>(at.elsewhere));
     if (found.is_none()) return {};
     const auto [left, by_x, names] = found.cast<std::tuple<Array, Array, Numbers>>();
     const Values of = values(left, "rows", {kAny});

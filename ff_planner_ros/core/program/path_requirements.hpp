@@ -1,6 +1,6 @@
 // What the core knows to require of a path on a time grid, as rows g(x) >= 0 of a program.
 #pragma once
-#include <map>
+#include <any>
 
 #include "collision/obstacles.hpp"
 #include "kinematics/chaser_euler.hpp"
@@ -21,6 +21,7 @@ class LookedAt {
  public:
   const Chain& chain;
   const PathMotion& motion;
+  mutable std::any elsewhere;  // the same path as those see it that the core does not know
 
   LookedAt(const Chain& chain, const PathMotion& motion) : chain(chain), motion(motion) {}
 

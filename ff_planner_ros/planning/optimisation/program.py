@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -262,11 +262,23 @@ def _rows_by_python(
     required: Requirement, problem: PlanningProblem, margin: float, of: compiled.MotionOfPath
 ) -> Rows | None:
     """Return the rows of a requirement that the core does not know."""
-    motion = Motion(x=of.x, q=of.q, v=of.v, q_half_way=of.q_half_way, goal_error=of.goal_error)
-    sensitivity = Sensitivity(
-        of.q_by_x, of.v_by_x, of.q_half_way_by_x, of.goal_error_by_x, of.acceleration
+    return required.rows(problem, *_motion_of(of), margin)
+
+
+@lru_cache(maxsize=1)  # several requirements ask for the same
+def _motion_of(path: compiled.MotionOfPath) -> tuple[Motion, Sensitivity]:
+    """Return the motion of a path that the core has evaluated, and its derivatives."""
+    of_q, of_v, of_q_half_way = path.q_by_x, path.v_by_x, path.q_half_way_by_x
+    return (
+        Motion(
+            x=path.x,
+            q=path.q,
+            v=path.v,
+            q_half_way=path.q_half_way,
+            goal_error=path.goal_error,
+        ),
+        Sensitivity(of_q, of_v, of_q_half_way, path.goal_error_by_x, path.acceleration),
     )
-    return required.rows(problem, motion, sensitivity, margin)
 
 
 def path_program(
