@@ -97,6 +97,9 @@ def test_a_plan_keeps_it_between_the_points_too(
     found = perform(PlanningTask(replace(kept, parametrisation=family), SETTINGS))
     assert 0.0 <= least_height(kept, found) < 0.05
     assert found.metrics.joint_path_length > free.metrics.joint_path_length
+    (note,) = found.notes
+    assert "keep_out_plane, which makes it slower" in note
+    assert not free.notes
 
 
 def test_the_digest_covers_it_and_problems_without_one_keep_theirs(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 
 # Of a hull's volume beyond its mesh's [%], and meshes that a note names.
 _MUCH, _MOST_TOLD = 10.0, 5
@@ -20,6 +21,15 @@ def hull_notes(bodies: Sequence[ObstacleBody]) -> tuple[str, ...]:
     more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
     names = ", ".join(told[:_MOST_TOLD])
     return (f"meshes count by their convex hulls, which have more volume: {names}{more}",)
+
+
+def notes_on(problem: PlanningProblem) -> tuple[str, ...]:
+    """Return notes on meshes, and on requirements of plug-ins, which the core does not know."""
+    notes = hull_notes(problem.obstacle_bodies)
+    slower = ", ".join(one.name for one in problem.requirements if one.concerns(problem))
+    if slower:
+        notes += (f"the search asks Python for the rows of {slower}, which makes it slower",)
+    return notes
 
 
 def with_notes(refused: NoPlanFound, notes: Sequence[str]) -> NoPlanFound:

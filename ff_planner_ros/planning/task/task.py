@@ -30,7 +30,7 @@ from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
 from ff_planner_ros.planning.task.controller_rules import Command, Controller, require_acceptable
 from ff_planner_ros.planning.task.following import following
-from ff_planner_ros.planning.task.notes import hull_notes, with_hull_note, with_notes
+from ff_planner_ros.planning.task.notes import notes_on, with_hull_note, with_notes
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
 from ff_planner_ros.robot.state import SystemState
@@ -213,7 +213,7 @@ def _perform(task: PlanningTask, watch: Watch, method: Method) -> Plan:
         guess = Remainder(rest, task.running_goal - task.ahead)
         frame, problem = _seen_from_system(problem, start)
     steps, bodies = Steps(watch, task.effort), task.problem.obstacle_bodies
-    notes = hull_notes(bodies)
+    notes = notes_on(task.problem)
     try:
         found = _performed(task, problem, steps, method, guess)
         return frame.plan_seen_by_user(replace(found, effort=steps.ended_at, notes=notes))
