@@ -23,6 +23,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.objectives import weighted_sum, with_tie_break
+from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.search.candidate import Effort
@@ -131,7 +132,8 @@ class AttitudeSearch:
         if not self._is_minor:
             self._glance()
         solver, threads = self.solver, self.solver.settings.threads
-        self._parts = SideBySide(self._compute, solver.watch, solver.effort, threads)
+        compute = partial(self._compute, solver.program)
+        self._parts = SideBySide(compute, solver.watch, solver.effort, threads)
         with closing(self._parts):
             for number, one in enumerate(rounds_of(solver.settings.search, self._attitude_share)):
                 if number == 1 and self._is_minor and not self._is_more_in_sight():
@@ -239,10 +241,15 @@ class AttitudeSearch:
             self.solver.with_rows_but_for(on_demand)
             yield value
 
-    def _compute(self, part: _Part, watch: Watch, effort: Effort) -> tuple[Any, frozenset[str]]:
-        """Compute a part with a solver of its own, which may learn of further requirements."""
+    def _compute(
+        self, program: PathProgram, part: _Part, watch: Watch, effort: Effort
+    ) -> tuple[Any, frozenset[str]]:
+        """Compute a part with a solver of its own, which may learn of further requirements.
+
+        It does not know those that parts before it learnt, which may be computed beside it.
+        """
         search, (compute, on_demand) = copy(self), part
-        search.solver = GridSolver(self.solver.program, self.solver.settings, watch, effort)
+        search.solver = GridSolver(program, self.solver.settings, watch, effort)
         search.solver.with_rows_but_for(on_demand)
         return compute(search), search.solver.program.on_demand
 
