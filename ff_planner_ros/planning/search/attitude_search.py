@@ -23,6 +23,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.objectives import weighted_sum, with_tie_break
+from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.search.candidate import Effort
@@ -49,8 +50,9 @@ from ff_planner_ros.planning.search.portfolio import (
 from ff_planner_ros.planning.search.side_by_side import SideBySide
 
 Value = TypeVar("Value")
-# A part of the search, and the requirements that have no rows yet.
+# A part of the search or what it found, and the requirements that have no rows yet.
 _Part: TypeAlias = "tuple[Callable[[AttitudeSearch], Any], frozenset[str]]"
+_Found: TypeAlias = tuple[Any, frozenset[str]]
 
 # Weights of the attitude relative to the joint path's that are tried below the requested one: each
 # about three times the last; below the first the joint path alone decides.
@@ -113,7 +115,7 @@ class AttitudeSearch:
     best: Plan = field(init=False)
     _optima: list[_Optimum] = field(default_factory=list, init=False)
     _refined: list[_Optimum] = field(default_factory=list, init=False)
-    _parts: SideBySide[_Part, Any] = field(init=False, repr=False)
+    _parts: SideBySide[_Part, _Found] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Begin with the plan of minimum joint path."""
@@ -128,26 +130,20 @@ class AttitudeSearch:
         """
         guesses = chain(self.seeds, self.solver.initial_guesses())
         random, is_papers = np.random.default_rng(0), self._grids()[0].directions is not None
-        if not self._is_minor:
-            self._glance()
         solver, threads = self.solver, self.solver.settings.threads
-        self._parts = SideBySide(self._compute, solver.watch, solver.effort, threads)
+        compute = partial(self._compute, solver.program)
+        self._parts = SideBySide(compute, solver.watch, solver.effort, threads)
         with closing(self._parts):
             for number, one in enumerate(rounds_of(solver.settings.search, self._attitude_share)):
                 if number == 1 and self._is_minor and not self._is_more_in_sight():
                     break
-                self._race(list(islice(guesses, one.guesses)))
+                glance = number == 0 and not self._is_minor
+                self._race(list(islice(guesses, one.guesses)), glance)
                 self._hop(random, one.hops * (HOPS_OF_PAPERS_PATHS if is_papers else 1))
                 self._refine()
                 if number == 0 and self.best is self.shortest:
                     self._climb()
         return self._with_effort()
-
-    def _glance(self) -> None:
-        """Keep the plan that a few steps lead to: a better one, early."""
-        grid = self._coarsest(RACE[0].norm).with_stage(iterations=RACE[0].iterations)
-        path = self.solver.solve(grid, self.seeds[0])
-        self._keep(self._plans_near(self._objective, path.x, None, GLANCE))
 
     @property
     def _attitude_share(self) -> float:
@@ -159,13 +155,16 @@ class AttitudeSearch:
     def _is_minor(self) -> bool:
         return self._attitude_share <= MINOR
 
-    def _race(self, guesses: Sequence[Array]) -> None:
+    def _race(self, guesses: Sequence[Array], glance: bool) -> None:
         """Find optima by successive halving of the paths from initial guesses."""
         self.solver.effort.starts += len(guesses)
         starts = guesses
         for stage in RACE:
             runs = [partial(AttitudeSearch._run, stage=stage, start=start) for start in starts]
-            leading = sorted(self._found(runs), key=lambda path: path.lead)[: stage.go_on]
+            paths = list(self._found(runs))
+            if glance and stage is RACE[0]:  # for a better plan, early
+                self._keep(self._plans_near(self._objective, paths[0].x, None, GLANCE))
+            leading = sorted(paths, key=lambda path: path.lead)[: stage.go_on]
             starts = [path.x for path in leading]
         parts = [partial(AttitudeSearch._optimum, path=path) for path in leading]
         self._optima += chain.from_iterable(self._found(parts))
@@ -182,7 +181,8 @@ class AttitudeSearch:
             best = self._leading(1)[0].path
             asides = [random.normal(scale=spread, size=len(best.x)) for spread in some]
             self.solver.effort.starts += len(asides)
-            hops = [partial(AttitudeSearch._hopped, best=best, aside=aside) for aside in asides]
+            # From behind: far steps, which take longest, should not begin last.
+            hops = [partial(AttitudeSearch._hopped, best=best, aside=one) for one in asides[::-1]]
             self._optima += chain.from_iterable(self._found(hops))
 
     def _hopped(self, best: _Path, aside: Array) -> list[_Optimum]:
@@ -239,10 +239,10 @@ class AttitudeSearch:
             self.solver.with_rows_but_for(on_demand)
             yield value
 
-    def _compute(self, part: _Part, watch: Watch, effort: Effort) -> tuple[Any, frozenset[str]]:
-        """Compute a part with a solver of its own, which may learn of further requirements."""
+    def _compute(self, program: PathProgram, part: _Part, watch: Watch, effort: Effort) -> _Found:
+        """Compute a part with a solver of its own, which knows nothing of parts beside it."""
         search, (compute, on_demand) = copy(self), part
-        search.solver = GridSolver(self.solver.program, self.solver.settings, watch, effort)
+        search.solver = GridSolver(program, self.solver.settings, watch, effort)
         search.solver.with_rows_but_for(on_demand)
         return compute(search), search.solver.program.on_demand
 
