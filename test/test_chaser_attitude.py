@@ -143,6 +143,9 @@ def test_what_a_family_does_not_hold_at_the_goal_becomes_zero(
         def sensitivity(self, motion, damping=0.0):  # type: ignore[no-untyped-def]
             return replace(super().sensitivity(motion, damping), goal_error=np.eye(18)[:1])
 
+        def on_grid(self, *_):  # type: ignore[no-untyped-def]
+            return None
+
     paths = end_effector_paths(lemur_capture)
     family = WithGoalRow(paths.robot, paths.q_start, paths.momentum, paths.polynomial)
     problem = replace(lemur_capture, objective=LENGTH, obstacles=(), points=13)

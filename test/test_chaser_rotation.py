@@ -138,9 +138,9 @@ def test_no_rotation_is_more_than_half_a_turn(
     """What limits to that much is no limit, and the search need not know of it."""
     asked, required = limited(lemur_capture, limit), ChaserRotation()
     program = path_program(asked, end_effector_paths(asked), SETTINGS)
-    at_x = program.linearise(np.zeros(18))
-    sensitivity = program.family.sensitivity(at_x.motion)
-    assert required.rows(asked, at_x.motion, sensitivity, 0.0) is None
+    at_x, motion = program.linearise(np.zeros(18)), program.family.motion(np.zeros(18), 13)
+    assert not required.concerns(asked)
+    assert required.rows(asked, motion, program.family.sensitivity(motion), 0.0) is None
     assert required.slack(asked, program.followed(at_x)) == np.inf
     assert not list(failures(asked, lemur_plan, SETTINGS))
 
