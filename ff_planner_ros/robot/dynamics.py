@@ -6,8 +6,6 @@ a tangent velocity and `acceleration` dv/dt, each of shape (6 + joints,).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pinocchio as pin
 
@@ -66,10 +64,9 @@ def joint_torques_by_x(
         Shape (points, joints, variables).
     """
     moved = accelerations(robot, q, v, joint_accelerations)
-    of_x, by_x = (q_by_x, v_by_x, joint_accelerations_by_x), np.empty_like(q_by_x)
-    for i, (forces, mass, of_base) in enumerate(_base_by_x(robot, q, v, moved, *of_x)):
-        by_x[i] = forces + mass[:, robot.base.rows] @ of_base
-    joints: Array = by_x[:, 6:]
+    of_x = q_by_x, v_by_x, joint_accelerations_by_x
+    forces, mass, of_base = _base_by_x(robot, q, v, moved, *of_x)
+    joints: Array = forces[:, 6:] + mass[:, 6:, robot.base.rows] @ of_base
     return joints
 
 
@@ -166,8 +163,7 @@ def _accelerations_by_x(
     by_x = np.zeros_like(q_by_x)
     by_x[:, 6:] = joint_accelerations_by_x
     of_x = q_by_x, v_by_x, joint_accelerations_by_x
-    for i, (_, _, of_base) in enumerate(_base_by_x(robot, q, v, moved, *of_x)):
-        by_x[i, robot.base.rows] = of_base
+    _, _, by_x[:, robot.base.rows] = _base_by_x(robot, q, v, moved, *of_x)
     return by_x
 
 
@@ -179,16 +175,19 @@ def _base_by_x(
     q_by_x: Array,
     v_by_x: Array,
     joint_accelerations_by_x: Array,
-) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield, for each sample, the derivatives of the forces with the base's acceleration constant.
+) -> tuple[Array, Array, Array]:
+    """Return the derivatives of the forces with the base's acceleration constant.
 
-    With them the mass matrix, and the derivatives of the base's acceleration at zero wrench.
+    With them the mass matrices, and the derivatives of the base's acceleration at zero wrench; of
+    each a matrix a sample.
     """
     model, data, rows = robot.model, robot.model.createData(), robot.base.rows
+    of_q, of_v, mass = np.empty((3, len(q), model.nv, model.nv))
     for i, sample in enumerate(zip(q, v, moved, strict=True)):
-        of_q, of_v, mass = pin.computeRNEADerivatives(model, data, *sample)
-        forces = of_q @ q_by_x[i] + of_v @ v_by_x[i] + mass[:, 6:] @ joint_accelerations_by_x[i]
-        yield forces, mass, np.linalg.solve(mass[np.ix_(rows, rows)], -forces[rows])
+        of_q[i], of_v[i], mass[i] = pin.computeRNEADerivatives(model, data, *sample)
+    forces = of_q @ q_by_x + of_v @ v_by_x + mass[:, :, 6:] @ joint_accelerations_by_x
+    of_base = np.linalg.solve(mass[:, rows][:, :, rows], -forces[:, rows])
+    return forces, mass, of_base
 
 
 def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:

@@ -183,17 +183,7 @@ class JointSplines:
 
     def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid | None:
         """Return the family as the core has it; None: the duration is one more variable."""
-        if self.goal_motion is not None:
-            return None
-        rows = *_rows(self.basis, points), *_hulls(self.basis)
-        return compiled.joint_splines(
-            chain_of(self.robot),
-            self.start,
-            self._goal,
-            not self.ending,
-            self.basis.duration,
-            *(compiled.SplineRows(self.free(of), self.known(of)) for of in rows),
-        )
+        return None if self.goal_motion is not None else _on_grid(self, points)
 
     def _without_goal(self, found: Derivatives) -> Derivatives:
         """Return derivatives without those of the goal error, where there is none."""
@@ -242,6 +232,19 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
     If the start's joint accelerations are not known, they are zero.
     """
     return JointSplines(problem, SplineBasis(problem.duration, settings.joint_spline_spans))
+
+
+@lru_cache(maxsize=8)  # the programs of a search differ in objectives and margins
+def _on_grid(family: JointSplines, points: int) -> compiled.PathsOnGrid:
+    rows = *_rows(family.basis, points), *_hulls(family.basis)
+    return compiled.joint_splines(
+        chain_of(family.robot),
+        family.start,
+        family._goal,  # noqa: SLF001 (of its own class)
+        not family.ending,
+        family.basis.duration,
+        *(compiled.SplineRows(family.free(of), family.known(of)) for of in rows),
+    )
 
 
 @lru_cache(maxsize=32)
