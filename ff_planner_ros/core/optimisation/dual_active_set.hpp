@@ -78,11 +78,14 @@ class DualActiveSet {
     }
   }
 
+  // Those that are violated at least half as much as the worst. Each is looked at again before every
+  // constraint that enters; the others, which often are not violated then, wait for the next look.
   std::vector<int> violated_rows() const {
     std::vector<int> violated;
     const Vector slack = program_.rows * x - program_.least;
+    const double most = rows_ > 0 ? slack.minCoeff() / 2 : 0;
     for (int i = 0; i < rows_; ++i)
-      if (slack[i] < -tolerance_) violated.push_back(i);
+      if (slack[i] < -tolerance_ && slack[i] <= most) violated.push_back(i);
     return violated;
   }
 
