@@ -34,8 +34,7 @@ class DualActiveSet {
   Outcome solve(const std::vector<int>& guess) {
     const Eigen::LLT<Matrix> cholesky(Matrix(program_.hessian));
     if (cholesky.info() != Eigen::Success) return kUndecided;
-    J_.setIdentity(n_, n_);
-    cholesky.matrixU().solveInPlace(J_);
+    invert(cholesky.matrixU().toDenseMatrix());
     R_.setZero(n_, n_);
     bound_.resize(n_);
     for (int i = 0; i < program_.equal.size(); ++i)
@@ -59,6 +58,15 @@ class DualActiveSet {
  private:
   using Matrix = Eigen::MatrixXd;
   using Vector = Eigen::VectorXd;
+
+  // J = U^-1, which is upper triangular, too: a third of the operations of a general solve.
+  void invert(const Matrix& U) {
+    J_.setZero(n_, n_);
+    for (int j = 0; j < n_; ++j) {
+      J_(j, j) = 1 / U(j, j);
+      J_.col(j).head(j).noalias() = J_.topLeftCorner(j, j) * (U.col(j).head(j) * -J_(j, j));
+    }
+  }
 
   // x and multipliers of the active constraints alone; drops those whose multiplier is negative.
   void settle() {
