@@ -91,20 +91,15 @@ class Subproblem {
     }
     program_.rows.setZero(rows_ + max_terms, n_ + 2);
     program_.least.resize(rows_ + max_terms);
+    sizes_.resize(rows_ + max_terms);
     for (int row = 0; row < rows_; ++row) {
       const auto [value, by_x, sign] = constraint(row);
-      program_.rows.row(row).head(n_) = sign * by_x;
-      program_.rows(row, n_ + 1) = 1;
-      program_.least[row] = inside - value;
+      write_row(row, sign * by_x, n_ + 1, inside - value);
     }
-    program_.rows.bottomLeftCorner(max_terms, n_) = -at_.max_terms_jacobian;
-    program_.rows.col(n_).tail(max_terms).setOnes();
     // Max terms are measured from the present largest, so that t stays small.
-    program_.least.tail(max_terms) = at_.max_terms.array() - largest_;
-    // Beside a singularity derivatives are of any size, and rounding with them.
-    sizes_ = program_.rows.cwiseAbs().rowwise().maxCoeff().cwiseMax(1);
-    program_.rows.array().colwise() /= sizes_.array();
-    program_.least.array() /= sizes_.array();
+    for (int term = 0; term < max_terms; ++term)
+      write_row(rows_ + term, -at_.max_terms_jacobian.row(term), n_,
+                at_.max_terms[term] - largest_);
     program_.lower.setConstant(n_ + 2, -radius);
     program_.upper.setConstant(n_ + 2, radius);
     program_.lower.tail(2) << (has_max ? -std::max(std::abs(largest_), 1.0) : 0.0), 0;
@@ -149,6 +144,19 @@ class Subproblem {
     Rows::ConstRowXpr by_x;  // times the sign
     double sign;
   };
+
+  // by_x d + the linear variable >= least, divided by its size: beside a singularity derivatives
+  // are of any size, and rounding with them.
+  template <typename Row>
+  void write_row(int row, const Row& by_x, int linear, double least) {
+    auto to = program_.rows.row(row);
+    to.head(n_) = by_x;
+    to[linear] = 1;
+    const double size = to.lpNorm<Eigen::Infinity>();
+    if (size > 1) to /= size;
+    program_.least[row] = least / size;
+    sizes_[row] = size;
+  }
 
   // A constraint, or in elastic mode a side of an equality.
   Constraint constraint(int row) const {
