@@ -99,6 +99,35 @@ def test_steps_keep_the_conditions_of_karush_kuhn_and_tucker() -> None:
     assert relaxed > 50
 
 
+def test_steps_of_a_search_of_the_least_attitude_keep_them_too() -> None:
+    """Many rows, of which a step without bounds violates most, and an objective nearly linear."""
+    n, rows, max_terms, equalities = 56, 400, 80, 17
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        root = 0.1 * rng.normal(size=(n, n))
+        root[:, :3] = 0.0  # axes without curvature
+        by_x = rng.normal(size=(rows, n))
+        # Pairs of rows that nearly depend on each other.
+        by_x[rows // 2 :] = by_x[: rows - rows // 2] + 1e-7 * by_x[rows // 2 :]
+        at_x = Linearisation(
+            1.0,
+            np.zeros(n),
+            root.T @ root / n,
+            rng.normal(size=max_terms),
+            rng.normal(size=(max_terms, n)),
+            rng.uniform(-0.05, 1.0, rows),
+            by_x,
+            0.05 * rng.normal(size=equalities),
+            rng.normal(size=(equalities, n)),
+        )
+        step = solve_qp(at_x, RADIUS, 10.0)
+        assert np.count_nonzero(step.constraint_multipliers) > 5
+        assert_is_optimal(at_x, 10.0, step)
+        again = solve_qp(at_x, RADIUS, 10.0, solve_qp(at_x, 0.1 * RADIUS, 10.0).working_set)
+        assert_is_optimal(at_x, 10.0, again)
+        np.testing.assert_allclose(again.dx, step.dx, atol=1e-6)
+
+
 def test_a_guess_changes_nothing_but_the_way_to_the_step() -> None:
     """That of the step itself, of another penalty and radius, and of other constraints."""
     rng = np.random.default_rng(0)
