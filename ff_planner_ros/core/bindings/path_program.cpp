@@ -70,6 +70,7 @@ PathObjective path_objective(double joint_path, double slow, double smoothing, c
 // A motion at which Python is asked for rows.
 struct MotionOfPath {
   const PathMotion& of;
+  const PathDerivatives& derivatives;
 
   Array q(Eigen::Index first, Eigen::Index count) const {
     return Array(Shape{count, of.q.cols()}, of.q.row(first).data());
@@ -87,7 +88,7 @@ struct RowsByPython : PathRequirement {
   explicit RowsByPython(py::function rows_of) : rows_of(std::move(rows_of)) {}
 
   ConstraintRows rows(const LookedAt& at) const override {
-    if (!at.elsewhere.has_value()) at.elsewhere = py::cast(MotionOfPath{at.motion});
+    if (!at.elsewhere.has_value()) at.elsewhere = py::cast(MotionOfPath{at.motion, at.by_x});
     const py::object found = rows_of(std::any_cast<py::object>(at.elsewhere));
     if (found.is_none()) return {};
     const auto [left, by_x, names] = found.cast<std::tuple<Array, Array, Numbers>>();
@@ -128,7 +129,7 @@ PathProgram path_program(const Paths& paths, double step, const PathObjective& o
 using Evaluated = std::shared_ptr<EvaluatedPath>;
 
 // Throws where the core computed what is no number.
-Evaluated evaluated(const PathProgram& program, const Array& x) {
+Evaluated evaluated(PathProgram& program, const Array& x) {
   auto found = std::make_shared<EvaluatedPath>(program.at(values(x, "x", {program.variables()})));
   if (!found->is_defined()) return found;
   const auto require = [](const auto& of, const char* name) {
@@ -256,11 +257,11 @@ void bind_path_program(py::module_& m) {
       .def_property_readonly(
           "q_half_way", [](const MotionOfPath& m) { return m.q(m.of.points(), m.of.points() - 1); })
       .def_property_readonly(
-          "q_by_x", [](const MotionOfPath& m) { return m.by_x(m.of.dq, 0, m.of.points()); })
+          "q_by_x", [](const MotionOfPath& m) { return m.by_x(m.derivatives.q, 0, m.of.points()); })
       .def_property_readonly(
-          "v_by_x", [](const MotionOfPath& m) { return m.by_x(m.of.dv, 0, m.of.points()); })
+          "v_by_x", [](const MotionOfPath& m) { return m.by_x(m.derivatives.v, 0, m.of.points()); })
       .def_property_readonly("q_half_way_by_x", [](const MotionOfPath& m) {
-        return m.by_x(m.of.dq, m.of.points(), m.of.points() - 1);
+        return m.by_x(m.derivatives.q, m.of.points(), m.of.points() - 1);
       });
   py::class_<SplineRows>(m, "SplineRows")
       .def(py::init(&spline_rows), py::arg("free"), py::arg("known"));

@@ -17,33 +17,34 @@ struct JointHull {
 
 struct PathMotion {
   Eigen::VectorXd x;
-  // At the points, then half-way between two: a row each, and of derivatives a block of rows in the
-  // tangent space.
-  RowMajor q, dq;
-  RowMajor v, dv, acceleration;  // at the points
+  RowMajor q;                // at the points, then half-way between two; a row each
+  RowMajor v, acceleration;  // at the points
   // In the conditions of the goal that the family does not fix; a row of derivatives each.
   Eigen::VectorXd goal_error;
   RowMajor goal_error_by_x;
   JointHull positions, rates;
   double singular_at = std::numeric_limits<double>::quiet_NaN();  // [s]; NaN: the motion is regular
 
-  PathMotion(const Eigen::VectorXd& x, Eigen::Index points, Eigen::Index size,
-             Eigen::Index variables)
+  PathMotion(const Eigen::VectorXd& x, Eigen::Index points, Eigen::Index size)
       : x(x),
         q(2 * points - 1, 1 + size),
-        dq((2 * points - 1) * size, variables),
         v(points, size),
-        dv(points * size, variables),
         acceleration(points, size),
-        goal_error_by_x(0, variables) {}
+        goal_error_by_x(0, x.size()) {}
 
   bool is_regular() const { return std::isnan(singular_at); }
   Eigen::Index points() const { return v.rows(); }
-  Eigen::Index variables() const { return dq.cols(); }
-  auto q_at_points() const { return q.topRows(points()); }
-  auto dq_at_points() const { return dq.topRows(dv.rows()); }
-  auto q_half_way() const { return q.bottomRows(points() - 1); }
-  auto dq_half_way() const { return dq.bottomRows(dq.rows() - dv.rows()); }
+  Eigen::Index variables() const { return x.size(); }
+};
+
+// Of q and v of a motion in the tangent space: a block of rows each, and a column a variable.
+struct PathDerivatives {
+  RowMajor q, v;
+
+  void resize(Eigen::Index points, Eigen::Index size, Eigen::Index variables) {
+    q.resize((2 * points - 1) * size, variables);
+    v.resize(points * size, variables);
+  }
 };
 
 // Rows of a matrix that a motion is written to.
@@ -55,7 +56,7 @@ inline RowsToFill from_row(RowMajor& of, Eigen::Index first, Eigen::Index count)
 class PathsOnGrid {
  public:
   virtual ~PathsOnGrid() = default;
-  virtual PathMotion motion(const Eigen::VectorXd& x) const = 0;
+  virtual PathMotion motion(const Eigen::VectorXd& x, PathDerivatives& by_x) const = 0;
   virtual const Chain& chain() const = 0;
   virtual Eigen::Index points() const = 0;
   virtual Eigen::Index variables() const = 0;
@@ -78,18 +79,18 @@ class EndEffectorPathsOnGrid : public PathsOnGrid {
   Eigen::Index points() const override { return points_; }
   Eigen::Index variables() const override { return kParameters; }
 
-  PathMotion motion(const Eigen::VectorXd& x) const override {
+  PathMotion motion(const Eigen::VectorXd& x, PathDerivatives& by_x) const override {
     const Eigen::Index size = 6 + chain_.joints(), points = points_, gaps = points - 1;
-    PathMotion found(x, points, size, kParameters);
+    PathMotion found(x, points, size);
+    by_x.resize(points, size, kParameters);
     const EndEffectorRollout<kParameters> rollout(chain_, momentum_, path_, null_space_,
                                                   Eigen::Map<const Coefficients>(x.data()), points_,
                                                   damping_);
-    const int singular =
-        rollout.run(start_, {from_row(found.q, 0, points), from_row(found.v, 0, points),
-                             from_row(found.q, points, gaps), from_row(found.dq, 0, points * size),
-                             from_row(found.dv, 0, points * size),
-                             from_row(found.dq, points * size, gaps * size),
-                             from_row(found.acceleration, 0, points)});
+    const int singular = rollout.run(
+        start_, {from_row(found.q, 0, points), from_row(found.v, 0, points),
+                 from_row(found.q, points, gaps), from_row(by_x.q, 0, points * size),
+                 from_row(by_x.v, 0, points * size), from_row(by_x.q, points * size, gaps * size),
+                 from_row(found.acceleration, 0, points)});
     if (singular != kRegular)
       found.singular_at = singular / (2.0 * static_cast<double>(gaps)) * path_.duration;
     return found;
@@ -151,12 +152,13 @@ class JointSplinesOnGrid : public PathsOnGrid {
   Eigen::Index points() const override { return (grid_.positions.known.rows() + 1) / 2; }
   Eigen::Index variables() const override { return chain_.joints() * grid_.positions.free.cols(); }
 
-  PathMotion motion(const Eigen::VectorXd& x) const override {
+  PathMotion motion(const Eigen::VectorXd& x, PathDerivatives& by_x) const override {
     const DrivenMotion driven(chain_, start_, grid_.positions.values(x), grid_.rates.values(x),
                               grid_.accelerations.values(x), duration_);
     const std::vector<double> error = driven.goal_error(target_);
     const Eigen::Index points = driven.q.rows(), size = driven.v.cols(), variables = x.size();
-    PathMotion found(x, points, size, variables);
+    PathMotion found(x, points, size);
+    by_x.resize(points, size, variables);
     found.q << driven.q, driven.q_half_way;
     found.v = driven.v;
     found.goal_error_by_x.resize(error.size(), variables);
@@ -168,8 +170,8 @@ class JointSplinesOnGrid : public PathsOnGrid {
                          {of_accelerations.row(last).data(), 1, of_accelerations.cols()},
                          chain_.joints()};
     driven.sensitivity(rows, target_, TargetChange(),
-                       {from_row(found.dq, 0, points * size), from_row(found.dv, 0, points * size),
-                        from_row(found.dq, points * size, (points - 1) * size),
+                       {from_row(by_x.q, 0, points * size), from_row(by_x.v, 0, points * size),
+                        from_row(by_x.q, points * size, (points - 1) * size),
                         from_row(found.goal_error_by_x, 0, error.size()),
                         from_row(found.acceleration, 0, points)});
     if (has_goal_)

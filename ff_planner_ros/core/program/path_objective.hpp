@@ -23,27 +23,28 @@ struct PathObjective {
   Matrix3 chaser_to_base;  // of the chaser's axes
   // p of the p-norm that stands for the largest Euler angle; zero: none does.
   double attitude_norm;
-  Terms terms(const PathMotion& motion, double step) const {
+  Terms terms(const PathMotion& motion, const PathDerivatives& by_x, double step) const {
     const Eigen::Index variables = motion.variables();
     Terms found;
     found.gradient.setZero(variables);
     found.hessian.setZero(variables, variables);
     found.max_terms_jacobian.resize(0, variables);
-    if (joint_path > 0) add_joint_path(motion, step, found);
-    if (attitude > 0) add_attitude(motion, found);
+    if (joint_path > 0) add_joint_path(motion, by_x, step, found);
+    if (attitude > 0) add_attitude(motion, by_x, found);
     return found;
   }
 
  private:
-  void add_joint_path(const PathMotion& motion, double step, Terms& to) const {
+  void add_joint_path(const PathMotion& motion, const PathDerivatives& by_x, double step,
+                      Terms& to) const {
     const auto add = [&](const Rows& v, const Rows& dv) {
       const JointPath path(v, dv, step, slow, smoothing);
       to.value += joint_path * path.value;
       to.gradient += joint_path * path.gradient;
       to.hessian += joint_path * path.hessian;
     };
-    if (shares.size() == 0) return add(view(motion.v), view(motion.dv));
-    RowMajor v = motion.v, dv = motion.dv;
+    if (shares.size() == 0) return add(view(motion.v), view(by_x.v));
+    RowMajor v = motion.v, dv = by_x.v;
     for (Eigen::Index i = 0; i < v.rows(); ++i) {
       v.row(i).array() *= shares.transpose().array();
       dv.middleRows(i * v.cols(), v.cols()).array().colwise() *= shares.array();
@@ -51,10 +52,9 @@ struct PathObjective {
     add(view(v), view(dv));
   }
 
-  void add_attitude(const PathMotion& motion, Terms& to) const {
+  void add_attitude(const PathMotion& motion, const PathDerivatives& of_x, Terms& to) const {
     const ChaserEuler euler({motion.q.data(), motion.points(), motion.q.cols()},
-                            {motion.dq.data(), motion.dv.rows(), motion.variables()},
-                            chaser_to_base);
+                            {of_x.q.data(), of_x.v.rows(), motion.variables()}, chaser_to_base);
     const Values angles(euler.angles.data(), euler.angles.size());
     const Eigen::VectorXd values = attitude * angles;
     const RowMajor by_x = attitude * euler.jacobian;

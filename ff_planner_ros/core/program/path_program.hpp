@@ -61,11 +61,11 @@ class PathProgram {
 
   Eigen::Index variables() const { return paths_->variables(); }
 
-  EvaluatedPath at(const Eigen::VectorXd& x) const {
-    EvaluatedPath found{paths_->motion(x), {}, {}};
+  EvaluatedPath at(const Eigen::VectorXd& x) {
+    EvaluatedPath found{paths_->motion(x, by_x_), {}, {}};
     if (!found.is_defined()) return found;
     PathMotion& motion = found.motion;
-    found.terms = objective_.terms(motion, step_);
+    found.terms = objective_.terms(motion, by_x_, step_);
     if (!correction_) {
       found.rows = rows_of(motion);
       return found;
@@ -84,7 +84,7 @@ class PathProgram {
   static constexpr long long kNames = 1LL << 40;
 
   ConstraintRows rows_of(const PathMotion& motion) const {
-    const LookedAt at(paths_->chain(), motion);
+    const LookedAt at(paths_->chain(), motion, by_x_);
     ConstraintRows all;
     for (const Numbered& of : requirements_) {
       const ConstraintRows found = of.requirement->rows(at);
@@ -101,6 +101,7 @@ class PathProgram {
   PathObjective objective_;
   std::vector<Numbered> requirements_;
   std::optional<Correction> correction_;
+  PathDerivatives by_x_;  // of the last path: what evaluated paths keep is much smaller
 };
 
 }  // namespace ff

@@ -21,9 +21,11 @@ class LookedAt {
  public:
   const Chain& chain;
   const PathMotion& motion;
+  const PathDerivatives& by_x;
   mutable std::any elsewhere;  // the same path as those see it that the core does not know
 
-  LookedAt(const Chain& chain, const PathMotion& motion) : chain(chain), motion(motion) {}
+  LookedAt(const Chain& chain, const PathMotion& motion, const PathDerivatives& by_x)
+      : chain(chain), motion(motion), by_x(by_x) {}
 
   // The configurations of all points but the first, then those half-way.
   Path path() const { return from(1, motion.q.rows() - 1); }
@@ -45,17 +47,16 @@ class LookedAt {
  private:
   Path from(Eigen::Index first, Eigen::Index count) const {
     const Eigen::Index size = motion.v.cols();
-    return {
-        {motion.q.data() + first * motion.q.cols(), count, motion.q.cols()},
-        {motion.dq.data() + first * size * motion.variables(), count * size, motion.variables()}};
+    return {{motion.q.data() + first * motion.q.cols(), count, motion.q.cols()},
+            {by_x.q.data() + first * size * motion.variables(), count * size, motion.variables()}};
   }
 
   // From a point on; of derivatives, a row a point.
   JointsAtPoints joints_at(Eigen::Index first) const {
     const Eigen::Index size = motion.v.cols(), joints = size - 6, count = motion.points() - first;
     const Eigen::Index each = size * motion.variables();
-    const Rows by_q(motion.dq.data() + first * each, count, each);
-    const Rows by_v(motion.dv.data() + first * each, count, each);
+    const Rows by_q(by_x.q.data() + first * each, count, each);
+    const Rows by_v(by_x.v.data() + first * each, count, each);
     const Eigen::Index of_joints = joints * motion.variables();
     return {motion.q.middleRows(first, count).rightCols(joints),
             motion.v.bottomRows(count).rightCols(joints), by_q.rightCols(of_joints),
@@ -199,7 +200,7 @@ struct SingularValueAbove : PathRequirement {
       found.values.push_back(value.value - least);
       found.names.push_back(i);
       const Eigen::RowVectorXd by_x =
-          value.by_joints.transpose() * motion.dq.middleRows(i * size + 6, joints);
+          value.by_joints.transpose() * at.by_x.q.middleRows(i * size + 6, joints);
       found.jacobian.insert(found.jacobian.end(), by_x.data(), by_x.data() + by_x.size());
     }
     return found;
