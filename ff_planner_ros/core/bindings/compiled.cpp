@@ -8,11 +8,11 @@ PYBIND11_MODULE(compiled, m) {
   ff::bind_clearance(m);
   ff::bind_bodies(m);
   ff::bind_obstacles(m);
+  ff::bind_path_requirements(m);
+  ff::bind_path_program(m);
   ff::bind_driven_motion(m);
   ff::bind_end_effector(m);
   ff::bind_objectives(m);
   ff::bind_limit_rows(m);
-  ff::bind_path_requirements(m);
-  ff::bind_path_program(m);
   ff::bind_optimisation(m);
 }

@@ -1,5 +1,5 @@
-// Python's way to the motion of a system whose joints are driven.
-#include "motion/driven_motion.hpp"
+// Python's way to the motion of a system whose joints are driven, and to joint splines.
+#include "program/joint_splines.hpp"
 
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
@@ -82,6 +82,32 @@ py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows, const
                         result(goal_error, "d(goal error)/dx"), result(acceleration, "dv/dt"));
 }
 
+SplineRows spline_rows(const Array& free, const Array& known) {
+  const Rows by_variables = rows(free, "free", {kAny, kAny});
+  return {by_variables, rows(known, "known", {by_variables.rows(), kAny})};
+}
+
+std::shared_ptr<PathsOnGrid> joint_splines(const Chain& chain, const Start& start,
+                                           const Target& target, bool has_goal, double duration,
+                                           const SplineRows& positions, const SplineRows& rates,
+                                           const SplineRows& accelerations,
+                                           const SplineRows& position_hull,
+                                           const SplineRows& rate_hull) {
+  const Eigen::Index half_steps = positions.free.rows(), each = positions.free.cols();
+  if (half_steps < 3 || half_steps % 2 == 0)
+    throw std::invalid_argument("positions has " + std::to_string(half_steps) +
+                                " rows, not an odd number of three or more");
+  for (const SplineRows* of : {&rates, &accelerations})
+    if (of->free.rows() != half_steps)
+      throw std::invalid_argument("rates or accelerations are at other half steps");
+  for (const SplineRows* of : {&positions, &rates, &accelerations, &position_hull, &rate_hull})
+    if (of->free.cols() != each || of->known.cols() != chain.joints())
+      throw std::invalid_argument("rows are of other variables, or of another chain");
+  return std::make_shared<JointSplinesOnGrid>(
+      chain, start, target, has_goal, checked(duration, "duration"),
+      SplineGrid{positions, rates, accelerations, position_hull, rate_hull});
+}
+
 }  // namespace
 
 void bind_driven_motion(py::module_& m) {
@@ -109,6 +135,11 @@ void bind_driven_motion(py::module_& m) {
       .def("sensitivity", &sensitivity, py::arg("angle_rows"), py::arg("rate_rows"),
            py::arg("acceleration_row"), py::arg("target"), py::arg("by_duration") = Array(0),
            py::arg("target_by_duration") = Array(0));
+  py::class_<SplineRows>(m, "SplineRows")
+      .def(py::init(&spline_rows), py::arg("free"), py::arg("known"));
+  m.def("joint_splines", &joint_splines, py::arg("chain"), py::arg("start"), py::arg("target"),
+        py::arg("has_goal"), py::arg("duration"), py::arg("positions"), py::arg("rates"),
+        py::arg("accelerations"), py::arg("position_hull"), py::arg("rate_hull"));
 }
 
 }  // namespace ff

@@ -1,7 +1,7 @@
 // Python's way to the motions of the paper's family.
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
-#include "motion/end_effector_rollout.hpp"
+#include "program/end_effector_paths.hpp"
 
 namespace ff {
 namespace {
@@ -66,6 +66,20 @@ py::object end_effector_motion(const Chain& chain, const Array& q_start, const A
   return motion(std::integral_constant<int, kParameters>());
 }
 
+std::shared_ptr<PathsOnGrid> end_effector_paths(const Chain& chain, const Array& q_start,
+                                                const Array& momentum,
+                                                const EndEffectorPolynomial& path,
+                                                const NullSpaceFade& null_space, int points,
+                                                double damping) {
+  const py::ssize_t n = chain.joints();
+  if (points < 2) throw std::invalid_argument("points must be 2 or more");
+  if (null_space.rates.size() != n) throw std::invalid_argument("null_space is of another chain");
+  if (path.quintic_by_duration) throw std::invalid_argument("path must last a given duration");
+  return std::make_shared<EndEffectorPathsOnGrid>(
+      chain, Configuration::read(values(q_start, "q_start", {7 + n})),
+      vector6(momentum, "momentum"), path, null_space, points, checked(damping, "damping"));
+}
+
 // Returns twists, accelerations and d twist / d x at some normalised times.
 py::tuple end_effector_twist(const EndEffectorPolynomial& path, const Array& x, const Array& s) {
   const Coefficients of_x = coefficients(x);
@@ -95,6 +109,9 @@ void bind_end_effector(py::module_& m) {
   m.def("end_effector_motion", &end_effector_motion, py::arg("chain"), py::arg("q_start"),
         py::arg("momentum"), py::arg("path"), py::arg("null_space"), py::arg("x"),
         py::arg("points"), py::arg("damping"));
+  m.def("end_effector_paths", &end_effector_paths, py::arg("chain"), py::arg("q_start"),
+        py::arg("momentum"), py::arg("path"), py::arg("null_space"), py::arg("points"),
+        py::arg("damping"));
   m.def("end_effector_twist", &end_effector_twist, py::arg("path"), py::arg("x"), py::arg("s"));
 }
 

@@ -5,7 +5,7 @@
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
 #include "optimisation/trust_region.hpp"
-#include "program/path_program.hpp"
+#include "program/evaluated_path.hpp"
 
 namespace ff {
 namespace {

@@ -13,42 +13,6 @@ namespace {
 using Paths = std::shared_ptr<PathsOnGrid>;
 using Requirement = std::shared_ptr<PathRequirement>;
 
-Paths end_effector_paths(const Chain& chain, const Array& q_start, const Array& momentum,
-                         const EndEffectorPolynomial& path, const NullSpaceFade& null_space,
-                         int points, double damping) {
-  const py::ssize_t n = chain.joints();
-  if (points < 2) throw std::invalid_argument("points must be 2 or more");
-  if (null_space.rates.size() != n) throw std::invalid_argument("null_space is of another chain");
-  if (path.quintic_by_duration) throw std::invalid_argument("path must last a given duration");
-  return std::make_shared<EndEffectorPathsOnGrid>(
-      chain, Configuration::read(values(q_start, "q_start", {7 + n})),
-      vector6(momentum, "momentum"), path, null_space, points, checked(damping, "damping"));
-}
-
-SplineRows spline_rows(const Array& free, const Array& known) {
-  const Rows by_variables = rows(free, "free", {kAny, kAny});
-  return {by_variables, rows(known, "known", {by_variables.rows(), kAny})};
-}
-
-Paths joint_splines(const Chain& chain, const Start& start, const Target& target, bool has_goal,
-                    double duration, const SplineRows& positions, const SplineRows& rates,
-                    const SplineRows& accelerations, const SplineRows& position_hull,
-                    const SplineRows& rate_hull) {
-  const Eigen::Index half_steps = positions.free.rows(), each = positions.free.cols();
-  if (half_steps < 3 || half_steps % 2 == 0)
-    throw std::invalid_argument("positions has " + std::to_string(half_steps) +
-                                " rows, not an odd number of three or more");
-  for (const SplineRows* of : {&rates, &accelerations})
-    if (of->free.rows() != half_steps)
-      throw std::invalid_argument("rates or accelerations are at other half steps");
-  for (const SplineRows* of : {&positions, &rates, &accelerations, &position_hull, &rate_hull})
-    if (of->free.cols() != each || of->known.cols() != chain.joints())
-      throw std::invalid_argument("rows are of other variables, or of another chain");
-  return std::make_shared<JointSplinesOnGrid>(
-      chain, start, target, has_goal, checked(duration, "duration"),
-      SplineGrid{positions, rates, accelerations, position_hull, rate_hull});
-}
-
 Correction correction(const Array& q, const Array& v, const Array& q_half_way) {
   const Rows of_q = rows(q, "q", {kAny, kAny});
   const py::ssize_t points = of_q.rows(), size = of_q.cols();
@@ -263,17 +227,9 @@ void bind_path_program(py::module_& m) {
       .def_property_readonly("q_half_way_by_x", [](const MotionOfPath& m) {
         return m.by_x(m.derivatives.q, m.of.points(), m.of.points() - 1);
       });
-  py::class_<SplineRows>(m, "SplineRows")
-      .def(py::init(&spline_rows), py::arg("free"), py::arg("known"));
   py::class_<Correction>(m, "Correction")
       .def(py::init(&correction), py::arg("q"), py::arg("v"), py::arg("q_half_way"));
   py::class_<PathsOnGrid, Paths>(m, "PathsOnGrid");
-  m.def("end_effector_paths", &end_effector_paths, py::arg("chain"), py::arg("q_start"),
-        py::arg("momentum"), py::arg("path"), py::arg("null_space"), py::arg("points"),
-        py::arg("damping"));
-  m.def("joint_splines", &joint_splines, py::arg("chain"), py::arg("start"), py::arg("target"),
-        py::arg("has_goal"), py::arg("duration"), py::arg("positions"), py::arg("rates"),
-        py::arg("accelerations"), py::arg("position_hull"), py::arg("rate_hull"));
   py::class_<PathObjective>(m, "PathObjective")
       .def(py::init(&path_objective), py::arg("joint_path"), py::arg("slow"), py::arg("smoothing"),
            py::arg("shares"), py::arg("attitude"), py::arg("rotation_chaser_to_base"),

@@ -2,18 +2,9 @@
 #pragma once
 #include "kinematics/chaser_euler.hpp"
 #include "motion/joint_path.hpp"
-#include "program/path_motion.hpp"
+#include "program/evaluated_path.hpp"
 
 namespace ff {
-
-inline Rows view(const RowMajor& of) { return {of.data(), of.rows(), of.cols()}; }
-
-// The contribution of the objectives to a program: f, and the max terms p.
-struct Terms {
-  double value = 0;
-  Eigen::VectorXd gradient, max_terms;
-  RowMajor hessian, max_terms_jacobian;
-};
 
 struct PathObjective {
   double joint_path;       // weight

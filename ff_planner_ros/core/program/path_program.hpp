@@ -1,7 +1,6 @@
 // The optimisation problem of Eq. (43) on a time grid: objectives and requirements as functions of
 // a path, with their derivatives.
 #pragma once
-#include "optimisation/subproblem.hpp"
 #include "program/path_objective.hpp"
 #include "program/path_requirements.hpp"
 
@@ -17,29 +16,6 @@ struct Correction {
     for (Eigen::Index i = 0; i < q.rows(); ++i)
       Configuration::read(to.q.row(i)).step(q.row(i)).write(to.q.row(i));
     to.v += v;
-  }
-};
-
-// A path with what a program says of it; the functions look at what is kept beside them.
-struct EvaluatedPath {
-  PathMotion motion;
-  Terms terms;
-  ConstraintRows rows;
-
-  bool is_defined() const { return motion.is_regular(); }
-  Functions functions() const {
-    const auto count = static_cast<Eigen::Index>(rows.values.size());
-    return {terms.value,
-            view(terms.gradient),
-            view(terms.hessian),
-            view(terms.max_terms),
-            view(terms.max_terms_jacobian),
-            {rows.values.data(), count},
-            {rows.jacobian.data(), count, motion.variables()},
-            view(motion.goal_error),
-            view(motion.goal_error_by_x),
-            rows.names,
-            is_defined()};
   }
 };
 

@@ -6,15 +6,9 @@
 #include "kinematics/chaser_euler.hpp"
 #include "kinematics/singular_values.hpp"
 #include "optimisation/limit_rows.hpp"
-#include "program/path_motion.hpp"
+#include "program/evaluated_path.hpp"
 
 namespace ff {
-
-// Rows of one requirement: values, derivatives and names.
-struct ConstraintRows {
-  std::vector<double> values, jacobian;  // a row of derivatives a value
-  std::vector<long long> names;
-};
 
 // A path at which rows are asked for, and what several requirements share there.
 class LookedAt {
@@ -90,8 +84,6 @@ inline Eigen::VectorXd kept(const Eigen::VectorXd& limits, const Eigen::VectorXd
                             const Eigen::VectorXd& margin) {
   return limits - (limits - at_start).cwiseMax(0).cwiseMin(margin);
 }
-
-inline Values view(const Eigen::VectorXd& of) { return {of.data(), of.size()}; }
 
 inline ConstraintRows taken(LimitRows& rows) {
   return {std::move(rows.values), std::move(rows.jacobian), std::move(rows.names)};

@@ -1,0 +1,47 @@
+// A path with what a program says of it: its motion, objectives and rows of requirements.
+#pragma once
+#include "optimisation/subproblem.hpp"
+#include "program/path_motion.hpp"
+
+namespace ff {
+
+inline Rows view(const RowMajor& of) { return {of.data(), of.rows(), of.cols()}; }
+inline Values view(const Eigen::VectorXd& of) { return {of.data(), of.size()}; }
+
+// The contribution of the objectives to a program: f, and the max terms p.
+struct Terms {
+  double value = 0;
+  Eigen::VectorXd gradient, max_terms;
+  RowMajor hessian, max_terms_jacobian;
+};
+
+// Rows of one requirement: values, derivatives and names.
+struct ConstraintRows {
+  std::vector<double> values, jacobian;  // a row of derivatives a value
+  std::vector<long long> names;
+};
+
+// The functions look at what is kept beside them.
+struct EvaluatedPath {
+  PathMotion motion;
+  Terms terms;
+  ConstraintRows rows;
+
+  bool is_defined() const { return motion.is_regular(); }
+  Functions functions() const {
+    const auto count = static_cast<Eigen::Index>(rows.values.size());
+    return {terms.value,
+            view(terms.gradient),
+            view(terms.hessian),
+            view(terms.max_terms),
+            view(terms.max_terms_jacobian),
+            {rows.values.data(), count},
+            {rows.jacobian.data(), count, motion.variables()},
+            view(motion.goal_error),
+            view(motion.goal_error_by_x),
+            rows.names,
+            is_defined()};
+  }
+};
+
+}  // namespace ff
