@@ -63,7 +63,7 @@ def programs(
     def joint_splines(**arguments: Any) -> tuple[Any, ...]:
         made = compiled.joint_splines(**arguments)
         found = compiled.PathProgram(made, STEP, objective, []).at(np.full(2 * joints, 0.1))
-        return *answer(found), found.equalities
+        return *answer(found), found.goal_error
 
     def required(make: Callable[..., compiled.PathRequirement]) -> Callable[..., Any]:
         return lambda **arguments: evaluated(paths, [make(**arguments)])

@@ -33,17 +33,47 @@ PathObjective path_objective(double joint_path, double slow, double smoothing, c
 
 // A motion at which Python is asked for rows.
 struct MotionOfPath {
-  const PathMotion& of;
+  const PathMotion& motion;
   const PathDerivatives& derivatives;
 
-  Array q(Eigen::Index first, Eigen::Index count) const {
-    return Array(Shape{count, of.q.cols()}, of.q.row(first).data());
-  }
+  // Shape (points, velocities, variables); from a point on, or from half-way after the first.
   Array by_x(const RowMajor& of_q_or_v, Eigen::Index first, Eigen::Index count) const {
-    const Eigen::Index size = of.v.cols();
-    return Array(Shape{count, size, of.variables()}, of_q_or_v.row(first * size).data());
+    const Eigen::Index size = motion.v.cols();
+    return Array(Shape{count, size, motion.variables()}, of_q_or_v.row(first * size).data());
   }
 };
+
+// Copies of what whoever has a motion shows of it: they outlive what was evaluated.
+template <typename Class>
+Class& bind_motion(Class& to) {
+  using Of = typename Class::type;
+  const auto matrix = [](auto member) {
+    return [member](const Of& of) {
+      const RowMajor& rows = of.motion.*member;
+      return Array(Shape{rows.rows(), rows.cols()}, rows.data());
+    };
+  };
+  const auto vector = [](auto member) {
+    return [member](const Of& of) {
+      const Eigen::VectorXd& numbers = of.motion.*member;
+      return Array(numbers.size(), numbers.data());
+    };
+  };
+  const auto configurations = [](bool half_way) {
+    return [half_way](const Of& of) {
+      const PathMotion& motion = of.motion;
+      const Eigen::Index first = half_way ? motion.points() : 0;
+      return Array(Shape{motion.points() - half_way, motion.q.cols()}, motion.q.row(first).data());
+    };
+  };
+  return to.def_property_readonly("x", vector(&PathMotion::x))
+      .def_property_readonly("q", configurations(false))
+      .def_property_readonly("v", matrix(&PathMotion::v))
+      .def_property_readonly("q_half_way", configurations(true))
+      .def_property_readonly("acceleration", matrix(&PathMotion::acceleration))
+      .def_property_readonly("goal_error", vector(&PathMotion::goal_error))
+      .def_property_readonly("goal_error_by_x", matrix(&PathMotion::goal_error_by_x));
+}
 
 // What the core does not know.
 struct RowsByPython : PathRequirement {
@@ -141,20 +171,11 @@ auto matrix(Of of) {
 }
 
 void bind_evaluated(py::module_& m) {
-  const auto motion = [](auto member) {
-    return matrix([member](const EvaluatedPath& of) -> auto& { return of.motion.*member; });
-  };
-  const auto configurations = [](bool half_way) {
-    return [half_way](const py::object& self) {
-      const PathMotion& of = self.cast<const EvaluatedPath&>().motion;
-      const Eigen::Index first = half_way ? of.points() : 0;
-      return kept(self, of.q.data() + first * of.q.cols(), {of.points() - half_way, of.q.cols()});
-    };
-  };
   const auto terms = [](auto member) {
     return matrix([member](const EvaluatedPath& of) -> auto& { return of.terms.*member; });
   };
-  py::class_<EvaluatedPath, Evaluated>(m, "EvaluatedPath")
+  py::class_<EvaluatedPath, Evaluated> evaluated(m, "EvaluatedPath");
+  bind_motion(evaluated)
       .def_property_readonly("is_defined", &EvaluatedPath::is_defined)
       .def_property_readonly("singular_at",
                              [](const EvaluatedPath& of) -> std::optional<double> {
@@ -166,17 +187,12 @@ void bind_evaluated(py::module_& m) {
       .def_property_readonly("violation",
                              [](const EvaluatedPath& of) { return of.functions().violation(); })
       .def_property_readonly("value", [](const EvaluatedPath& of) { return of.terms.value; })
-      .def_property_readonly("x",
-                             vector([](const EvaluatedPath& of) -> auto& { return of.motion.x; }))
       .def_property_readonly(
           "gradient", vector([](const EvaluatedPath& of) -> auto& { return of.terms.gradient; }))
       .def_property_readonly(
           "max_terms", vector([](const EvaluatedPath& of) -> auto& { return of.terms.max_terms; }))
       .def_property_readonly(
           "constraints", vector([](const EvaluatedPath& of) -> auto& { return of.rows.values; }))
-      .def_property_readonly("equalities", vector([](const EvaluatedPath& of) -> auto& {
-                               return of.motion.goal_error;
-                             }))
       .def_property_readonly("names",
                              vector([](const EvaluatedPath& of) -> auto& { return of.rows.names; }))
       .def_property_readonly("constraints_jacobian",
@@ -187,46 +203,28 @@ void bind_evaluated(py::module_& m) {
                                            {count, of.motion.variables()});
                              })
       .def_property_readonly("hessian", terms(&Terms::hessian))
-      .def_property_readonly("max_terms_jacobian", terms(&Terms::max_terms_jacobian))
-      .def_property_readonly("equalities_jacobian", motion(&PathMotion::goal_error_by_x))
-      .def_property_readonly("q", configurations(false))
-      .def_property_readonly("v", motion(&PathMotion::v))
-      .def_property_readonly("q_half_way", configurations(true))
-      .def_property_readonly("acceleration", motion(&PathMotion::acceleration));
+      .def_property_readonly("max_terms_jacobian", terms(&Terms::max_terms_jacobian));
+}
+
+void bind_motion_of_path(py::module_& m) {
+  py::class_<MotionOfPath> motion(m, "MotionOfPath");
+  bind_motion(motion)
+      .def_property_readonly(
+          "q_by_x",
+          [](const MotionOfPath& of) { return of.by_x(of.derivatives.q, 0, of.motion.points()); })
+      .def_property_readonly(
+          "v_by_x",
+          [](const MotionOfPath& of) { return of.by_x(of.derivatives.v, 0, of.motion.points()); })
+      .def_property_readonly("q_half_way_by_x", [](const MotionOfPath& of) {
+        return of.by_x(of.derivatives.q, of.motion.points(), of.motion.points() - 1);
+      });
 }
 
 }  // namespace
 
 void bind_path_program(py::module_& m) {
   bind_evaluated(m);
-  const auto matrix = [](auto member) {
-    return [member](const MotionOfPath& m) {
-      const RowMajor& rows = m.of.*member;
-      return Array(Shape{rows.rows(), rows.cols()}, rows.data());
-    };
-  };
-  const auto vector = [](auto member) {
-    return [member](const MotionOfPath& m) {
-      const Eigen::VectorXd& numbers = m.of.*member;
-      return Array(numbers.size(), numbers.data());
-    };
-  };
-  py::class_<MotionOfPath>(m, "MotionOfPath")
-      .def_property_readonly("x", vector(&PathMotion::x))
-      .def_property_readonly("goal_error", vector(&PathMotion::goal_error))
-      .def_property_readonly("goal_error_by_x", matrix(&PathMotion::goal_error_by_x))
-      .def_property_readonly("v", matrix(&PathMotion::v))
-      .def_property_readonly("acceleration", matrix(&PathMotion::acceleration))
-      .def_property_readonly("q", [](const MotionOfPath& m) { return m.q(0, m.of.points()); })
-      .def_property_readonly(
-          "q_half_way", [](const MotionOfPath& m) { return m.q(m.of.points(), m.of.points() - 1); })
-      .def_property_readonly(
-          "q_by_x", [](const MotionOfPath& m) { return m.by_x(m.derivatives.q, 0, m.of.points()); })
-      .def_property_readonly(
-          "v_by_x", [](const MotionOfPath& m) { return m.by_x(m.derivatives.v, 0, m.of.points()); })
-      .def_property_readonly("q_half_way_by_x", [](const MotionOfPath& m) {
-        return m.by_x(m.derivatives.q, m.of.points(), m.of.points() - 1);
-      });
+  bind_motion_of_path(m);
   py::class_<Correction>(m, "Correction")
       .def(py::init(&correction), py::arg("q"), py::arg("v"), py::arg("q_half_way"));
   py::class_<PathsOnGrid, Paths>(m, "PathsOnGrid");

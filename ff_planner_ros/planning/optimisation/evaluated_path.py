@@ -69,15 +69,15 @@ def seen(found: EvaluatedPath) -> PathLinearisation:
         max_terms_jacobian=found.max_terms_jacobian,
         constraints=found.constraints,
         constraints_jacobian=found.constraints_jacobian,
-        equalities=found.equalities,
-        equalities_jacobian=found.equalities_jacobian,
+        equalities=found.goal_error,
+        equalities_jacobian=found.goal_error_by_x,
         names=found.names,
         motion=Motion(
             x=found.x,
             q=found.q,
             v=found.v,
             q_half_way=found.q_half_way,
-            goal_error=found.equalities,
+            goal_error=found.goal_error,
         ),
         acceleration=found.acceleration,
     )
