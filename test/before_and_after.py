@@ -1,6 +1,6 @@
 """The compiled core beside the references by numpy in its place, all in one process.
 
-    .venv/bin/python test/before_and_after.py              # a quarter of an hour
+    .venv/bin/python test/before_and_after.py              # a minute, or a few
     .venv/bin/python test/before_and_after.py --each 1
 
 Every plan is made twice, with the core and without it, and both must be the same. The paper's way,
