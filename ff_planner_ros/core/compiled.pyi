@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from ff_planner_ros.common.arrays import Array, Indices
 
 MAX_JOINTS: int
+NAMES_EACH: int  # of rows, that a requirement of a program has room for
 SOURCES_DIGEST: str  # SHA-256 of the *.cpp and *.hpp that it was built from, in the order of paths
 
 class Chain:

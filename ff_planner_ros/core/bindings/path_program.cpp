@@ -232,6 +232,7 @@ void bind_path_program(py::module_& m) {
       .def(py::init(&path_objective), py::arg("joint_path"), py::arg("slow"), py::arg("smoothing"),
            py::arg("shares"), py::arg("attitude"), py::arg("rotation_chaser_to_base"),
            py::arg("attitude_norm"));
+  m.attr("NAMES_EACH") = PathProgram::kNames;
   py::class_<PathProgram>(m, "PathProgram")
       .def(py::init(&path_program), py::arg("paths"), py::arg("step"), py::arg("objective"),
            py::arg("requirements"), py::arg("correction") = std::nullopt)

@@ -14,6 +14,8 @@ struct PathObjective {
   Matrix3 chaser_to_base;  // of the chaser's axes
   // p of the p-norm that stands for the largest Euler angle; zero: none does.
   double attitude_norm;
+
+  // step: time between two points [s].
   Terms terms(const PathMotion& motion, const PathDerivatives& by_x, double step) const {
     const Eigen::Index variables = motion.variables();
     Terms found;

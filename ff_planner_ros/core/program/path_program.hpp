@@ -21,6 +21,10 @@ struct Correction {
 
 class PathProgram {
  public:
+  // No requirement has as many rows: the names of all of them differ. Those of one lie on both
+  // sides of zero.
+  static constexpr long long kNames = 1LL << 40;
+
   // A requirement with its number, by which the names of its rows differ from those of others.
   struct Numbered {
     long long number;
@@ -55,10 +59,6 @@ class PathProgram {
   }
 
  private:
-  // No requirement has as many rows: the names of all of them differ. Those of one lie on both
-  // sides of zero.
-  static constexpr long long kNames = 1LL << 40;
-
   ConstraintRows rows_of(const PathMotion& motion) const {
     const LookedAt at(paths_->chain(), motion, by_x_);
     ConstraintRows all;

@@ -43,7 +43,7 @@ _GRID_TURN, _MOST_INTERVALS = 0.25, 200
 # Margins are eased by this multiple of the violation: on its way the path may come nearer.
 _EASED = 1.5
 # No requirement has as many rows: the names of all of them differ.
-_NAMES = 1 << 40
+_NAMES = compiled.NAMES_EACH
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,6 @@ from ff_planner_ros.planning.distance.search_certificate import (
 )
 from ff_planner_ros.planning.distance.start_room import (
     LEAST_CLEARANCE,
-    margins_in_core,
     room_of_bodies,
     room_of_pairs,
 )
@@ -51,9 +50,9 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
     FEW_POINTS,
     OF_INTEREST,
+    asked_of_core,
     pair_rows,
     sphere_rows,
-    times_looked_at,
 )
 from ff_planner_ros.planning.requirements.collisions import (
     DETOURS,
@@ -105,7 +104,7 @@ class BodyClearance(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances of bodies near spheres, less the margin [m]."""
-        if not (problem.robot.bodies and problem.spheres):
+        if not self.concerns(problem):
             return None
         return sphere_rows(problem, motion, sensitivity, margin)
 
@@ -119,10 +118,7 @@ class BodyClearance(Requirement):
             compiled.bodies_clear_of_spheres(
                 bodies_of(problem.robot),
                 spheres_of(problem.spheres, problem.duration),
-                margins_in_core(margin, room_of_bodies(problem)),
-                np.sort(times_looked_at(problem.duration, points)),
-                OF_INTEREST,
-                points < FEW_POINTS,
+                *asked_of_core(problem, points, margin, room_of_bodies(problem)),
             ),
         )
 
@@ -185,7 +181,7 @@ class SelfClearance(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances of near pairs of bodies, less the margin [m]."""
-        if not problem.robot.pairs:
+        if not self.concerns(problem):
             return None
         return pair_rows(problem, motion, sensitivity, margin)
 
@@ -201,7 +197,7 @@ class SelfClearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        if not problem.robot.pairs:
+        if not self.concerns(problem):
             return np.inf
         return min(
             search_pair_distance(problem.robot, part, chosen, last, SLACK_PART)

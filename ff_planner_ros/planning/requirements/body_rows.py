@@ -22,6 +22,7 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     split_spheres,
 )
 from ff_planner_ros.planning.distance.start_room import (
+    margins_in_core,
     margins_of_rows,
     room_of_bodies,
     room_of_pairs,
@@ -80,6 +81,17 @@ def sphere_rows(
     distances, jacobian, names = without_allowed(problem, at, Rows(*near), count, split)
     margins = margins_of_rows(margin, room_of_bodies(problem), names, at.times)
     return Rows(distances - margins, jacobian, names)
+
+
+def asked_of_core(
+    problem: PlanningProblem, points: int, margin: float, room: Array
+) -> tuple[compiled.Margins, Array, float, bool]:
+    """Return how the core is asked for distances of bodies from what is not the robot.
+
+    Margins, times of the configurations, interest, and whether those include quarters.
+    """
+    times = np.sort(times_looked_at(problem.duration, points))
+    return margins_in_core(margin, room), times, OF_INTEREST, points < FEW_POINTS
 
 
 def without_allowed(

@@ -58,7 +58,7 @@ class ChaserAttitude(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances of interest to the limit, at points and half-way between [rad]."""
-        if np.isinf(problem.limits.chaser_attitude):
+        if not self.concerns(problem):
             return None
         q = np.concatenate([motion.q[1:], motion.q_half_way])
         of_q = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])

@@ -67,7 +67,7 @@ class ChaserRotation(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances of interest to the limit, at points and half-way between [rad]."""
-        if not _is_limited(problem):
+        if not self.concerns(problem):
             return None
         q = np.concatenate([motion.q[1:], motion.q_half_way])
         of_q = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
@@ -79,7 +79,7 @@ class ChaserRotation(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the chaser stays from the limit [rad]."""
-        if not _is_limited(problem):
+        if not self.concerns(problem):
             return np.inf
         _, angles = _angles(problem.robot, motion)
         return problem.limits.chaser_rotation - float(angles.max())

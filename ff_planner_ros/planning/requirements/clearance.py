@@ -108,7 +108,7 @@ class Clearance(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return distances of near lines less the margin, at points and half-way between [m]."""
-        if problem.robot.geometry is Geometry.SHAPES or not problem.spheres:
+        if not self.concerns(problem):
             return None
         looked_at = times_looked_at(problem.duration, len(motion.q))
         distances, jacobian, names = clearance_rows(
@@ -142,7 +142,7 @@ class Clearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance, or a bound below it that is not negative [m]."""
-        if problem.robot.geometry is Geometry.SHAPES or not problem.spheres:
+        if not self.concerns(problem):
             return np.inf
         at = _looked_at(motion)
         asked = problem.robot, motion.q[at], motion.v[at], motion.time[at], problem.spheres

@@ -33,7 +33,6 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 )
 from ff_planner_ros.planning.distance.search_certificate import search_obstacle_distance
 from ff_planner_ros.planning.distance.start_room import (
-    margins_in_core,
     margins_of_rows,
     room_of_obstacles,
 )
@@ -44,10 +43,9 @@ from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_app
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
-    FEW_POINTS,
     OF_INTEREST,
+    asked_of_core,
     looked_at,
-    times_looked_at,
     without_allowed,
 )
 from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
@@ -100,7 +98,7 @@ class ObstacleClearance(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances of bodies near obstacles, less the margin [m]."""
-        if not problem.obstacle_bodies:
+        if not self.concerns(problem):
             return None
         return obstacle_rows(problem, motion, sensitivity, margin)
 
@@ -114,10 +112,7 @@ class ObstacleClearance(Requirement):
             compiled.bodies_clear_of_obstacles(
                 bodies_of(with_bodies(problem.robot)),
                 obstacles_of(problem.obstacle_bodies, problem.duration),
-                margins_in_core(margin, room_of_obstacles(problem)),
-                np.sort(times_looked_at(problem.duration, points)),
-                OF_INTEREST,
-                points < FEW_POINTS,
+                *asked_of_core(problem, points, margin, room_of_obstacles(problem)),
             ),
         )
 

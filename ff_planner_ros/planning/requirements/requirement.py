@@ -212,7 +212,8 @@ class Requirement:
     ) -> Sequence[compiled.PathRequirement] | None:
         """Return what makes the rows of `rows` in the core, for paths of so many points.
 
-        None: the core does not know the requirement, and `rows` is called, which is slower.
+        None: the core does not know the requirement, and `rows` is called, which is slower. Who
+        overrides `rows` overrides this, too.
         """
         return None
 

@@ -64,7 +64,7 @@ class SingularValues(Requirement):
         A margin of zero has no rows: they cost time, and shortest paths seldom come near a
         singularity.
         """
-        if margin == 0.0 or problem.parametrisation is Parametrisation.JOINT_SPLINE:
+        if margin == 0.0 or not self.concerns(problem):
             return None
         robot = problem.robot
         values, by_joints = compiled.smallest_singular_values(

@@ -86,7 +86,7 @@ class JointRates(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances to near limits, at points and peaks between [rad/s, m/s]."""
-        if not problem.limits.joint_velocities:
+        if not self.concerns(problem):
             return None
         limits = problem.robot.velocity_limits
         interest = (1.0 - _OF_INTEREST) * limits
@@ -116,7 +116,7 @@ class JointRates(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance as a fraction of its limit, or a positive bound below it."""
-        if not problem.limits.joint_velocities:
+        if not self.concerns(problem):
             return np.inf
         limits = problem.robot.velocity_limits
         limits = eased(limits, np.abs(problem.start.joint_velocities), ALLOWED_EXCESS * limits)

@@ -79,7 +79,7 @@ class Torques(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances to near limits at the points, as fractions of the limits."""
-        if not problem.limits.joint_torques:
+        if not self.concerns(problem):
             return None
         robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
         accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
@@ -101,7 +101,7 @@ class Torques(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance as a fraction of its limit, or 0.5 if torques are far below."""
-        if not problem.limits.joint_torques:
+        if not self.concerns(problem):
             return np.inf
         robot, limits = problem.robot, problem.robot.effort_limits
         samples = motion.q, motion.v, motion.joint_accelerations
