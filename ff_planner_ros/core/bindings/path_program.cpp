@@ -17,8 +17,9 @@ Correction correction(const Array& q, const Array& v, const Array& q_half_way) {
   const Rows of_q = rows(q, "q", {kAny, kAny});
   const py::ssize_t points = of_q.rows(), size = of_q.cols();
   if (points < 2) throw std::invalid_argument("q must have two rows or more");
+  const Rows of_q_half_way = rows(q_half_way, "q_half_way", {points - 1, size});
   RowMajor steps(2 * points - 1, size);
-  steps << of_q, rows(q_half_way, "q_half_way", {points - 1, size});
+  steps << of_q, of_q_half_way;
   return {steps, rows(v, "v", {points, size})};
 }
 
