@@ -163,7 +163,7 @@ class AttitudeSearch:
             runs = [partial(AttitudeSearch._run, stage=stage, start=start) for start in starts]
             paths = list(self._found(runs))
             if glance and stage is RACE[0]:  # for a better plan, early
-                self._keep(self._plans_near(self._objective, paths[0].x, None, GLANCE))
+                self._keep(self._plans_near(self._objective, paths[0].x, None, glance=True))
             leading = sorted(paths, key=lambda path: path.lead)[: stage.go_on]
             starts = [path.x for path in leading]
         parts = [partial(AttitudeSearch._optimum, path=path) for path in leading]
@@ -294,18 +294,17 @@ class AttitudeSearch:
                 break
 
     def _plans_near(
-        self,
-        objective: Objective,
-        x: Array,
-        curvature: Array | None,
-        iterations: int = _ITERATIONS,
+        self, objective: Objective, x: Array, curvature: Array | None, glance: bool = False
     ) -> list[Plan]:
-        """Return the plan along the best path near x on the finest grid, if it passes the check."""
-        grids = self._grids(objective)[1:]
+        """Return the plan along the best path near x on the finest grid, if it passes the check.
+
+        A glance takes a few iterations, on that grid alone.
+        """
+        grids = self._grids(objective)[-1 if glance else 1 :]
         for grid in grids:
             near = (grid.with_correction(x) if grid is grids[-1] else grid).with_stage(
                 progress=max(grid.stage.progress, _PROGRESS),
-                iterations=iterations,
+                iterations=GLANCE if glance else _ITERATIONS,
                 tolerated=_TOLERATED_NEAR,
                 radius=_RADIUS,
             )

@@ -46,6 +46,9 @@ _MIDDLE = 100
 # Progress on all points: so small a fraction of a joint path or an angle means nothing to a user.
 # Of many points, where a step takes five times as long, the larger one.
 _FINE_PROGRESS, _PROGRESS_OF_MANY = 2e-5, 1e-4
+# And of the joint path where a search of the attitude alone begins: what that finds does not depend
+# on the rest, which takes up to twenty steps.
+BEGINNING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)

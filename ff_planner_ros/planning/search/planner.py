@@ -31,6 +31,7 @@ from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
 from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
 from ff_planner_ros.planning.search.families import is_detour, is_held, path_families
+from ff_planner_ros.planning.search.grid import BEGINNING
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution
 from ff_planner_ros.planning.search.guided_search import Allowance, plan_from
 from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION, first_plan
@@ -93,8 +94,7 @@ def plan(
             raise
         is_remainder = best.plan.family == REMAINDER
         what = "the remainder of the running plan" if is_remainder else "the best plan so far"
-        why = f"{end}: {what}"
-        report = replace(best.plan.solver, stop_reason=why, ended_by=end.ended_by)
+        report = replace(best.plan.solver, stop_reason=f"{end}: {what}", ended_by=end.ended_by)
         return replace(best.plan, solver=report)
     is_optimal = found.solver.stop_reason.startswith(("converged", "good enough"))
     ended_by = EndedBy.CONVERGED if is_optimal else EndedBy.EXHAUSTED
@@ -237,6 +237,8 @@ def _ways_round(
             try:
                 posed = replace(problem, parametrisation=way, objective=objective)
                 solver = GridSolver(path_program(posed, family, settings), settings, watch)
+                if objective is not asked and asked.joint_path_length == 0.0:
+                    solver.grids[-1] = solver.grids[-1].with_stage(progress=BEGINNING)
                 elsewhere = partial(_with_more_room, solver, most_general)
                 plan = first_plan(solver, first_guess, elsewhere)
                 found.append(_Found(family if plan.family == way else most_general, plan))
@@ -340,10 +342,8 @@ def _least_attitude(
     begin = _best_of(problem, [*found, *more]).plan
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
-    seeds = [
-        _seed(problem.robot, family, one)
-        for one in (found if family is not first.family else [first])
-    ]
+    begins = [first] if family is first.family else found
+    seeds = [_seed(problem.robot, family, one) for one in begins]
     search = AttitudeSearch(solver, problem.objective, begin, seeds)
     if first_guess is not None and len(first_guess) == family.variables:
         search.better_at(first_guess)
