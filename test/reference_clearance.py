@@ -41,7 +41,8 @@ def clearance_rows(
             by the parabola through both ends and the middle.
 
     Returns:
-        Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
+        Shapes (rows,), (rows, columns) and (rows,): the last says which point, joint that a segment
+        starts at, and sphere.
     """
     positions, derivatives = arm_points_with_derivatives(robot, q, q_sensitivity)
     if quarter_way:
@@ -52,7 +53,13 @@ def clearance_rows(
     clear = clearances(positions, times, starts, spheres)
     rows = np.nonzero(clear.distance < interest)
     jacobian = clearance_gradients(clear, derivatives, starts, rows)
-    return clear.distance[rows], jacobian, np.ravel_multi_index(rows, clear.distance.shape)
+    point, segment, sphere = rows
+    shape = len(positions), robot.joints, len(spheres)
+    return (
+        clear.distance[rows],
+        jacobian,
+        np.ravel_multi_index((point, starts[segment], sphere), shape),
+    )
 
 
 def arm_points_with_derivatives(

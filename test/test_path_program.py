@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from itertools import islice
@@ -13,10 +14,12 @@ import pytest
 
 from ff_planner_ros.bench.measurement import OBJECTIVES
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation, seen
 from ff_planner_ros.planning.optimisation.program import PathProgram, path_program
-from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, lasting
+from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.grid import grids_of
 from ff_planner_ros.problems import (
@@ -28,11 +31,27 @@ from ff_planner_ros.problems import (
     tumbling,
     witnessed,
 )
-from ff_planner_ros.problems.robots import ROBOTS
+from ff_planner_ros.problems.robots import ROBOTS, arm_urdf
 from ff_planner_ros.problems.scenarios import scenario
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import robot_from_urdf_text
 
 SETTINGS = load_parameters().planner
 GUESSES = 3
+
+
+def telescope() -> PlanningProblem:
+    """A joint inside the arm slides, out of nothing at the start."""
+    slide = '<origin xyz="0 0 0"/><axis xyz="0 0 1"/>'
+    slide += '<limit lower="0" upper="0.6" velocity="0.2" effort="80"/></joint>'
+    turns = r'(<joint name="joint_4" type=)"revolute">(.*?)<origin [^>]*/><axis .*?</joint>'
+    urdf = re.sub(turns, rf'\1"prismatic">\2{slide}', arm_urdf(8))
+    robot, rng = robot_from_urdf_text(urdf), np.random.default_rng(9)
+    posture = rng.uniform(-1.5, 1.5, robot.joints)
+    posture[3] = 0.0
+    drawn = witnessed.drawn_problem(robot, posture, Orientation.FIXED, 3, rng)
+    assert drawn is not None
+    return drawn
 
 
 def problems() -> Iterator[tuple[str, PlanningProblem]]:
@@ -54,6 +73,7 @@ def problems() -> Iterator[tuple[str, PlanningProblem]]:
         yield f"joint goal, {kind}", joint_goals.problem(kind, 1).problem
     for kind in captured.KINDS:
         yield f"captured, {kind}", captured.problem(kind, 1).problem
+    yield "telescope", telescope()
     for number in range(3):
         problem = all_features.problem(number).problem
         yield f"all features {number}", lasting(problem, problem.duration_range.maximum)
@@ -101,6 +121,32 @@ def test_the_core_finds_what_the_family_and_the_requirements_find(name: str) -> 
         for part in ("x", "q", "v", "q_half_way", "goal_error"):
             same(getattr(found.motion, part), getattr(expected.motion, part), f"{name}, {part}")
     assert defined > 0
+
+
+def test_a_line_that_slides_out_of_nothing_keeps_its_own_room() -> None:
+    """Of the distances at the start half, which grows to the margin, by hand."""
+    problem, margin = in_own_frame(PROBLEMS["telescope"]), 0.2
+    q_start, _ = configuration(problem.robot, problem.start)
+    assert len(segments(arm_points(problem.robot, q_start[None]))) < problem.robot.joints - 2
+    (family, *_), *_ = path_families(problem, SETTINGS)
+    motion = family.motion(next(family.first_guesses(problem.obstacles, 13, 0.0)), 50)
+    rows = Clearance().rows(problem, motion, family.sensitivity(motion), margin)
+    assert rows is not None
+    at, pair = np.divmod(rows.names, problem.robot.joints * len(problem.spheres))
+    joint, sphere = np.divmod(pair, len(problem.spheres))
+
+    def distances(q: np.ndarray, times: np.ndarray) -> np.ndarray:
+        every = np.arange(problem.robot.joints)
+        return clearances(arm_points(problem.robot, q), times, every, problem.spheres).distance
+
+    q = np.concatenate([motion.q[1:], motion.q_half_way])
+    points = np.linspace(0.0, problem.duration, 50)
+    times = np.concatenate([points[1:], (points[1:] + points[:-1]) / 2])
+    room = 0.5 * distances(q_start[None], np.zeros(1))[0, joint, sphere]
+    grown = room + margin * np.minimum(times[at] / (0.25 * problem.duration), 1.0) ** 3
+    kept = np.minimum(margin, np.where(room < 0.5 * margin, grown, room))
+    assert (kept < margin).any()
+    assert rows.values == pytest.approx(distances(q, times)[at, joint, sphere] - kept, abs=1e-12)
 
 
 def same(found: Any, expected: Any, what: str) -> None:

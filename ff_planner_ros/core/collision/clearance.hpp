@@ -108,7 +108,7 @@ inline std::vector<int> near_box(const std::vector<ArmPoints>& points, const Val
 
 struct ClearanceRows {
   std::vector<double> distances, jacobian;  // negative inside; a row a distance
-  std::vector<long long> names;             // by point, segment and sphere
+  std::vector<long long> names;             // by point, the joint that starts a line, and sphere
 
   // Adds a distance that is of interest; returns its derivatives, which are zero so far.
   Gradient add(double distance, long long name, Eigen::Index columns) {
@@ -126,12 +126,12 @@ inline ClearanceRows clearance_rows(const ArmMotion& arm, const Times& times,
   ClearanceRows rows;
   const std::vector<int> near = near_box(arm.points, times.at, spheres, interest);
   const std::vector<int> starts = segments(arm.points);
+  const Eigen::Index lines = arm.points[0].cols() - 1;  // with those that have no length
   std::vector<Vector3> centers(spheres.size());
   for (size_t i = 0; i < arm.points.size() && !near.empty(); ++i) {
     for (const int sphere : near) centers[sphere] = spheres[sphere].center_at(times.at[i]);
-    for (size_t segment = 0; segment < starts.size(); ++segment)
+    for (const int k : starts)
       for (const int sphere : near) {
-        const int k = starts[segment];
         const Vector3& center = centers[sphere];
         const Vector3 start = arm.points[i].col(k), along = arm.points[i].col(k + 1) - start;
         const double fraction = nearest_part(center - start, along);
@@ -140,7 +140,7 @@ inline ClearanceRows clearance_rows(const ArmMotion& arm, const Times& times,
         if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
         if (!(distance < interest)) continue;
         const Vector3 direction = offset / std::max(to_center, kSamePoint);
-        const size_t name = (i * starts.size() + segment) * spheres.size() + sphere;
+        const size_t name = (i * lines + k) * spheres.size() + sphere;
         Gradient gradient = rows.add(distance, static_cast<long long>(name), arm.variables());
         arm.add_gradient(i, k, fraction, direction, gradient);
         if (times.by_last.size() > 0)

@@ -187,7 +187,8 @@ def clearance_rows(
         times_by_last: Derivatives of the times by the last variable. None, empty: there are none.
 
     Returns:
-        Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
+        Shapes (rows,), (rows, columns) and (rows,): the last says which point, joint that a segment
+        starts at, and sphere.
     """
     return compiled.clearances(
         chain=chain_of(robot),

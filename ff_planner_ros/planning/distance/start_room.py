@@ -11,7 +11,7 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import sphere_arrays
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import pair_distances, sphere_distances
-from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances
 from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_bounds,
     obstacle_distances,
@@ -37,20 +37,23 @@ _FAR = 2.0
 
 
 def lines_from_spheres(problem: PlanningProblem) -> Array:
-    """Return the distances of lines from spheres at the start. Shape (lines, spheres) [m]."""
+    """Return the distances of lines from spheres at the start. Shape (joints, spheres) [m].
+
+    A line has the number of the joint that it starts at: one that has no length yet may slide out.
+    """
     return _lines_from_spheres(problem.robot, problem.start, problem.spheres)
 
 
 @lru_cache(maxsize=4)  # problems that differ in something else have the same
 def _lines_from_spheres(robot: Robot, start: SystemState, spheres: tuple[Sphere, ...]) -> Array:
     q, _ = configuration(robot, start)
-    positions = arm_points(robot, q[None])
-    return frozen(clearances(positions, np.zeros(1), segments(positions), spheres).distance[0])
+    every = np.arange(robot.joints)
+    return frozen(clearances(arm_points(robot, q[None]), np.zeros(1), every, spheres).distance[0])
 
 
 @lru_cache(maxsize=4)
 def room_of_lines(problem: PlanningProblem) -> Array:
-    """Return half the start distances of lines from spheres. Shape (lines, spheres) [m]."""
+    """Return half the start distances of lines from spheres. Shape (joints, spheres) [m]."""
     return _room(lines_from_spheres(problem))
 
 

@@ -80,6 +80,7 @@ class Clearance(Requirement):
         if distance.min(initial=np.inf) >= NEAR:
             return
         starts = segments(arm_points(problem.robot, q_start[None]))
+        distance = distance[starts]
         if distance.min() < LEAST_CLEARANCE:
             segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
             link = link_name(problem.robot, int(starts[segment]))
