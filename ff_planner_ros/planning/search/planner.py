@@ -342,8 +342,8 @@ def _least_attitude(
     begin = _best_of(problem, [*found, *more]).plan
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
-    begins = [first] if family is first.family else found
-    seeds = [_seed(problem.robot, family, one) for one in begins]
+    sources = [first] if family is first.family else found
+    seeds = [_seed(problem.robot, family, one) for one in sources]
     search = AttitudeSearch(solver, problem.objective, begin, seeds)
     if first_guess is not None and len(first_guess) == family.variables:
         search.better_at(first_guess)
