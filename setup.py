@@ -159,7 +159,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         NAME: ["py.typed"],
-        f"{NAME}.core": ["*.pyi", "*/*.cpp", "*/*.hpp"],
+        f"{NAME}.core": ["*.pyi", "**/*.cpp", "**/*.hpp"],
         f"{NAME}.report": ["*.css", "*.js"],
     },
     ext_modules=[

@@ -434,7 +434,19 @@ def numbers_or_refusal(name: str, changed: Arguments) -> None:
 
 
 @pytest.mark.parametrize(
-    "argument", ["spheres", "rows", "chosen", "last", "points", "carriers", "kind", "guess"]
+    "argument",
+    [
+        "spheres",
+        "rows",
+        "chosen",
+        "pairs",
+        "last",
+        "points",
+        "carriers",
+        "carrier",
+        "kind",
+        "guess",
+    ],
 )
 def test_numbers_of_what_there_is_not_are_refused(argument: str) -> None:
     for name, (_, arguments) in SOUND.items():

@@ -10,16 +10,37 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import pinocchio as pin
 import pytest
+import touching_problems
+from robots import CONFIG
 
 from ff_planner_ros.bench.measurement import OBJECTIVES
+from ff_planner_ros.core.compiled import NAMES_EACH
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
+from ff_planner_ros.planning.optimisation import program as program_module
 from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation, seen
+from ff_planner_ros.planning.optimisation.free_program import goal_motion
 from ff_planner_ros.planning.optimisation.program import PathProgram, path_program
-from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, lasting
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Orientation,
+    PlanningProblem,
+    lasting,
+)
+from ff_planner_ros.planning.requirements import requirements_of
+from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.clearance import Clearance
+from ff_planner_ros.planning.requirements.joints.accelerations import accelerations_at_points
+from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
+from ff_planner_ros.planning.robust.back_off import no_back_off, tighten
+from ff_planner_ros.planning.robust.margins import CORRIDOR
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.grid import grids_of
 from ff_planner_ros.problems import (
@@ -34,10 +55,14 @@ from ff_planner_ros.problems import (
 from ff_planner_ros.problems.robots import ROBOTS, arm_urdf
 from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.dynamics import frame_wrenches, joint_torques
 from ff_planner_ros.robot.model import robot_from_urdf_text
+from ff_planner_ros.robot.urdf.payload import payload_frame
 
 SETTINGS = load_parameters().planner
 GUESSES = 3
+# Bases of each kind, joints that slide, and a payload.
+LOADED = ("witnessed planar", "joint goal, held", "joint goal, rail", "captured, payload stow")
 
 
 def telescope() -> PlanningProblem:
@@ -52,6 +77,53 @@ def telescope() -> PlanningProblem:
     drawn = witnessed.drawn_problem(robot, posture, Orientation.FIXED, 3, rng)
     assert drawn is not None
     return drawn
+
+
+def kept_in_view(problem: PlanningProblem, link: str, until: float) -> PlanningProblem:
+    """A camera on a link sees the goal to the end or until it is near, along a wide corridor."""
+    robot, rng = problem.robot, np.random.default_rng([*link.encode()])
+    q, _ = configuration(robot, problem.start)
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    place, aside = rng.normal(scale=0.1, size=(2, 3))
+    at = data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
+    to_goal = at.actInv(GraspSeen(problem, np.zeros(1)).positions[0]) - place
+    axis = to_goal / np.linalg.norm(to_goal) + aside
+    in_plane = np.isin(range(3), robot.base.rows)
+    goal = pin.Quaternion(problem.target.quaternion_xyzw).toRotationMatrix()
+    return replace(
+        problem,
+        approach=Approach(goal.T @ (in_plane * [0.8, -0.5, 0.3]), 0.4, 0.6),
+        camera=Camera(link, place, axis, 0.4, until),
+        limits=replace(problem.limits, chaser_rotation=0.3),
+    )
+
+
+def seen_on_the_way() -> Iterator[tuple[str, PlanningProblem]]:
+    """Draw problems whose cameras are carried by the base, by joints and by slides."""
+    drawn = {
+        name: scenario("ordinary", name, 1, turned=True).problem
+        for name in ("lemur", "arm6", "rail6", "off7")
+    }
+    drawn["table"] = load_scenario(CONFIG / "scenarios/planar_capture.yaml")
+    for name, problem in drawn.items():
+        robot = problem.robot
+        joint = robot.model.names[2 + robot.joints // 2]
+        links = {
+            frame.name: frame.parentJoint
+            for frame in robot.model.frames
+            if frame.type == pin.FrameType.BODY
+        }
+        middle = next(link for link, at in links.items() if robot.model.names[at] == joint)
+        for link, until in ((robot.base_link, 0.0), (middle, 0.5), (list(links)[-1], 0.3)):
+            yield f"{name}, camera on {link}", kept_in_view(problem, link, until)
+    beyond = kept_in_view(telescope(), "end_effector", 0.2)
+    yield "telescope, camera beyond", beyond
+    narrower = no_back_off(beyond) | {CORRIDOR: np.array([0.01])}
+    yield "telescope, narrower corridor", tighten(beyond, narrower)
+    for kind in tumbling.KINDS:
+        problem = tumbling.problem(kind, 2)
+        yield f"tumbling {kind}, camera", kept_in_view(problem, problem.robot.base_link, 0.4)
 
 
 def problems() -> Iterator[tuple[str, PlanningProblem]]:
@@ -74,12 +146,38 @@ def problems() -> Iterator[tuple[str, PlanningProblem]]:
     for kind in captured.KINDS:
         yield f"captured, {kind}", captured.problem(kind, 1).problem
     yield "telescope", telescope()
+    yield from touching_problems.problems()
+    yield from seen_on_the_way()
     for number in range(3):
         problem = all_features.problem(number).problem
         yield f"all features {number}", lasting(problem, problem.duration_range.maximum)
 
 
+def loaded(problem: PlanningProblem) -> PlanningProblem:
+    """Limit accelerations, torques and what the grasp bears to what a path takes of them."""
+    problem = in_own_frame(problem)
+    ((family, *_), *_), points = path_families(problem, SETTINGS), 50
+    motion = family.motion(next(family.first_guesses(problem.obstacles, 13, 0.0)), points)
+    step, robot = problem.duration / (points - 1), problem.robot
+    accelerations = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
+    sample, payload = (motion.q, motion.v, accelerations), payload_frame(robot)
+    limits = replace(
+        problem.limits,
+        joint_torques=True,
+        joint_accelerations=tuple(1.1 * np.abs(accelerations).max(axis=0) + 1e-3),
+    )
+    if payload is not None:
+        wrenches = frame_wrenches(robot, payload, *sample).reshape(-1, 2, 3)
+        force, torque = 1.1 * np.linalg.norm(wrenches, axis=2).max(axis=0)
+        limits = replace(limits, grasp_force=force, grasp_torque=torque)
+    efforts = 1.1 * np.abs(joint_torques(robot, *sample)).max(axis=0) + 1e-3
+    return replace(problem, robot=replace(robot, effort_limits=efforts), limits=limits)
+
+
 PROBLEMS = dict(problems())
+for which in LOADED:
+    PROBLEMS[f"loaded {which}"] = loaded(PROBLEMS[which])
+DISTANCES = {BodyClearance.name, SelfClearance.name, ObstacleClearance.name}
 
 
 def by_python(program: PathProgram, x: np.ndarray) -> PathLinearisation:
@@ -99,6 +197,15 @@ def programs(problem: PlanningProblem) -> Iterator[tuple[PathProgram, np.ndarray
                 yield grid.program, x
                 yield grid.with_correction(x).program, x
                 yield replace(grid.program, attitude_norm=8.0), x
+                yield with_duration(grid.program), x
+
+
+def with_duration(program: PathProgram) -> PathProgram:
+    """Return a program with the duration as one more variable."""
+    problem, lasts = program.problem, program.problem.duration
+    window = DurationRange(0.8 * lasts, 1.2 * lasts, np.array([0.01, -0.02, 0.005]))
+    motion = goal_motion(replace(problem, duration_range=window), lasts)
+    return replace(program, family=program.family.lasting(problem, motion))
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -106,9 +213,12 @@ def test_the_core_finds_what_the_family_and_the_requirements_find(name: str) -> 
     problem, defined = in_own_frame(PROBLEMS[name]), 0
     for number, (program, x) in enumerate(programs(problem)):
         objective = list(OBJECTIVES.values())[number % len(OBJECTIVES)]
-        program = replace(program, objective=replace(objective, joint_path_length=0.7))
+        objective = replace(objective, joint_path_length=0.7, wheel_momentum=0.3 * (number % 2))
+        program = replace(program, objective=objective)
         assert program.in_core is not None
-        found, expected = seen(program.evaluate(x)), by_python(program, x)
+        with patch.object(program_module, "_rows_by_python", side_effect=AssertionError):
+            found = seen(program.evaluate(x))
+        expected = by_python(program, x)
         assert found.is_defined == expected.is_defined
         if not found.is_defined:
             singular_at = found.motion.singular_at, expected.motion.singular_at
@@ -121,6 +231,22 @@ def test_the_core_finds_what_the_family_and_the_requirements_find(name: str) -> 
         for part in ("x", "q", "v", "q_half_way", "goal_error"):
             same(getattr(found.motion, part), getattr(expected.motion, part), f"{name}, {part}")
     assert defined > 0
+
+
+@pytest.mark.parametrize("name", dict(touching_problems.problems()))
+def test_what_may_touch_has_rows_but_where_it_may(name: str) -> None:
+    """Of each kind of distance, near the start, near the goal and elsewhere."""
+    problem = in_own_frame(PROBLEMS[name])
+    (family, *_), *_ = path_families(problem, SETTINGS)
+    x = next(family.first_guesses(problem.obstacles, 13, 0.0))
+    asked, without = (
+        seen(path_program(each, family, SETTINGS).evaluate(x))
+        for each in (problem, replace(problem, allowed_collisions=()))
+    )
+    for number, required in enumerate(requirements_of(problem)):
+        if required.name in DISTANCES:
+            few, many = (int((of.names // NAMES_EACH == number).sum()) for of in (asked, without))
+            assert 0 < few < many, required.name
 
 
 def test_a_line_that_slides_out_of_nothing_keeps_its_own_room() -> None:

@@ -521,8 +521,14 @@ def end_effector_paths(
     null_space: NullSpaceFade,
     points: int,
     damping: float,
+    goal_by_duration: Array = ...,
 ) -> PathsOnGrid:
-    """Return the paths whose motions `end_effector_motion` integrates, of a given duration."""
+    """Return the paths whose motions `end_effector_motion` integrates.
+
+    Args:
+        goal_by_duration: How the goal's pose changes with the duration, if that is one more
+            variable, as of `path`; empty: it is given. Shape (6,) [m/s, rad/s].
+    """
 
 class SplineRows:
     """Values of all joints that are linear in the variables of their splines."""
@@ -531,6 +537,8 @@ class SplineRows:
         self,
         free: Array,  # by the variables of one joint; shape (rows, variables of a joint)
         known: Array,  # what start and goal give; shape (rows, joints)
+        # How `known` changes with the duration at fixed parts of it; empty: it is given
+        moved: Array = ...,
     ) -> None: ...
 
 def joint_splines(
@@ -544,6 +552,7 @@ def joint_splines(
     accelerations: SplineRows,
     position_hull: SplineRows,
     rate_hull: SplineRows,
+    target_by_duration: Array = ...,
 ) -> PathsOnGrid:
     """Return joint splines, whose base follows by conservation of momentum.
 
@@ -552,10 +561,21 @@ def joint_splines(
         positions: At half steps; rates and accelerations likewise.
         position_hull: Points whose range bounds each joint.
         rate_hull: Likewise its rate.
+        target_by_duration: Place, twist and acceleration, if the duration is one more variable, as
+            of all rows; empty: it is given. Shape (3, 6).
     """
 
+class Wheels:
+    """Wheels that hold the chaser's attitude."""
+
+    def __init__(
+        self,
+        shares: Array,  # of each wheel in what the base's axes hold; shape (wheels, 3)
+        stored: Array,  # at the start; shape (wheels,) [N m s]
+    ) -> None: ...
+
 class PathObjective:
-    """The objectives of `planning.optimisation.objectives` but for the momenta of wheels."""
+    """The objectives of `planning.optimisation.objectives`."""
 
     def __init__(
         self,
@@ -566,6 +586,8 @@ class PathObjective:
         attitude: float,  # weight
         rotation_chaser_to_base: Array,  # shape (3, 3)
         attitude_norm: float,  # p of the p-norm that stands for the largest angle; zero: none does
+        wheel_momentum: float = ...,  # weight; where it counts, the attitude does not
+        wheels: Wheels | None = ...,
     ) -> None: ...
 
 class Margins:
@@ -577,6 +599,27 @@ class Margins:
         room: Array,  # at the start; shape (pairs,) [m]
         little: float,  # fraction of the margin below which a room grows
         gained: float,  # fraction of the duration in which it has grown to the margin
+    ) -> None: ...
+
+class ContactsAtStart:
+    """Pairs that touch at the start, and may until the end effector has left its place there."""
+
+    def __init__(
+        self,
+        pairs: Indices,  # by their numbers; they may touch near the goal, too
+        places: Array,  # of the end effector as if it had not moved; shape (configurations, 3) [m]
+        seen_from_base: bool,  # whether the places are in the base frame, not in the inertial one
+    ) -> None: ...
+
+class AllowedContacts:
+    """Contacts of bodies that are allowed, as `planning.distance.allowed_contact` says when."""
+
+    def __init__(
+        self,
+        pairs: Indices,  # by their numbers; near the goal only
+        goal: Array,  # its place; shape (configurations, 3), or (0, 3): it has none [m]
+        distance: float,  # within which a place is near [m]
+        at_start: Sequence[ContactsAtStart],
     ) -> None: ...
 
 class PathRequirement:
@@ -613,6 +656,9 @@ def attitude_within(
 ) -> PathRequirement:
     """Return what makes the rows of `ChaserAttitude` [rad]."""
 
+def rotation_within(limit: float, knee: float, interest: float) -> PathRequirement:
+    """Return what makes the rows of `ChaserRotation`; knee: as of its `huber` [rad]."""
+
 def singular_value_above(rows: Sequence[int], margin: float, interest: float) -> PathRequirement:
     """Return what makes the rows of `SingularValues`.
 
@@ -621,10 +667,67 @@ def singular_value_above(rows: Sequence[int], margin: float, interest: float) ->
         interest: Multiple of the margin above which values have no rows.
     """
 
+def accelerations_within(
+    parts: Array, margin: float, interest: float, step: float, between: bool
+) -> PathRequirement:
+    """Return what makes the rows of `JointAccelerations`; margin and interest: parts of limits.
+
+    Args:
+        parts: Of its limit, that a unit is of each joint; zero: it has none. Shape (joints,).
+        step: Time from point to point [s].
+        between: Whether what is between points counts; then they are as dense as the plan's.
+    """
+
+def torques_within(
+    base: str, parts: Array, margin: float, interest: float, step: float
+) -> PathRequirement:
+    """Return what makes the rows of `Torques`; as of `accelerations_within`."""
+
+def grasp_wrench_within(
+    base: str,
+    joints_before: int,
+    position: Array,
+    rotation: Array,
+    mass: float,
+    center: Array,
+    inertia: Array,
+    parts: Array,
+    margin: float,
+    interest: float,
+    step: float,
+) -> PathRequirement:
+    """Return what makes the rows of `GraspWrench`; margin and interest: parts of limits.
+
+    Args:
+        joints_before: Joints that move the link with the payload.
+        position: Of the grasp's frame in that of the last of these; rotation likewise.
+        mass: Of the payload [kg].
+        center: Of its mass, in the grasp's frame [m].
+        inertia: About that, likewise [kg m2].
+        parts: Of their limits, that a unit of force and of torque is [1/N, 1/(N m)]; zero: none.
+    """
+
+def wheels_within(
+    wheels: Wheels,
+    momenta: Array,
+    torques: Array,
+    excess: float,
+    margin: float,
+    interest: float,
+    step: float,
+    between: bool,
+) -> PathRequirement:
+    """Return what makes the rows of `WheelLimits`; excess, margin, interest: parts of limits.
+
+    Args:
+        momenta: Part of its limit that 1 N m s is, of each wheel; zero: it has none. Torques
+            likewise, of 1 N m.
+        between: As of `accelerations_within`.
+    """
+
 def lines_clear_of_spheres(
     spheres: Spheres,
     margins: Margins,
-    lines: int,
     times: Array,
     interest: float,
     quarter_way: bool,
@@ -632,7 +735,7 @@ def lines_clear_of_spheres(
     """Return what makes the rows of `Clearance`.
 
     Args:
-        margins: Of each line and sphere, spheres running fastest.
+        margins: Of each joint's line and sphere, spheres running fastest.
         times: Of all points but the first, half-way, and at quarters if they are looked at [s].
         interest: Distances above have no rows [m].
     """
@@ -644,6 +747,7 @@ def bodies_clear_of_spheres(
     times: Array,
     interest: float,
     quarter_way: bool,
+    allowed: AllowedContacts | None,
 ) -> PathRequirement:
     """Return what makes the rows of `BodyClearance`; times: as before, ascending."""
 
@@ -654,13 +758,75 @@ def bodies_clear_of_obstacles(
     times: Array,
     interest: float,
     quarter_way: bool,
+    allowed: AllowedContacts | None,
 ) -> PathRequirement:
     """Return what makes the rows of `ObstacleClearance`; times: ascending."""
 
 def pairs_apart(
-    bodies: Bodies, margins: Array, interest: float, quarter_way: bool
+    bodies: Bodies,
+    margins: Array,
+    interest: float,
+    quarter_way: bool,
+    allowed: AllowedContacts | None,
 ) -> PathRequirement:
     """Return what makes the rows of `SelfClearance`; margins: of each pair, shape (pairs,) [m]."""
+
+class GraspSeen:
+    """The grasp frame of `planning.distance.grasp_seen`.
+
+    At the times of a path's points but the first, then half-way between the points.
+    """
+
+    def __init__(
+        self,
+        positions: Array,  # inertial frame; shape (times, 3) [m]
+        rotations: Array,  # to inertial axes; shape (times, 3, 3)
+        counts: Array,  # ones, or zero for the axis along which places do not count; shape (3,)
+        twists: Array,  # by the duration T at fixed t / T; shape (times, 6) [m/s, rad/s]
+        moves_with_goal: bool,  # whether the goal's own change with T comes on top of these
+    ) -> None: ...
+
+def in_corridor(
+    grasp: GraspSeen,
+    direction: Array,
+    distance: float,
+    half_angle: float,
+    radius: float,
+    back_off: float,
+    margin: float,
+    interest: float,
+) -> PathRequirement:
+    """Return what makes the rows of `ApproachCorridor`.
+
+    Args:
+        direction: Of the approach, unit length, in the grasp frame. Shape (3,).
+        radius: Of the corridor at the grasp [m].
+        back_off: By how much the corridor is narrower, all along it [m].
+        margin: That is kept at the distance; nearer it is less [m].
+        interest: Margins above have no rows [m].
+    """
+
+def goal_in_view(
+    grasp: GraspSeen,
+    carrier: int,
+    rotation: Array,
+    position: Array,
+    axis: Array,
+    half_angle: float,
+    until: float,
+    margin: float,
+    interest: float,
+) -> PathRequirement:
+    """Return what makes the rows of `CameraView`.
+
+    Args:
+        carrier: Frame that carries the camera: 0 is the base, the joints come after it.
+        rotation: Of the camera in that frame. Shape (3, 3).
+        position: Likewise. Shape (3,) [m].
+        axis: Of the view, unit length, in the camera's axes. Shape (3,).
+        margin: By which the goal is further inside the view [rad].
+        interest: Values above have no rows [rad, m].
+    """
 
 class MotionOfPath:
     """A motion at which Python is asked for rows; only as long as that takes."""

@@ -78,6 +78,13 @@ inline Vector6 ones_at(const std::vector<int>& rows) {
   return found;
 }
 
+inline Base base_named(const std::string& name) {
+  if (name == "free_flyer") return Base::kFree;
+  if (name == "planar") return Base::kPlanar;
+  if (name == "attitude_held") return Base::kHeld;
+  throw std::invalid_argument("base is " + name + ", not free_flyer, planar or attitude_held");
+}
+
 // Returns a result; throws where the core computed what is no number.
 inline Array result(const Array& array, const char* name) {
   if (!are_finite(values(array))) throw std::domain_error(std::string(name) + " is not finite");

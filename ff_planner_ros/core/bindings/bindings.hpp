@@ -14,6 +14,9 @@ void bind_objectives(pybind11::module_& m);
 void bind_limit_rows(pybind11::module_& m);
 void bind_optimisation(pybind11::module_& m);
 void bind_path_requirements(pybind11::module_& m);
+void bind_load_requirements(pybind11::module_& m);
+void bind_distance_requirements(pybind11::module_& m);
+void bind_goal_requirements(pybind11::module_& m);
 void bind_path_program(pybind11::module_& m);
 
 }  // namespace ff

@@ -52,8 +52,7 @@ BodiesAlong bodies_along(const Chain& chain, const Bodies& of, const Array& q, c
 // Where the end effector is, in the inertial frame.
 Array tips(const BodiesAlong& along) {
   RowMajor found(along.at.size(), 3);
-  for (size_t i = 0; i < along.at.size(); ++i)
-    found.row(i) = along.at[i].position + along.at[i].attitude * along.placed[i].tip;
+  for (size_t i = 0; i < along.at.size(); ++i) found.row(i) = along.tip(i);
   return result(found, "tips");
 }
 

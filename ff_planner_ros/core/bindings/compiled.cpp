@@ -9,6 +9,9 @@ PYBIND11_MODULE(compiled, m) {
   ff::bind_bodies(m);
   ff::bind_obstacles(m);
   ff::bind_path_requirements(m);
+  ff::bind_load_requirements(m);
+  ff::bind_distance_requirements(m);
+  ff::bind_goal_requirements(m);
   ff::bind_path_program(m);
   ff::bind_driven_motion(m);
   ff::bind_end_effector(m);

@@ -7,13 +7,6 @@
 namespace ff {
 namespace {
 
-Base base_named(const std::string& name) {
-  if (name == "free_flyer") return Base::kFree;
-  if (name == "planar") return Base::kPlanar;
-  if (name == "attitude_held") return Base::kHeld;
-  throw std::invalid_argument("base is " + name + ", not free_flyer, planar or attitude_held");
-}
-
 Start start(const Array& position, const Array& rotation, const Array& center,
             const Array& momentum, const std::string& base) {
   const Vector6 conserved = vector6(momentum, "momentum");
@@ -49,6 +42,10 @@ DrivenMotion driven_motion(const Chain& chain, const Start& start, const Array& 
       rows(accelerations, "accelerations", {half_steps, n}), checked(duration, "duration"));
 }
 
+TargetChange target_change(const Rows& by_duration) {
+  return {by_duration.row(0), by_duration.row(1), by_duration.row(2), 1};
+}
+
 // by_duration: of angles and rates at half steps, and of the accelerations at the end, a row each.
 // target_by_duration: place, twist and acceleration. Both are empty where the duration is given.
 py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows, const Array& rate_rows,
@@ -66,8 +63,7 @@ py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows, const
     of_joints.angles_by_duration = all.topRows(half_steps);
     of_joints.rates_by_duration = all.middleRows(half_steps, half_steps);
     of_joints.last_acceleration_by_duration = all.bottomRows(1);
-    const Rows moved = rows(target_by_duration, "target_by_duration", {3, 6});
-    of_target = {moved.row(0), moved.row(1), moved.row(2), 1};
+    of_target = target_change(rows(target_by_duration, "target_by_duration", {3, 6}));
   }
   const py::ssize_t variables = of_joints.variables();
   const auto conditions = static_cast<py::ssize_t>(motion.goal_error(target).size());
@@ -82,17 +78,18 @@ py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows, const
                         result(goal_error, "d(goal error)/dx"), result(acceleration, "dv/dt"));
 }
 
-SplineRows spline_rows(const Array& free, const Array& known) {
+SplineRows spline_rows(const Array& free, const Array& known, const Array& moved) {
   const Rows by_variables = rows(free, "free", {kAny, kAny});
-  return {by_variables, rows(known, "known", {by_variables.rows(), kAny})};
+  const Rows of_ends = rows(known, "known", {by_variables.rows(), kAny});
+  SplineRows found{by_variables, of_ends, RowMajor()};
+  if (moved.size() > 0) found.moved = rows(moved, "moved", {of_ends.rows(), of_ends.cols()});
+  return found;
 }
 
-std::shared_ptr<PathsOnGrid> joint_splines(const Chain& chain, const Start& start,
-                                           const Target& target, bool has_goal, double duration,
-                                           const SplineRows& positions, const SplineRows& rates,
-                                           const SplineRows& accelerations,
-                                           const SplineRows& position_hull,
-                                           const SplineRows& rate_hull) {
+std::shared_ptr<PathsOnGrid> joint_splines(
+    const Chain& chain, const Start& start, const Target& target, bool has_goal, double duration,
+    const SplineRows& positions, const SplineRows& rates, const SplineRows& accelerations,
+    const SplineRows& position_hull, const SplineRows& rate_hull, const Array& target_by_duration) {
   const Eigen::Index half_steps = positions.free.rows(), each = positions.free.cols();
   if (half_steps < 3 || half_steps % 2 == 0)
     throw std::invalid_argument("positions has " + std::to_string(half_steps) +
@@ -100,12 +97,18 @@ std::shared_ptr<PathsOnGrid> joint_splines(const Chain& chain, const Start& star
   for (const SplineRows* of : {&rates, &accelerations})
     if (of->free.rows() != half_steps)
       throw std::invalid_argument("rates or accelerations are at other half steps");
-  for (const SplineRows* of : {&positions, &rates, &accelerations, &position_hull, &rate_hull})
+  const bool has_duration = target_by_duration.size() > 0;
+  for (const SplineRows* of : {&positions, &rates, &accelerations, &position_hull, &rate_hull}) {
     if (of->free.cols() != each || of->known.cols() != chain.joints())
       throw std::invalid_argument("rows are of other variables, or of another chain");
+    if (of->has_duration() != has_duration)
+      throw std::invalid_argument("rows and target must both move with the duration, or neither");
+  }
+  std::optional<TargetChange> moved;
+  if (has_duration) moved = target_change(rows(target_by_duration, "target_by_duration", {3, 6}));
   return std::make_shared<JointSplinesOnGrid>(
       chain, start, target, has_goal, checked(duration, "duration"),
-      SplineGrid{positions, rates, accelerations, position_hull, rate_hull});
+      SplineGrid{positions, rates, accelerations, position_hull, rate_hull}, moved);
 }
 
 }  // namespace
@@ -136,10 +139,11 @@ void bind_driven_motion(py::module_& m) {
            py::arg("acceleration_row"), py::arg("target"), py::arg("by_duration") = Array(0),
            py::arg("target_by_duration") = Array(0));
   py::class_<SplineRows>(m, "SplineRows")
-      .def(py::init(&spline_rows), py::arg("free"), py::arg("known"));
+      .def(py::init(&spline_rows), py::arg("free"), py::arg("known"), py::arg("moved") = Array(0));
   m.def("joint_splines", &joint_splines, py::arg("chain"), py::arg("start"), py::arg("target"),
         py::arg("has_goal"), py::arg("duration"), py::arg("positions"), py::arg("rates"),
-        py::arg("accelerations"), py::arg("position_hull"), py::arg("rate_hull"));
+        py::arg("accelerations"), py::arg("position_hull"), py::arg("rate_hull"),
+        py::arg("target_by_duration") = Array(0));
 }
 
 }  // namespace ff

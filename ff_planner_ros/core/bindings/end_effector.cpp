@@ -70,14 +70,18 @@ std::shared_ptr<PathsOnGrid> end_effector_paths(const Chain& chain, const Array&
                                                 const Array& momentum,
                                                 const EndEffectorPolynomial& path,
                                                 const NullSpaceFade& null_space, int points,
-                                                double damping) {
+                                                double damping, const Array& goal_by_duration) {
   const py::ssize_t n = chain.joints();
   if (points < 2) throw std::invalid_argument("points must be 2 or more");
   if (null_space.rates.size() != n) throw std::invalid_argument("null_space is of another chain");
-  if (path.quintic_by_duration) throw std::invalid_argument("path must last a given duration");
+  std::optional<Vector6> goal_moves;
+  if (goal_by_duration.size() > 0) goal_moves = vector6(goal_by_duration, "goal_by_duration");
+  if (path.quintic_by_duration.has_value() != goal_moves.has_value())
+    throw std::invalid_argument("path and goal must both move with the duration, or neither");
   return std::make_shared<EndEffectorPathsOnGrid>(
       chain, Configuration::read(values(q_start, "q_start", {7 + n})),
-      vector6(momentum, "momentum"), path, null_space, points, checked(damping, "damping"));
+      vector6(momentum, "momentum"), path, null_space, points, checked(damping, "damping"),
+      goal_moves);
 }
 
 // Returns twists, accelerations and d twist / d x at some normalised times.
@@ -111,7 +115,7 @@ void bind_end_effector(py::module_& m) {
         py::arg("points"), py::arg("damping"));
   m.def("end_effector_paths", &end_effector_paths, py::arg("chain"), py::arg("q_start"),
         py::arg("momentum"), py::arg("path"), py::arg("null_space"), py::arg("points"),
-        py::arg("damping"));
+        py::arg("damping"), py::arg("goal_by_duration") = Array(0));
   m.def("end_effector_twist", &end_effector_twist, py::arg("path"), py::arg("x"), py::arg("s"));
 }
 

@@ -91,6 +91,9 @@ struct BodiesAlong {
         ways[body].extend(at[i].position + at[i].attitude * placed[i].centers[body]);
     }
   }
+
+  // Where the end effector is, in the inertial frame.
+  Vector3 tip(size_t i) const { return at[i].position + at[i].attitude * placed[i].tip; }
 };
 
 // Tells whether a distance is of interest.

@@ -37,13 +37,20 @@ struct Arm {
     const Vector3 place = (1 - fraction) * points.col(k) + fraction * points.col(k + 1);
     const int joints = static_cast<int>(axes.cols());
     Velocity by_q(6 + std::min(k + 2, joints));
-    by_q.head<3>() = base_to_inertial.transpose() * direction;
-    by_q.segment<3>(3) = base_to_inertial.transpose() * (place - base).cross(direction);
-    for (int j = 0; j <= k; ++j)
-      by_q[6 + j] =
-          axes.col(j).dot((place - points.col(j)).cross(direction)) + slides.col(j).dot(direction);
+    by_q.head(7 + k) = gradient_of_carried(k + 1, place, direction);
     // Where the next joint slides, the segment's end alone moves with it.
     if (k + 1 < joints) by_q[7 + k] = fraction * slides.col(k + 1).dot(direction);
+    return by_q;
+  }
+
+  // The same of a place that the first joints, so many, carry along.
+  Velocity gradient_of_carried(int count, const Vector3& place, const Vector3& direction) const {
+    Velocity by_q(6 + count);
+    by_q.head<3>() = base_to_inertial.transpose() * direction;
+    by_q.segment<3>(3) = base_to_inertial.transpose() * (place - base).cross(direction);
+    for (int j = 0; j < count; ++j)
+      by_q[6 + j] =
+          axes.col(j).dot((place - points.col(j)).cross(direction)) + slides.col(j).dot(direction);
     return by_q;
   }
 

@@ -35,12 +35,12 @@ inline Eigen::Vector4d quaternion_xyzw(const Matrix3& R) {
 }
 
 // The turn of half a revolution or less that leads to a rotation.
-inline Vector3 turn_of(const Matrix3& R) {
-  const Eigen::Vector4d q = quaternion_xyzw(R);
+inline Vector3 turn_of_quaternion(const Eigen::Vector4d& q) {
   const Vector3 axis = q[3] < 0 ? Vector3(-q.head<3>()) : Vector3(q.head<3>());
   const double sine = axis.norm(), cosine = std::abs(q[3]);  // of half the angle
   return (sine > 1e-8 ? 2 * std::atan2(sine, cosine) / sine : 2.) * axis;
 }
+inline Vector3 turn_of(const Matrix3& R) { return turn_of_quaternion(quaternion_xyzw(R)); }
 
 // Its derivative by a turn of the frame in its own axes: the inverse of `turned_by_derivative`.
 inline Matrix3 turn_of_derivative(const Vector3& w) {

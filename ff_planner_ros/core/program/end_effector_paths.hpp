@@ -9,26 +9,34 @@ class EndEffectorPathsOnGrid : public PathsOnGrid {
  public:
   EndEffectorPathsOnGrid(const Chain& chain, const Configuration& start, const Vector6& momentum,
                          const EndEffectorPolynomial& path, const NullSpaceFade& null_space,
-                         int points, double damping)
+                         int points, double damping, const std::optional<Vector6>& goal_by_duration)
       : chain_(chain),
         start_(start),
         momentum_(momentum),
         path_(path),
         null_space_(null_space),
         points_(points),
-        damping_(damping) {}
+        damping_(damping),
+        goal_by_duration_(goal_by_duration) {}
 
   const Chain& chain() const override { return chain_; }
   Eigen::Index points() const override { return points_; }
   Eigen::Index variables() const override { return kParameters; }
 
   PathMotion motion(const Eigen::VectorXd& x, PathDerivatives& by_x) const override {
+    return goal_by_duration_ ? motion_of<kParameters + 1>(x, by_x)
+                             : motion_of<kParameters>(x, by_x);
+  }
+
+ private:
+  template <int columns>
+  PathMotion motion_of(const Eigen::VectorXd& x, PathDerivatives& by_x) const {
     const Eigen::Index size = 6 + chain_.joints(), points = points_, gaps = points - 1;
-    PathMotion found(x, points, size);
-    by_x.resize(points, size, kParameters);
-    const EndEffectorRollout<kParameters> rollout(chain_, momentum_, path_, null_space_,
-                                                  Eigen::Map<const Coefficients>(x.data()), points_,
-                                                  damping_);
+    PathMotion found(x, points, size, goal_by_duration_);
+    by_x.resize(points, size, columns);
+    const EndEffectorRollout<columns> rollout(chain_, momentum_, path_, null_space_,
+                                              Eigen::Map<const Coefficients>(x.data()), points_,
+                                              damping_);
     const int singular = rollout.run(
         start_, {from_row(found.q, 0, points), from_row(found.v, 0, points),
                  from_row(found.q, points, gaps), from_row(by_x.q, 0, points * size),
@@ -39,7 +47,6 @@ class EndEffectorPathsOnGrid : public PathsOnGrid {
     return found;
   }
 
- private:
   Chain chain_;
   Configuration start_;
   Vector6 momentum_;
@@ -47,6 +54,7 @@ class EndEffectorPathsOnGrid : public PathsOnGrid {
   NullSpaceFade null_space_;
   int points_;
   double damping_;
+  std::optional<Vector6> goal_by_duration_;  // where the duration is one more variable
 };
 
 }  // namespace ff

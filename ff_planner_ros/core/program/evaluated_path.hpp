@@ -19,6 +19,12 @@ struct Terms {
 struct ConstraintRows {
   std::vector<double> values, jacobian;  // a row of derivatives a value
   std::vector<long long> names;
+
+  void add(double value, long long name, const Eigen::RowVectorXd& by_x) {
+    values.push_back(value);
+    names.push_back(name);
+    jacobian.insert(jacobian.end(), by_x.data(), by_x.data() + by_x.size());
+  }
 };
 
 // The functions look at what is kept beside them.

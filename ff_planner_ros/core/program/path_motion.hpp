@@ -3,8 +3,9 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <optional>
 
-#include "kinematics/chain.hpp"
+#include "optimisation/limit_rows.hpp"
 
 namespace ff {
 
@@ -23,18 +24,23 @@ struct PathMotion {
   Eigen::VectorXd goal_error;
   RowMajor goal_error_by_x;
   JointHull positions, rates;
+  // How the goal's pose changes with the duration, where that is the last variable; inertial axes.
+  std::optional<Vector6> goal_by_duration;
   double singular_at = std::numeric_limits<double>::quiet_NaN();  // [s]; NaN: the motion is regular
 
-  PathMotion(const Eigen::VectorXd& x, Eigen::Index points, Eigen::Index size)
+  PathMotion(const Eigen::VectorXd& x, Eigen::Index points, Eigen::Index size,
+             const std::optional<Vector6>& goal_by_duration)
       : x(x),
         q(2 * points - 1, 1 + size),
         v(points, size),
         acceleration(points, size),
-        goal_error_by_x(0, x.size()) {}
+        goal_error_by_x(0, x.size() + goal_by_duration.has_value()),
+        goal_by_duration(goal_by_duration) {}
 
+  bool has_duration() const { return goal_by_duration.has_value(); }
   bool is_regular() const { return std::isnan(singular_at); }
   Eigen::Index points() const { return v.rows(); }
-  Eigen::Index variables() const { return x.size(); }
+  Eigen::Index variables() const { return goal_error_by_x.cols(); }
 };
 
 // Of q and v of a motion in the tangent space: a block of rows each, and a column a variable.
@@ -46,6 +52,19 @@ struct PathDerivatives {
     v.resize(points * size, variables);
   }
 };
+
+// The joints of a motion from a point on.
+inline JointsAtPoints joints_of(const PathMotion& motion, const PathDerivatives& by_x,
+                                Eigen::Index first = 0) {
+  const Eigen::Index size = motion.v.cols(), joints = size - 6, count = motion.points() - first;
+  const Eigen::Index each = size * motion.variables(), of_joints = joints * motion.variables();
+  // Of derivatives, a row a point.
+  const Rows by_q(by_x.q.data() + first * each, count, each);
+  const Rows by_v(by_x.v.data() + first * each, count, each);
+  return {motion.q.middleRows(first, count).rightCols(joints),
+          motion.v.bottomRows(count).rightCols(joints), by_q.rightCols(of_joints),
+          by_v.rightCols(of_joints)};
+}
 
 // Rows of a matrix that a motion is written to.
 inline RowsToFill from_row(RowMajor& of, Eigen::Index first, Eigen::Index count) {

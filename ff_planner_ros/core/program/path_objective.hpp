@@ -3,6 +3,7 @@
 #include "kinematics/chaser_euler.hpp"
 #include "motion/joint_path.hpp"
 #include "program/evaluated_path.hpp"
+#include "program/wheel_loads.hpp"
 
 namespace ff {
 
@@ -14,30 +15,49 @@ struct PathObjective {
   Matrix3 chaser_to_base;  // of the chaser's axes
   // p of the p-norm that stands for the largest Euler angle; zero: none does.
   double attitude_norm;
+  double wheel_momentum;  // weight; the wheels hold the attitude
+  std::optional<Wheels> wheels;
 
   // step: time between two points [s].
-  Terms terms(const PathMotion& motion, const PathDerivatives& by_x, double step) const {
+  Terms terms(const Chain& chain, const PathMotion& motion, const PathDerivatives& by_x,
+              double step) const {
     const Eigen::Index variables = motion.variables();
     Terms found;
     found.gradient.setZero(variables);
     found.hessian.setZero(variables, variables);
     found.max_terms_jacobian.resize(0, variables);
     if (joint_path > 0) add_joint_path(motion, by_x, step, found);
-    if (attitude > 0) add_attitude(motion, by_x, found);
+    if (wheels && wheel_momentum > 0) {
+      const WheelLoads loads(chain, *wheels, motion, by_x, step);
+      const RowMajor by = wheel_momentum * loads.momenta_by_x;
+      const RowMajor momenta = wheel_momentum * loads.momenta;
+      add_largest({momenta.data(), momenta.size()}, {by.data(), momenta.size(), variables}, found);
+    } else if (attitude > 0) {
+      add_attitude(motion, by_x, found);
+    }
     return found;
   }
 
  private:
   void add_joint_path(const PathMotion& motion, const PathDerivatives& by_x, double step,
                       Terms& to) const {
+    // In normalised time the path is as long, and does not depend on the duration.
+    const double duration =
+        motion.has_duration() ? step * static_cast<double>(motion.points() - 1) : 1;
     const auto add = [&](const Rows& v, const Rows& dv) {
-      const JointPath path(v, dv, step, slow, smoothing);
+      const JointPath path(v, dv, step / duration, slow * duration, smoothing);
       to.value += joint_path * path.value;
       to.gradient += joint_path * path.gradient;
       to.hessian += joint_path * path.hessian;
     };
-    if (shares.size() == 0) return add(view(motion.v), view(by_x.v));
+    if (shares.size() == 0 && !motion.has_duration()) return add(view(motion.v), view(by_x.v));
     RowMajor v = motion.v, dv = by_x.v;
+    if (motion.has_duration()) {
+      dv *= duration;
+      dv.rightCols<1>() += Eigen::Map<const Eigen::VectorXd>(v.data(), v.size());
+      v *= duration;
+    }
+    if (shares.size() == 0) return add(view(v), view(dv));
     for (Eigen::Index i = 0; i < v.rows(); ++i) {
       v.row(i).array() *= shares.transpose().array();
       dv.middleRows(i * v.cols(), v.cols()).array().colwise() *= shares.array();
@@ -52,6 +72,11 @@ struct PathObjective {
     const Eigen::VectorXd values = attitude * angles;
     const RowMajor by_x = attitude * euler.jacobian;
     if (attitude_norm > 0) return add_power_mean(values, by_x, attitude_norm, to);
+    add_largest(view(values), view(by_x), to);
+  }
+
+  // The largest modulus of some values.
+  static void add_largest(const Values& values, const Rows& by_x, Terms& to) {
     const Eigen::Index count = values.size();
     to.max_terms.resize(2 * count);
     to.max_terms << values, -values;

@@ -2,7 +2,7 @@
 // a path, with their derivatives.
 #pragma once
 #include "program/path_objective.hpp"
-#include "program/path_requirements.hpp"
+#include "program/path_requirement.hpp"
 
 namespace ff {
 
@@ -45,7 +45,7 @@ class PathProgram {
     EvaluatedPath found{paths_->motion(x, by_x_), {}, {}};
     if (!found.is_defined()) return found;
     PathMotion& motion = found.motion;
-    found.terms = objective_.terms(motion, by_x_, step_);
+    found.terms = objective_.terms(paths_->chain(), motion, by_x_, step_);
     if (!correction_) {
       found.rows = rows_of(motion);
       return found;

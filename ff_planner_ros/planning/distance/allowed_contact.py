@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import sphere_distances
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at
@@ -61,6 +62,8 @@ class Split(NamedTuple):
 def split_pairs(problem: PlanningProblem) -> Split:
     """Split pairs of bodies; number: index in `robot.pairs`."""
     bodies, allowed = problem.robot.bodies, problem.allowed_collisions
+    if not allowed:
+        return _all_apart(len(problem.robot.pairs))
     names = [(bodies[a].link, bodies[b].link) for a, b in problem.robot.pairs]
     may = [f"{a}/{b}" in allowed or f"{b}/{a}" in allowed for a, b in names]
     return _split(may, room_of_pairs(problem) if any(may) else np.empty(0), (None,))
@@ -69,6 +72,8 @@ def split_pairs(problem: PlanningProblem) -> Split:
 @lru_cache(maxsize=4)
 def split_spheres(problem: PlanningProblem) -> Split:
     """Split bodies with spheres; number: body times spheres, plus sphere."""
+    if not problem.allowed_collisions:
+        return _all_apart(len(problem.robot.bodies) * len(problem.spheres))
     may = [
         f"{body.link}/{sphere.id}" in problem.allowed_collisions
         for body in problem.robot.bodies
@@ -80,6 +85,9 @@ def split_spheres(problem: PlanningProblem) -> Split:
 @lru_cache(maxsize=4)
 def split_obstacles(problem: PlanningProblem) -> Split:
     """Split bodies with obstacle bodies; number: body times obstacles, plus obstacle."""
+    if not problem.allowed_collisions:
+        bodies = with_bodies(problem.robot).bodies
+        return _all_apart(len(bodies) * len(problem.obstacle_bodies))
     may = [
         f"{body.link}/{one.id}" in problem.allowed_collisions
         for body in with_bodies(problem.robot).bodies
@@ -132,6 +140,32 @@ def after_contact(
     ways = _ways_from_start(problem.robot, obstacle, times, q)[1:]
     outside = np.flatnonzero(ways > within * problem.contact_distance)
     return int(outside[0]) if outside.size else len(ways)
+
+
+def contacts_in_core(
+    problem: PlanningProblem, split: Split, times: Array, within: float
+) -> compiled.AllowedContacts | None:
+    """Return what `before_contact` and `after_contact` need to know of a path's configurations.
+
+    Args:
+        times: From the plan's first point on, ascending. Shape (times,) [s].
+        within: Fraction of the contact distance to use instead of all of it.
+
+    Returns:
+        None: no pair may touch.
+    """
+    if not len(split.may_touch):
+        return None
+    has_place = problem.posture is None
+    return compiled.AllowedContacts(
+        split.at_goal,
+        GraspSeen(problem, times).positions if has_place else np.empty((0, 3)),
+        within * problem.contact_distance,
+        [
+            compiled.ContactsAtStart(numbers, _stayed(problem, obstacle, times), obstacle is None)
+            for obstacle, numbers in split.at_start
+        ],
+    )
 
 
 def stretches(
@@ -248,6 +282,25 @@ def _ways_from_start(robot: Robot, obstacle: Obstacle | None, times: Array, q: A
     return ways
 
 
+def _stayed(problem: PlanningProblem, obstacle: Obstacle | None, times: Array) -> Array:
+    """Return where the end effector would be as if it had not moved yet. Shape (times, 3) [m].
+
+    Args:
+        obstacle: As this sees it, in the inertial frame. None: as the base does, in its frame.
+    """
+    q = configuration(problem.robot, problem.start)[0][None]
+    place = arm_points(problem.robot, q)[:, -1]
+    if obstacle is None:
+        return np.tile(centers_in_base(q, place[:, None])[0], (len(times), 1))
+    rotations, origins = obstacle_poses(obstacle, np.append(0.0, times))
+    seen = rotations[0].T @ (place[0] - origins[0])
+    return np.asarray(origins[1:] + rotations[1:] @ seen, np.float64)
+
+
+def _all_apart(count: int) -> Split:
+    return Split(np.arange(count), np.empty(0, np.intp), ())
+
+
 def _split(may: list[bool], room: Array, obstacles: tuple[Obstacle | None, ...]) -> Split:
     """Split pairs by whether they may touch, and those that may by whether they do at the start.
 
@@ -257,7 +310,7 @@ def _split(may: list[bool], room: Array, obstacles: tuple[Obstacle | None, ...])
     """
     flags = np.array(may, bool)
     if not flags.any():
-        return Split(np.arange(len(flags)), np.empty(0, np.intp), ())
+        return _all_apart(len(flags))
     touches = flags & (room.ravel() < KEPT * LEAST_CLEARANCE)
     number = np.arange(len(flags)) % max(len(obstacles), 1)
     groups = tuple(

@@ -10,11 +10,18 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.quaternion import (
     quaternion_from_rotation_vector,
     rotation_from_quaternion,
 )
+
+
+def grasp_of_path(problem: PlanningProblem, points: int) -> GraspSeen:
+    """Return the grasp frame at all points of a time grid but the first, then half-way."""
+    times = np.linspace(0.0, problem.duration, points)
+    return GraspSeen(problem, np.concatenate([times[1:], (times[:-1] + times[1:]) / 2]))
 
 
 class GraspSeen:
@@ -61,10 +68,19 @@ class GraspSeen:
         Returns:
             Linear part first, inertial axes. Shape (times, 6) [m/s, rad/s].
         """
-        parts = self._parts[:, None]
-        if self._of_body:
-            return np.asarray(parts * self._twists, np.float64)
-        return np.asarray(target_by_duration + (parts - 1.0) * self._twists, np.float64)
+        own = self._own_by_duration()
+        return own if self._of_body else target_by_duration + own
+
+    def _own_by_duration(self) -> Array:
+        """Return `by_duration` but for what a target's pose at the goal adds."""
+        parts = self._parts if self._of_body else self._parts - 1.0
+        return np.asarray(parts[:, None] * self._twists, np.float64)
+
+    def in_core(self) -> compiled.GraspSeen:
+        """Return the same as the core has it."""
+        moved, with_goal = self._own_by_duration(), not self._of_body
+        frames = self._positions, self._rotations, self._counts
+        return compiled.GraspSeen(*frames, moved, with_goal)
 
     def _here(self, vectors: Array) -> Array:
         seen: Array = np.einsum("pji,pj->pi", self._rotations, self._counts * vectors)

@@ -17,7 +17,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_distances,
     seen_from_chaser,
 )
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -44,7 +44,30 @@ def lines_from_spheres(problem: PlanningProblem) -> Array:
     return _lines_from_spheres(problem.robot, problem.start, problem.spheres)
 
 
-@lru_cache(maxsize=4)  # problems that differ in something else have the same
+def room_of_lines(problem: PlanningProblem) -> Array:
+    """Return half the start distances of lines from spheres. Shape (joints, spheres) [m]."""
+    return _room(lines_from_spheres(problem))
+
+
+def room_of_pairs(problem: PlanningProblem) -> Array:
+    """Return half the start distance of each pair. Shape (pairs,) [m]."""
+    return _room_of_pairs(problem.robot, problem.start)
+
+
+def room_of_bodies(problem: PlanningProblem) -> Array:
+    """Return half the start distances of bodies from spheres. Shape (bodies, spheres) [m]."""
+    return _room_of_bodies(problem.robot, problem.start, problem.spheres)
+
+
+def room_of_obstacles(problem: PlanningProblem) -> Array:
+    """Return half the start distances of bodies from other obstacles. (bodies, obstacles) [m]."""
+    return _room_of_obstacles(problem.robot, problem.start, problem.obstacle_bodies)
+
+
+# Problems that differ in something else, as those of other durations do, have the same.
+
+
+@lru_cache(maxsize=4)
 def _lines_from_spheres(robot: Robot, start: SystemState, spheres: tuple[Sphere, ...]) -> Array:
     q, _ = configuration(robot, start)
     every = np.arange(robot.joints)
@@ -52,24 +75,16 @@ def _lines_from_spheres(robot: Robot, start: SystemState, spheres: tuple[Sphere,
 
 
 @lru_cache(maxsize=4)
-def room_of_lines(problem: PlanningProblem) -> Array:
-    """Return half the start distances of lines from spheres. Shape (joints, spheres) [m]."""
-    return _room(lines_from_spheres(problem))
-
-
-@lru_cache(maxsize=4)
-def room_of_pairs(problem: PlanningProblem) -> Array:
-    """Return half the start distance of each pair. Shape (pairs,) [m]."""
-    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+def _room_of_pairs(robot: Robot, start: SystemState) -> Array:
+    q, _ = configuration(robot, start)
     rows = np.zeros(len(robot.pairs), np.intp), np.arange(len(robot.pairs))
     return _room(pair_distances(robot, placed_bodies(robot, q[None, 7:]), rows).distance)
 
 
 @lru_cache(maxsize=4)
-def room_of_bodies(problem: PlanningProblem) -> Array:
-    """Return half the start distances of bodies from spheres. Shape (bodies, spheres) [m]."""
-    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
-    centers, _, radius = sphere_arrays(problem.spheres)
+def _room_of_bodies(robot: Robot, start: SystemState, obstacles: tuple[Sphere, ...]) -> Array:
+    q, _ = configuration(robot, start)
+    centers, _, radius = sphere_arrays(obstacles)
     shape = len(robot.bodies), len(radius)
     bodies, spheres = (number.ravel() for number in np.indices(shape))
     rows = np.zeros(len(bodies), np.intp), bodies, spheres
@@ -78,13 +93,15 @@ def room_of_bodies(problem: PlanningProblem) -> Array:
 
 
 @lru_cache(maxsize=4)
-def room_of_obstacles(problem: PlanningProblem) -> Array:
-    """Return half the start distances of bodies from other obstacles. (bodies, obstacles) [m]."""
-    robot, q = with_bodies(problem.robot), configuration(problem.robot, problem.start)[0]
-    shape = len(robot.bodies), len(problem.obstacle_bodies)
+def _room_of_obstacles(
+    robot: Robot, start: SystemState, obstacles: tuple[ObstacleBody, ...]
+) -> Array:
+    q, _ = configuration(robot, start)
+    robot = with_bodies(robot)
+    shape = len(robot.bodies), len(obstacles)
     if not shape[1]:
         return np.empty(shape)
-    placed, now, obstacles = placed_bodies(robot, q[None, 7:]), np.zeros(1), problem.obstacle_bodies
+    placed, now = placed_bodies(robot, q[None, 7:]), np.zeros(1)
     distances = obstacle_bounds(robot, placed, q[None], now, obstacles)[0]
     near = np.nonzero(distances < _FAR)
     rows = np.zeros(len(near[0]), np.intp), *near
@@ -122,4 +139,4 @@ def margins_in_core(margin: float, room: Array) -> compiled.Margins:
 
 def _room(distances: Array) -> Array:
     """Return what a motion keeps of distances at the start [m]."""
-    return np.maximum(distances, 0.0) * KEPT
+    return frozen(np.maximum(distances, 0.0) * KEPT)

@@ -20,7 +20,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.wheels import loads_with_derivatives
+from ff_planner_ros.planning.requirements.wheels import loads_with_derivatives, wheels_in_core
 
 # Rotation of the extra joint of `joint_path` [rad]: it makes a path of 1 rad 0.05 % longer.
 _ROUNDING = 0.03
@@ -87,8 +87,8 @@ def terms(
 def objective_in_core(
     weights: Objective, problem: PlanningProblem, smoothing: float, attitude_norm: float
 ) -> compiled.PathObjective:
-    """Return the objectives of `terms` that the core knows: all but the momenta of wheels."""
-    robot = problem.robot
+    """Return the objectives of `terms` as the core has them."""
+    robot, wheels = problem.robot, problem.robot.wheels
     shares = np.append(np.ones(6), robot.joint_weights) if robot.has_slides else np.empty(0)
     return compiled.PathObjective(
         joint_path=weights.joint_path_length,
@@ -98,6 +98,8 @@ def objective_in_core(
         attitude=weights.chaser_attitude,
         rotation_chaser_to_base=robot.rotation_chaser_to_base,
         attitude_norm=attitude_norm if np.isfinite(attitude_norm) else 0.0,
+        wheel_momentum=weights.wheel_momentum,
+        wheels=None if wheels is None else wheels_in_core(problem, wheels),
     )
 
 

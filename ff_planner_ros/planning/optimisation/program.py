@@ -26,7 +26,7 @@ from ff_planner_ros.planning.optimisation.objectives import (
     with_tie_break,
 )
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
-from ff_planner_ros.planning.paths.path_family import Motion, PathFamily, Sensitivity
+from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, PathFamily, Sensitivity
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements import requirements_of
@@ -113,19 +113,16 @@ class PathProgram:
 
     @cached_property
     def in_core(self) -> compiled.PathProgram | None:
-        """The program as the core has it.
-
-        None: the duration is one more variable, or the momenta of wheels are minimised.
-        """
-        weights, robot, problem = self.objective, self.problem.robot, self.problem
+        """The program as the core has it."""
+        problem, goal_motion = self.problem, self.family.goal_motion
         paths = self.family.on_grid(self.points, self.damping)
-        if paths is None or (weights.wheel_momentum > 0.0 and robot.wheels is not None):
+        if paths is None:
             return None
         requirements = list[tuple[int, compiled.PathRequirement | Callable[..., Rows | None]]]()
         for number, required in self._required:
             margin = self.margins[required.name]
             known = required.in_core(problem, self.points, margin)
-            by_python = (partial(_rows_by_python, required, problem, margin),)
+            by_python = (partial(_rows_by_python, required, problem, margin, goal_motion),)
             requirements += [(number, one) for one in (by_python if known is None else known)]
         corrected = None
         if self.correction is not None:
@@ -134,7 +131,7 @@ class PathProgram:
         return compiled.PathProgram(
             paths,
             problem.duration / (self.points - 1),
-            objective_in_core(weights, problem, self.smoothing, self.attitude_norm),
+            objective_in_core(self.objective, problem, self.smoothing, self.attitude_norm),
             requirements,
             corrected,
         )
@@ -259,14 +256,20 @@ class PathProgram:
 
 
 def _rows_by_python(
-    required: Requirement, problem: PlanningProblem, margin: float, of: compiled.MotionOfPath
+    required: Requirement,
+    problem: PlanningProblem,
+    margin: float,
+    goal_motion: GoalMotion | None,
+    of: compiled.MotionOfPath,
 ) -> Rows | None:
     """Return the rows of a requirement that the core does not know."""
-    return required.rows(problem, *_motion_of(of), margin)
+    return required.rows(problem, *_motion_of(of, goal_motion), margin)
 
 
 @lru_cache(maxsize=1)  # several requirements ask for the same
-def _motion_of(path: compiled.MotionOfPath) -> tuple[Motion, Sensitivity]:
+def _motion_of(
+    path: compiled.MotionOfPath, goal_motion: GoalMotion | None
+) -> tuple[Motion, Sensitivity]:
     """Return the motion of a path that the core has evaluated, and its derivatives."""
     of_q, of_v, of_q_half_way = path.q_by_x, path.v_by_x, path.q_half_way_by_x
     return (
@@ -277,7 +280,14 @@ def _motion_of(path: compiled.MotionOfPath) -> tuple[Motion, Sensitivity]:
             q_half_way=path.q_half_way,
             goal_error=path.goal_error,
         ),
-        Sensitivity(of_q, of_v, of_q_half_way, path.goal_error_by_x, path.acceleration),
+        Sensitivity(
+            of_q,
+            of_v,
+            of_q_half_way,
+            path.goal_error_by_x,
+            path.acceleration,
+            goal_motion=goal_motion,
+        ),
     )
 
 

@@ -160,11 +160,10 @@ class EndEffectorPaths:
         """Return the derivatives of a regular motion of this family, computed with the motion."""
         return cast(Rollout, motion).sensitivity
 
-    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid | None:
-        """Return the family as the core has it; None: the duration is one more variable."""
-        if self.goal_motion is not None:
-            return None
-        return compiled.end_effector_paths(*self._in_core, points=points, damping=damping)
+    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid:
+        """Return the family as the core has it."""
+        moved = np.empty(0) if self.goal_motion is None else self.goal_motion.place
+        return compiled.end_effector_paths(*self._in_core, points, damping, moved)
 
     @cached_property
     def _in_core(

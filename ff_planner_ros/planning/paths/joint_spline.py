@@ -174,16 +174,40 @@ class JointSplines:
         if goal_motion is None:
             found = compiled_motion.sensitivity(*rows, self._goal)
             return Sensitivity(*self._without_goal(found), hull=hull)
-        of_goal = np.array([goal_motion.place, goal_motion.twist, goal_motion.acceleration])
+        of_goal = _by_duration(goal_motion)
         by_duration, hulls = self._by_duration(motion.x, len(motion.q))
         columns = (hull.positions, hull.rates), hulls
         wide = JointHull(*(np.dstack(both) for both in zip(*columns, strict=True)))
         found = compiled_motion.sensitivity(*rows, self._goal, by_duration, of_goal)
         return Sensitivity(*self._without_goal(found), hull=wide, goal_motion=goal_motion)
 
-    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid | None:
-        """Return the family as the core has it; None: the duration is one more variable."""
-        return None if self.goal_motion is not None else _on_grid(self, points)
+    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid:
+        """Return the family as the core has it."""
+        return _on_grid(self, points)
+
+    def moved(self, rows: Array) -> Array:
+        """Return how `known` changes with the duration at fixed parts; empty if that is given.
+
+        The control points that the start fixes are, at fixed parts, T^k times the k-th derivative
+        by time that is given. Shape (rows, joints).
+        """
+        if self.goal_motion is None:
+            return np.empty(0)
+        of_start, of_end = self._ends_by_duration
+        changed: Array = rows[:, :FIXED] @ of_start + rows[:, -FIXED:] @ of_end
+        return changed
+
+    @cached_property
+    def _ends_by_duration(self) -> tuple[Array, Array]:
+        """Derivatives of the first and the last control points by the duration."""
+        start, still = self.problem.start, np.zeros(self.robot.joints)
+        accelerated = still if start.joint_accelerations is None else start.joint_accelerations
+        in_parts, duration = replace(self.basis, duration=1.0), self.basis.duration
+        of_start = in_parts.start(still, start.joint_velocities, 2.0 * duration * accelerated)
+        of_end, posture = np.zeros((FIXED, self.robot.joints)), self.problem.posture
+        if posture is not None and posture.positions is not None:
+            of_end = in_parts.end(still, still + posture.rates, still)
+        return of_start, of_end
 
     def _without_goal(self, found: Derivatives) -> Derivatives:
         """Return derivatives without those of the goal error, where there is none."""
@@ -202,19 +226,10 @@ class JointSplines:
             Those of angles and rates at half steps and of the last accelerations, a row each, and
             those of both hulls. Shapes (2 half steps + 1, joints), and each (points, joints).
         """
-        duration, start = self.basis.duration, self.problem.start
-        still = np.zeros(self.robot.joints)
-        accelerated = still if start.joint_accelerations is None else start.joint_accelerations
-        in_parts = replace(self.basis, duration=1.0)
-        moved = in_parts.start(still, start.joint_velocities, 2.0 * duration * accelerated)
-        of_end, posture = np.zeros((FIXED, self.robot.joints)), self.problem.posture
-        if posture is not None and posture.positions is not None:
-            of_end = in_parts.end(still, still + posture.rates, still)
         controls = self.control_points(x)
 
         def changed(rows: Array, order: int) -> Array:
-            ends: Array = rows[:, :FIXED] @ moved + rows[:, -FIXED:] @ of_end
-            return ends - order / duration * (rows @ controls)
+            return self.moved(rows) - order / self.basis.duration * (rows @ controls)
 
         angles, rates, accelerations = _rows(self.basis, points)
         of_joints = [changed(angles, 0), changed(rates, 1), changed(accelerations[-1:], 2)]
@@ -236,15 +251,29 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
 
 @lru_cache(maxsize=8)  # the programs of a search differ in objectives and margins
 def _on_grid(family: JointSplines, points: int) -> compiled.PathsOnGrid:
-    rows = *_rows(family.basis, points), *_hulls(family.basis)
+    goal_motion = family.goal_motion
+    positions, rates, accelerations, position_hull, rate_hull = (
+        compiled.SplineRows(family.free(of), family.known(of), family.moved(of))
+        for of in (*_rows(family.basis, points), *_hulls(family.basis))
+    )
     return compiled.joint_splines(
         chain_of(family.robot),
         family.start,
         family._goal,  # noqa: SLF001 (of its own class)
         not family.ending,
         family.basis.duration,
-        *(compiled.SplineRows(family.free(of), family.known(of)) for of in rows),
+        positions,
+        rates,
+        accelerations,
+        position_hull,
+        rate_hull,
+        np.empty(0) if goal_motion is None else _by_duration(goal_motion),
     )
+
+
+def _by_duration(goal: GoalMotion) -> Array:
+    """Return the derivatives of a goal's pose, twist and acceleration by the duration. (3, 6)."""
+    return np.array([goal.place, goal.twist, goal.acceleration])
 
 
 @lru_cache(maxsize=32)

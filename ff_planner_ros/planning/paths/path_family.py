@@ -97,6 +97,10 @@ class PathFamily(Protocol):
         """
 
     @property
+    def goal_motion(self) -> GoalMotion | None:
+        """How the goal changes with the duration, if that is one more variable."""
+
+    @property
     def reading(self) -> str:
         """How the Euler angles in `decision_variables` are defined; empty: there are none."""
 

@@ -79,6 +79,11 @@ class Approach:
             allowed = "it must be less than a right angle, 1.5708 rad"
             raise InvalidInput(Status.OUT_OF_RANGE, "approach.half_angle", self.half_angle, allowed)
 
+    @property
+    def back_off(self) -> float:
+        """By how much the corridor is narrower than the cone, all along it [m]."""
+        return 0.0
+
     def words(self) -> tuple[str, ...]:
         """Return lines for a reader of a report."""
         axis = ", ".join(format(entry, ".3g") for entry in self.direction)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.clearance import arm_points, arm_points_with_derivatives
-from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen, grasp_of_path
 from ff_planner_ros.planning.distance.moving_place import LeastMargin, least_margin
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
@@ -96,6 +97,26 @@ class ApproachCorridor(Requirement):
             jacobian[:, -1] += np.sum(by_place * seen, axis=1)[near]
         names = 2 * near + margins.by_cone[near].astype(np.intp)
         return Rows(values[near], jacobian, names)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        approach = problem.approach
+        if approach is None:
+            return ()
+        return (
+            compiled.in_corridor(
+                grasp_of_path(problem, points).in_core(),
+                approach.direction,
+                approach.distance,
+                approach.half_angle,
+                RADIUS_AT_GRASP,
+                approach.back_off,
+                margin,
+                OF_INTEREST,
+            ),
+        )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified margin [m]."""

@@ -36,11 +36,7 @@ from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
     search_sphere_distance,
 )
-from ff_planner_ros.planning.distance.start_room import (
-    LEAST_CLEARANCE,
-    room_of_bodies,
-    room_of_pairs,
-)
+from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE, room_of_bodies
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
@@ -48,10 +44,9 @@ from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_app
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
-    FEW_POINTS,
-    OF_INTEREST,
     asked_of_core,
     pair_rows,
+    pairs_in_core,
     sphere_rows,
 )
 from ff_planner_ros.planning.requirements.collisions import (
@@ -110,15 +105,14 @@ class BodyClearance(Requirement):
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
-    ) -> Sequence[compiled.PathRequirement] | None:
-        """Return what makes the rows in the core, which knows no allowed collisions."""
-        if problem.allowed_collisions:
-            return None
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        room, split = room_of_bodies(problem), split_spheres(problem)
         return (
             compiled.bodies_clear_of_spheres(
                 bodies_of(problem.robot),
                 spheres_of(problem.spheres, problem.duration),
-                *asked_of_core(problem, points, margin, room_of_bodies(problem)),
+                *asked_of_core(problem, points, margin, room, split),
             ),
         )
 
@@ -187,13 +181,9 @@ class SelfClearance(Requirement):
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
-    ) -> Sequence[compiled.PathRequirement] | None:
-        """Return what makes the rows in the core, which knows no allowed collisions."""
-        if problem.allowed_collisions:
-            return None
-        margins = np.minimum(margin, room_of_pairs(problem))
-        bodies = bodies_of(problem.robot)
-        return (compiled.pairs_apart(bodies, margins, OF_INTEREST, points < FEW_POINTS),)
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        return (pairs_in_core(problem, points, margin),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""

@@ -18,6 +18,7 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     Split,
     after_contact,
     before_contact,
+    contacts_in_core,
     split_pairs,
     split_spheres,
 )
@@ -58,11 +59,17 @@ def pair_rows(
     robot, at = problem.robot, looked_at(problem, motion, sensitivity)
     near, split = Rows(*compiled.pair_rows(at.bodies, OF_INTEREST)), split_pairs(problem)
     distances, jacobian, names = without_allowed(problem, at, near, len(robot.pairs), split)
+    margins = margins_of_pairs(problem, margin)
+    return Rows(distances - margins[names % len(robot.pairs)], jacobian, names)
+
+
+def margins_of_pairs(problem: PlanningProblem, margin: float) -> Array:
+    """Return the margin that each pair of bodies must keep. Shape (pairs,) [m]."""
     # Some pairs are built closer together than the margin: they keep half their start distance.
     margins = np.minimum(margin, room_of_pairs(problem))
-    for _, touching in split.at_start:
+    for _, touching in split_pairs(problem).at_start:
         margins[touching] = margin
-    return Rows(distances - margins[names % len(robot.pairs)], jacobian, names)
+    return margins
 
 
 def sphere_rows(
@@ -83,15 +90,29 @@ def sphere_rows(
     return Rows(distances - margins, jacobian, names)
 
 
+def pairs_in_core(problem: PlanningProblem, points: int, margin: float) -> compiled.PathRequirement:
+    """Return what makes `pair_rows` in the core."""
+    times = np.sort(times_looked_at(problem.duration, points))
+    return compiled.pairs_apart(
+        bodies_of(problem.robot),
+        margins_of_pairs(problem, margin),
+        OF_INTEREST,
+        points < FEW_POINTS,
+        contacts_in_core(problem, split_pairs(problem), times, _WITHIN),
+    )
+
+
 def asked_of_core(
-    problem: PlanningProblem, points: int, margin: float, room: Array
-) -> tuple[compiled.Margins, Array, float, bool]:
+    problem: PlanningProblem, points: int, margin: float, room: Array, split: Split
+) -> tuple[compiled.Margins, Array, float, bool, compiled.AllowedContacts | None]:
     """Return how the core is asked for distances of bodies from what is not the robot.
 
-    Margins, times of the configurations, interest, and whether those include quarters.
+    Margins, times of the configurations, interest, whether those include quarters, and the contacts
+    that are allowed.
     """
     times = np.sort(times_looked_at(problem.duration, points))
-    return margins_in_core(margin, room), times, OF_INTEREST, points < FEW_POINTS
+    allowed = contacts_in_core(problem, split, times, _WITHIN)
+    return margins_in_core(margin, room), times, OF_INTEREST, points < FEW_POINTS, allowed
 
 
 def without_allowed(

@@ -9,14 +9,15 @@ inertial axes, and o the origin of a joint, the measure changes with the joint's
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen, grasp_of_path
 from ff_planner_ros.planning.distance.moving_place import LeastMargin, least_margin, places_between
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
@@ -109,6 +110,28 @@ class CameraView(Requirement):
             moved = grasp.by_duration(sensitivity.goal_motion.place)[rows, :3]
             jacobian[:, -1] += np.sum(gradients * moved, axis=1)
         return Rows(values[rows], jacobian, 2 * rows + by_angle[rows].astype(np.intp))
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        camera = problem.camera
+        if camera is None:
+            return ()
+        joint, mount = _mount(problem.robot, camera)
+        return (
+            compiled.goal_in_view(
+                grasp_of_path(problem, points).in_core(),
+                joint,
+                mount.rotation,
+                mount.translation,
+                camera.axis,
+                camera.half_angle,
+                camera.until,
+                margin,
+                OF_INTEREST,
+            ),
+        )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified margin, as an angle at the camera [rad]."""

@@ -17,11 +17,12 @@ smooth too, but a path far beyond the limit would halve its excess in each of th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
@@ -76,6 +77,13 @@ class ChaserRotation(Requirement):
         (near,) = np.nonzero(kept - measure < OF_INTEREST)
         jacobian = np.einsum("pi,pix->px", gradient[near], of_q[near, 3:6])
         return Rows(kept - measure[near], -jacobian, near)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        kept = problem.limits.chaser_rotation - margin
+        return (compiled.rotation_within(kept, _KNEE * kept, OF_INTEREST),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the chaser stays from the limit [rad]."""

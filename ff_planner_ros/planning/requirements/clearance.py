@@ -134,7 +134,6 @@ class Clearance(Requirement):
             compiled.lines_clear_of_spheres(
                 spheres_of(problem.spheres, problem.duration),
                 margins_in_core(margin, room),
-                len(room),
                 times,
                 OF_INTEREST,
                 points < FEW_POINTS,

@@ -104,15 +104,14 @@ class ObstacleClearance(Requirement):
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
-    ) -> Sequence[compiled.PathRequirement] | None:
-        """Return what makes the rows in the core, which knows no allowed collisions."""
-        if problem.allowed_collisions:
-            return None
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        room, split = room_of_obstacles(problem), split_obstacles(problem)
         return (
             compiled.bodies_clear_of_obstacles(
                 bodies_of(with_bodies(problem.robot)),
                 obstacles_of(problem.obstacle_bodies, problem.duration),
-                *asked_of_core(problem, points, margin, room_of_obstacles(problem)),
+                *asked_of_core(problem, points, margin, room, split),
             ),
         )
 

@@ -125,6 +125,26 @@ class WheelLimits(Requirement):
             np.concatenate([of_momenta.names, _TORQUES + of_torques.names]),
         )
 
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        wheels = problem.robot.wheels
+        if wheels is None:
+            return ()
+        return (
+            compiled.wheels_within(
+                wheels_in_core(problem, wheels),
+                1.0 / wheels.momentum_limits,
+                1.0 / wheels.torque_limits,
+                excess=ALLOWED_EXCESS,
+                margin=margin,
+                interest=_OF_INTEREST,
+                step=problem.duration / (points - 1),
+                between=points >= problem.points,
+            ),
+        )
+
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance to a limit, as a fraction of the limit."""
         wheels = problem.robot.wheels
@@ -266,6 +286,11 @@ def loads_with_derivatives(
     accelerations = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
     by_x = sensitivity.q, sensitivity.v, accelerations_by_x(motion, sensitivity, step)
     return _loads(problem, wheels, motion.q, motion.v, accelerations, *by_x)
+
+
+def wheels_in_core(problem: PlanningProblem, wheels: Wheels) -> compiled.Wheels:
+    """Return the wheels of a problem as the core has them."""
+    return compiled.Wheels(_shares(problem.robot, wheels), momenta_of(wheels, problem.start))
 
 
 def _loads(

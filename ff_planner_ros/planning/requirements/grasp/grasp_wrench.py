@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
 from ff_planner_ros.planning.motion.metrics import Metrics
@@ -101,6 +102,31 @@ class GraspWrench(Requirement):
             (most - parts)[found],
             -by_x / limits[kinds][:, None],
             np.ravel_multi_index(found, parts.shape),
+        )
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        robot, number = problem.robot, payload_frame(problem.robot)
+        if number is None:
+            return ()
+        frame = robot.model.frames[number]
+        return (
+            compiled.grasp_wrench_within(
+                robot.base,
+                # The first two joints are Pinocchio's: the universe and the free-flyer.
+                joints_before=frame.parentJoint - 1,
+                position=frame.placement.translation,
+                rotation=frame.placement.rotation,
+                mass=frame.inertia.mass,
+                center=frame.inertia.lever,
+                inertia=frame.inertia.inertia,
+                parts=1.0 / _limits(problem),
+                margin=margin,
+                interest=_OF_INTEREST,
+                step=problem.duration / (points - 1),
+            ),
         )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:

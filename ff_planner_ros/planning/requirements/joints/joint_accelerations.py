@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -79,6 +80,16 @@ class JointAccelerations(Requirement):
         parts, by_x = raised_at_peaks(problem, parts, by_x)
         most = np.full(len(limits), 1.0 - margin)
         return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        limits = _limits(problem)
+        if limits is None:
+            return ()
+        step, between = problem.duration / (points - 1), points >= problem.points
+        return (compiled.accelerations_within(1.0 / limits, margin, _OF_INTEREST, step, between),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance to a limit, as a fraction of the limit."""

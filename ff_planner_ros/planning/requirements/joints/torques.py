@@ -5,11 +5,12 @@ Of prismatic joints these are forces.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
 from ff_planner_ros.planning.motion.metrics import Metrics
@@ -98,6 +99,17 @@ class Torques(Requirement):
         )
         by_x /= robot.effort_limits[:, None]
         return within(parts, by_x, -limits, limits, _OF_INTEREST)
+
+    def in_core(
+        self, problem: PlanningProblem, points: int, margin: float
+    ) -> Sequence[compiled.PathRequirement]:
+        """Return what makes the rows in the core."""
+        robot, step = problem.robot, problem.duration / (points - 1)
+        return (
+            compiled.torques_within(
+                robot.base, 1.0 / robot.effort_limits, margin, _OF_INTEREST, step
+            ),
+        )
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance as a fraction of its limit, or 0.5 if torques are far below."""

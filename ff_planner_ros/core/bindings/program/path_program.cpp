@@ -24,12 +24,17 @@ Correction correction(const Array& q, const Array& v, const Array& q_half_way) {
 }
 
 PathObjective path_objective(double joint_path, double slow, double smoothing, const Array& shares,
-                             double attitude, const Array& chaser_to_base, double attitude_norm) {
-  return {
-      checked(joint_path, "joint_path"),      checked(slow, "slow"),
-      checked(smoothing, "smoothing"),        values(shares, "shares", {kAny}),
-      checked(attitude, "attitude"),          matrix3(chaser_to_base, "rotation_chaser_to_base"),
-      checked(attitude_norm, "attitude_norm")};
+                             double attitude, const Array& chaser_to_base, double attitude_norm,
+                             double wheel_momentum, const std::optional<Wheels>& wheels) {
+  return {checked(joint_path, "joint_path"),
+          checked(slow, "slow"),
+          checked(smoothing, "smoothing"),
+          values(shares, "shares", {kAny}),
+          checked(attitude, "attitude"),
+          matrix3(chaser_to_base, "rotation_chaser_to_base"),
+          checked(attitude_norm, "attitude_norm"),
+          checked(wheel_momentum, "wheel_momentum"),
+          wheels};
 }
 
 // A motion at which Python is asked for rows.
@@ -232,7 +237,8 @@ void bind_path_program(py::module_& m) {
   py::class_<PathObjective>(m, "PathObjective")
       .def(py::init(&path_objective), py::arg("joint_path"), py::arg("slow"), py::arg("smoothing"),
            py::arg("shares"), py::arg("attitude"), py::arg("rotation_chaser_to_base"),
-           py::arg("attitude_norm"));
+           py::arg("attitude_norm"), py::arg("wheel_momentum") = 0.0,
+           py::arg("wheels") = std::nullopt);
   m.attr("NAMES_EACH") = PathProgram::kNames;
   py::class_<PathProgram>(m, "PathProgram")
       .def(py::init(&path_program), py::arg("paths"), py::arg("step"), py::arg("objective"),

@@ -1,0 +1,77 @@
+// A requirement of a path on a time grid, as rows g(x) >= 0 of a program, and what several share.
+#pragma once
+#include <any>
+
+#include "collision/bodies.hpp"
+#include "program/evaluated_path.hpp"
+
+namespace ff {
+
+// A path at which rows are asked for, and what several requirements share there.
+class LookedAt {
+ public:
+  const Chain& chain;
+  const PathMotion& motion;
+  const PathDerivatives& by_x;
+  mutable std::any elsewhere;  // the same path as those see it that the core does not know
+
+  LookedAt(const Chain& chain, const PathMotion& motion, const PathDerivatives& by_x)
+      : chain(chain), motion(motion), by_x(by_x) {}
+
+  // The configurations of all points but the first, then those half-way.
+  Path path() const { return from(1, motion.q.rows() - 1); }
+
+  // Where the bodies of the robot are there, and at quarters of the intervals if they are asked
+  // for.
+  const BodiesAlong& bodies(const Bodies& of, bool quarter_way) const {
+    if (!bodies_) {
+      const Eigen::Index gaps = motion.points() - 1;
+      bodies_.emplace(chain, of,
+                      DensePath(from(1, gaps), from(motion.points(), gaps), quarter_way));
+    }
+    return *bodies_;
+  }
+
+  JointsAtPoints joints() const { return joints_of(motion, by_x); }
+  JointsAtPoints joints_at_end() const { return joints_of(motion, by_x, motion.points() - 1); }
+
+ private:
+  Path from(Eigen::Index first, Eigen::Index count) const {
+    const Eigen::Index size = motion.v.cols();
+    return {{motion.q.data() + first * motion.q.cols(), count, motion.q.cols()},
+            {by_x.q.data() + first * size * motion.variables(), count * size, motion.variables()}};
+  }
+
+  mutable std::optional<BodiesAlong> bodies_;
+};
+
+class PathRequirement {
+ public:
+  virtual ~PathRequirement() = default;
+  virtual ConstraintRows rows(const LookedAt& at) const = 0;
+  // Throws where it is of other joints, or of another number of points.
+  virtual void require_fits(Eigen::Index /*joints*/, Eigen::Index /*points*/) const {}
+
+ protected:
+  static void require(bool fits, const char* message) {
+    if (!fits) throw std::invalid_argument(message);
+  }
+};
+
+// Limits, raised to the start's values where those exceed them by little.
+inline Eigen::VectorXd eased(const Eigen::VectorXd& limits, const Eigen::VectorXd& at_start,
+                             const Eigen::VectorXd& excess) {
+  return (at_start.array() <= (limits + excess).array()).select(limits.cwiseMax(at_start), limits);
+}
+
+// What is kept of a limit: less by a margin, but not less than what the start needs.
+inline Eigen::VectorXd kept(const Eigen::VectorXd& limits, const Eigen::VectorXd& at_start,
+                            const Eigen::VectorXd& margin) {
+  return limits - (limits - at_start).cwiseMax(0).cwiseMin(margin);
+}
+
+inline ConstraintRows taken(LimitRows& rows) {
+  return {std::move(rows.values), std::move(rows.jacobian), std::move(rows.names)};
+}
+
+}  // namespace ff
