@@ -19,8 +19,11 @@ from unittest.mock import patch
 
 import numpy as np
 import reference_clearance
+import reference_distance_rows
 import reference_end_effector
+import reference_goal_rows
 import reference_objectives
+import reference_program
 from reference_joint_spline import ReferenceMotion, reference_motion, reference_sensitivity
 from reference_velocity_map import VelocityMap, stacked
 
@@ -46,13 +49,14 @@ from ff_planner_ros.planning.distance.clearance import arm_points, centers_at
 from ff_planner_ros.planning.motion import followed_path
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.paths import joint_spline
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.paths.path_family import JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.paths.polynomial import EndEffectorPolynomial
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
-from ff_planner_ros.planning.requirements import body_rows, singular_values
+from ff_planner_ros.planning.requirements import singular_values
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
@@ -78,11 +82,9 @@ def core_by_reference() -> Iterator[None]:
         ):
             stack.enter_context(patch.object(family, "motion", motion))
             stack.enter_context(patch.object(family, "sensitivity", sensitivity))
-            # Without it, a program asks the requirements for their rows.
-            stack.enter_context(patch.object(family, "on_grid", lambda *_: None))
+        stack.enter_context(patch.object(PathProgram, "evaluate", reference_program.linearise))
         for original, by_reference in (
             (velocity_map.velocity, _velocity),
-            (clearance.clearance_rows, _clearance_rows),
             (
                 clearance.arm_points_with_derivatives,
                 reference_clearance.arm_points_with_derivatives,
@@ -94,10 +96,12 @@ def core_by_reference() -> Iterator[None]:
         ):
             _replace_everywhere(stack, original, by_reference)
         # Those that take the robot as the core has it: they are given the robot itself.
-        for module in (body_rows, singular_values):
+        for module in (reference_distance_rows, reference_goal_rows, singular_values):
             stack.enter_context(patch.object(module, "chain_of", _itself))
         for name in ("bodies_of", "spheres_of"):
-            stack.enter_context(patch.object(body_rows, name, _itself))
+            stack.enter_context(patch.object(reference_distance_rows, name, _itself))
+        lines = patch.object(reference_distance_rows, "clearance_rows", _clearance_rows)
+        stack.enter_context(lines)
         kept = {
             "BodiesAlong": _BodiesAlong,
             "pair_rows": _pair_rows,
@@ -133,7 +137,9 @@ def _replace_everywhere(
     stack: ExitStack, original: Callable[..., Any], by: Callable[..., Any]
 ) -> None:
     """Replace a function in every module of the package that has imported it."""
-    for module in [m for name, m in sys.modules.items() if name.startswith("ff_planner_ros")]:
+    for module in [
+        m for name, m in sys.modules.items() if name.startswith(("ff_planner_ros", "reference_"))
+    ]:
         for name in [name for name, value in vars(module).items() if value is original]:
             stack.enter_context(patch.object(module, name, by))
 

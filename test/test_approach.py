@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from dense_motion import arms, truth
+from reference_program import rows_of
 from robots import LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES
@@ -199,7 +200,7 @@ def test_derivatives_of_the_rows_agree_with_differences(name: str, scene: Planni
 
     def rows(x: Array) -> Rows:
         motion = family.motion(x, 25)
-        found = required.rows(problem, motion, family.sensitivity(motion), 0.01)
+        found = rows_of(required, problem, motion, family.sensitivity(motion), 0.01)
         assert found is not None
         return found
 

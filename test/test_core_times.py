@@ -9,17 +9,14 @@ import numpy as np
 import pytest
 from bodied_robots import random_robot, tumbling_spheres
 from dense_motion import centers_of, to_lines
+from reference_distance_rows import clearance_rows
 from test_body_distances import bodies_along, configurations
 from test_core import chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import spheres_of
-from ff_planner_ros.planning.distance.clearance import (
-    arm_points,
-    clearance_rows,
-    segments,
-)
+from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.problem.problem import Sphere
 
 STEP, POINTS, FAR = 1e-5, 8, 1e3

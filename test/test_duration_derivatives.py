@@ -11,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pinocchio as pin
 import pytest
+from reference_load_rows import accelerations_at_points, accelerations_by_x
 from robots import random_path, random_state
 from test_core import FREE, PLANAR, chain_robot
 from test_core_driven_motion import drawn_splines
@@ -22,10 +23,6 @@ from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, Sensit
 from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Target, TargetBody
-from ff_planner_ros.planning.requirements.joints.accelerations import (
-    accelerations_at_points,
-    accelerations_by_x,
-)
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot

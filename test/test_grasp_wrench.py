@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from reference_dynamics import frame_wrenches_by_x
 from robots import CONFIG, random_state, random_urdf
 
 from ff_planner_ros.common.arrays import Array
@@ -18,7 +19,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import accelerations, frame_wrenches, frame_wrenches_by_x
+from ff_planner_ros.robot.dynamics import accelerations, frame_wrenches
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.payload import Payload, payload_frame, with_payload
 

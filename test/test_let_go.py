@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 from bodied_robots import lemur_with_bodies
 from handmade_plans import SETTINGS, arm, made, resting
+from reference_distance_rows import looked_at, obstacle_rows
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE
@@ -27,8 +28,6 @@ from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.requirements.body_rows import looked_at
-from ff_planner_ros.planning.requirements.obstacle_clearance import obstacle_rows
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families

@@ -11,6 +11,9 @@ import pytest
 from dense_motion import joints_between, truth
 from judging import require_sound
 from numpy.polynomial import Polynomial
+from reference_dynamics import joint_torques_by_x
+from reference_load_rows import accelerations_at_points, raised_at_peaks
+from reference_program import rows_of
 from robots import CANADARM2_SCENARIO, ROBOTS, random_state
 from shared_plans import planned
 
@@ -26,10 +29,9 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
 )
-from ff_planner_ros.planning.requirements.joints.accelerations import accelerations_at_points
 from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.joints.torques import Torques
-from ff_planner_ros.planning.requirements.requirement import Requirement, raised_at_peaks
+from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families
@@ -37,7 +39,7 @@ from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import joint_torques, joint_torques_by_x
+from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 SETTINGS = load_parameters().planner
@@ -174,7 +176,7 @@ def test_rows_of_both_families_have_the_derivatives_of_differences(
 
     def rows(along: float) -> tuple[Array, Array]:
         motion = family.motion(x + along * way, 25)
-        found = requirement.rows(problem, motion, family.sensitivity(motion), 0.01)
+        found = rows_of(requirement, problem, motion, family.sensitivity(motion), 0.01)
         assert found is not None
         return found.values, found.jacobian @ way
 
@@ -197,7 +199,7 @@ def test_rows_are_what_the_motion_leaves_of_the_limits(
     left = 1.0 - np.concatenate([torques[1:], -torques[1:]]) / limits
     motion = family.motion(x, 49)
     problem = replace(lemur_capture, robot=robot)
-    found = Torques().rows(problem, motion, family.sensitivity(motion), 0.0)
+    found = rows_of(Torques(), problem, motion, family.sensitivity(motion), 0.0)
     assert found is not None
     expected = np.sort(left[left < 0.4])
     assert expected.size > 20

@@ -5,16 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from reference_goal_rows import chaser_euler_with_derivative
+from reference_program import joint_path, power_mean
 from robots import random_state, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.motion.measures import (
-    chaser_euler,
-    chaser_euler_with_derivative,
-    joint_path_length,
-)
-from ff_planner_ros.planning.optimisation.objectives import joint_path, power_mean
+from ff_planner_ros.planning.motion.measures import chaser_euler, joint_path_length
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion, end_effector_polynomial
 from ff_planner_ros.planning.problem.problem import PlanningProblem

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import random_obstacles, random_robot, random_solid
+from reference_distance_rows import obstacle_rows
 from scipy.spatial.transform import Rotation
 from test_body_clearance import random_motion
 from test_body_distances import bodies_along, configurations, every_row
@@ -39,7 +40,6 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.problem.problem import ObstacleBody
-from ff_planner_ros.planning.requirements.obstacle_clearance import obstacle_rows
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies

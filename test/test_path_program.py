@@ -12,7 +12,9 @@ from unittest.mock import patch
 import numpy as np
 import pinocchio as pin
 import pytest
+import reference_program
 import touching_problems
+from reference_load_rows import accelerations_at_points
 from robots import CONFIG
 
 from ff_planner_ros.bench.measurement import OBJECTIVES
@@ -22,7 +24,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points, clearances, s
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.optimisation import program as program_module
-from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation, seen
+from ff_planner_ros.planning.optimisation.evaluated_path import seen
 from ff_planner_ros.planning.optimisation.free_program import goal_motion
 from ff_planner_ros.planning.optimisation.program import PathProgram, path_program
 from ff_planner_ros.planning.problem.approach import Approach
@@ -36,7 +38,6 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.requirements import requirements_of
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.clearance import Clearance
-from ff_planner_ros.planning.requirements.joints.accelerations import accelerations_at_points
 from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.robust.back_off import no_back_off, tighten
 from ff_planner_ros.planning.robust.margins import CORRIDOR
@@ -180,12 +181,6 @@ for which in LOADED:
 DISTANCES = {BodyClearance.name, SelfClearance.name, ObstacleClearance.name}
 
 
-def by_python(program: PathProgram, x: np.ndarray) -> PathLinearisation:
-    """Return what Python finds, without the core's program."""
-    with patch.object(type(program.family), "on_grid", lambda *_: None):
-        return replace(program).linearise(x)
-
-
 def programs(problem: PlanningProblem) -> Iterator[tuple[PathProgram, np.ndarray]]:
     """Yield programs on coarse and fine grids, corrected ones, too, with paths."""
     for ways in path_families(problem, SETTINGS):
@@ -215,10 +210,9 @@ def test_the_core_finds_what_the_family_and_the_requirements_find(name: str) -> 
         objective = list(OBJECTIVES.values())[number % len(OBJECTIVES)]
         objective = replace(objective, joint_path_length=0.7, wheel_momentum=0.3 * (number % 2))
         program = replace(program, objective=objective)
-        assert program.in_core is not None
         with patch.object(program_module, "_rows_by_python", side_effect=AssertionError):
             found = seen(program.evaluate(x))
-        expected = by_python(program, x)
+        expected = reference_program.linearise(program, x)
         assert found.is_defined == expected.is_defined
         if not found.is_defined:
             singular_at = found.motion.singular_at, expected.motion.singular_at
@@ -256,7 +250,9 @@ def test_a_line_that_slides_out_of_nothing_keeps_its_own_room() -> None:
     assert len(segments(arm_points(problem.robot, q_start[None]))) < problem.robot.joints - 2
     (family, *_), *_ = path_families(problem, SETTINGS)
     motion = family.motion(next(family.first_guesses(problem.obstacles, 13, 0.0)), 50)
-    rows = Clearance().rows(problem, motion, family.sensitivity(motion), margin)
+    rows = reference_program.rows_of(
+        Clearance(), problem, motion, family.sensitivity(motion), margin
+    )
     assert rows is not None
     at, pair = np.divmod(rows.names, problem.robot.joints * len(problem.spheres))
     joint, sphere = np.divmod(pair, len(problem.spheres))

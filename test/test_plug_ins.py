@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 import pytest
+import reference_program
 import yaml
 from recorded_requests import only_request
 from robots import CONFIG
@@ -26,7 +27,13 @@ from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import system_frame
-from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
+from ff_planner_ros.planning.optimisation.free_program import goal_motion
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Parametrisation,
+    PlanningProblem,
+)
 from ff_planner_ros.planning.problem.user_requirements import requirements_read
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import load_task
@@ -112,6 +119,19 @@ def test_the_digest_covers_it_and_problems_without_one_keep_theirs(
     narrower = installed(POINT, NORMAL, 0.01)
     other = type("Other", (installed,), {"name": "keep_in"})(POINT, NORMAL)
     assert len({digest(), digest(*kept.requirements), digest(narrower), digest(other)}) == 4
+
+
+def test_the_core_asks_for_its_rows_by_the_duration_too(kept: PlanningProblem) -> None:
+    lasts = kept.duration
+    window = DurationRange(0.8 * lasts, 1.2 * lasts, np.array([0.01, -0.02, 0.005]))
+    motion = goal_motion(replace(kept, duration_range=window), lasts)
+    for family, *_ in path_families(kept, SETTINGS):
+        program = path_program(kept, family.lasting(kept, motion), SETTINGS)
+        x = next(iter(family.first_guesses((), 13, 0.0)))
+        found, expected = program.linearise(x), reference_program.linearise(program, x)
+        assert (found.names == expected.names).all()
+        for name in ("constraints", "constraints_jacobian"):
+            assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-9), name
 
 
 def test_its_rows_have_exact_derivatives(kept: PlanningProblem) -> None:

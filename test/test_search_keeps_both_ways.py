@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from handmade_plans import SETTINGS, STEP, Made, free_motion, unlimited
+from reference_distance_rows import looked_at, obstacle_rows, pair_rows, sphere_rows
+from reference_program import rows_of
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 from straight_arms import ball, straight_arm
@@ -32,18 +34,12 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.planning.requirements.body_rows import (
-    looked_at,
-    pair_rows,
-    sphere_rows,
-)
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.requirements.joints.torques import Torques
-from ff_planner_ros.planning.requirements.obstacle_clearance import obstacle_rows
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
@@ -124,7 +120,7 @@ def test_the_search_keeps_what_joints_do_between_the_points(
         asked = replace(asked, limits=Limits(joint_velocities=True))
         left, required = (0.1 - 1.1 * MARGIN) * highest, JointRates()
     by_x = np.random.default_rng(9).normal(size=(2, POINTS, 6, 2))
-    rows = required.rows(asked, motion_of(positions, rates), sensitivity_of(*by_x), MARGIN)
+    rows = rows_of(required, asked, motion_of(positions, rates), sensitivity_of(*by_x), MARGIN)
     assert rows is not None
     if order == 0 or np.abs(values[:, peak]).max() == highest:
         assert rows.values.min() == pytest.approx(left, abs=1e-6)
@@ -136,7 +132,7 @@ def test_the_search_keeps_what_joints_do_between_the_points(
             aside = motion_of(
                 *(a + way * b[..., column] for a, b in zip((positions, rates), by_x, strict=True))
             )
-            again = required.rows(asked, aside, sensitivity_of(*by_x), MARGIN)
+            again = rows_of(required, asked, aside, sensitivity_of(*by_x), MARGIN)
             assert again is not None
             sides.append(again.values[again.names == rows.names[worst]])
         slope = (sides[1] - sides[0]) / (2 * step)
@@ -175,7 +171,7 @@ def test_the_search_keeps_accelerations_and_torques_at_the_points(
         robot = replace(robot, effort_limits=efforts)
         asked, required = replace(asked, robot=robot, limits=Limits()), Torques()
     nothing = np.zeros((POINTS, 6, 2))
-    rows = required.rows(asked, motion, sensitivity_of(nothing, nothing), MARGIN)
+    rows = rows_of(required, asked, motion, sensitivity_of(nothing, nothing), MARGIN)
     assert rows is not None
     assert rows.values.min() == pytest.approx(1.0 - MARGIN - 1.0 / 1.2, abs=1e-6)
 
@@ -192,7 +188,7 @@ def test_the_search_keeps_the_attitude_both_ways(sign: float, axis: int) -> None
     limit = float(np.abs(last).max()) + 0.1
     nothing = np.zeros((POINTS, 6, 2))
     asked = replace(problem(), limits=Limits(chaser_attitude=limit))
-    rows = ChaserAttitude().rows(asked, motion, sensitivity_of(nothing, nothing), MARGIN)
+    rows = rows_of(ChaserAttitude(), asked, motion, sensitivity_of(nothing, nothing), MARGIN)
     assert rows is not None
     assert rows.values.min() == pytest.approx(0.1 - MARGIN, abs=1e-9)
 
@@ -213,7 +209,7 @@ def test_the_search_keeps_the_rotation_both_ways(sign: float, axis: int) -> None
         (0.39 + MARGIN, 3, in_parabola),
     ):
         asked = replace(problem(), limits=Limits(chaser_rotation=limit))
-        rows = ChaserRotation().rows(asked, motion, sensitivity_of(nothing, nothing), MARGIN)
+        rows = rows_of(ChaserRotation(), asked, motion, sensitivity_of(nothing, nothing), MARGIN)
         assert rows is not None
         assert rows.values.min() == pytest.approx(left, abs=1e-9)
         assert len(rows.values) == count

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import reference_clearance
 import yaml
+from reference_distance_rows import clearance_rows
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES, Frame
@@ -21,13 +22,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.certificate import certified_clearance
-from ff_planner_ros.planning.distance.clearance import (
-    arm_points,
-    centers_at,
-    clearance_rows,
-    clearances,
-    segments,
-)
+from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
 from ff_planner_ros.planning.distance.search_certificate import search_certificate
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan

@@ -14,6 +14,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from reference_load_rows import loads_with_derivatives
+from reference_program import rows_of
 from robots import CONFIG, LEMUR_SCENARIO, ROBOTS, random_state, random_urdf
 
 from ff_planner_ros.analysis.plan_document import plan_document
@@ -36,11 +38,7 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty
 from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Samples
-from ff_planner_ros.planning.requirements.wheels import (
-    WheelLimits,
-    exceeds_at_points,
-    loads_with_derivatives,
-)
+from ff_planner_ros.planning.requirements.wheels import WheelLimits, exceeds_at_points
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.continuing import joined
@@ -119,7 +117,7 @@ def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
     family, x = drawn(problem)
     motion = family.motion(x, 9)
     sensitivity, by = family.sensitivity(motion), np.random.default_rng(2).normal(size=len(x))
-    rows = WheelLimits().rows(problem, motion, sensitivity, 1e-3)
+    rows = rows_of(WheelLimits(), problem, motion, sensitivity, 1e-3)
     assert rows is not None
     assert (np.abs(rows.jacobian).max(axis=1) > 0.0).all()
     step = 1e-6
@@ -130,7 +128,7 @@ def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
         return (high - low) / (2 * step)
 
     def kept(at: Any) -> dict[int, float]:
-        found = WheelLimits().rows(problem, at, family.sensitivity(at), 1e-3)
+        found = rows_of(WheelLimits(), problem, at, family.sensitivity(at), 1e-3)
         assert found is not None
         return dict(zip(found.names.tolist(), found.values.tolist(), strict=True))
 
@@ -156,7 +154,7 @@ def test_torques_that_are_near_their_limits_have_rows_with_derivatives() -> None
     _, _, torques, by_x = loads_with_derivatives(problem, robot.wheels, motion, sensitivity)
     limit = 1.25 * float(np.abs(torques[1:]).max())
     near = replace(problem, robot=replace(robot, wheels=replace(FOUR, torque=(limit,))))
-    rows = WheelLimits().rows(near, motion, sensitivity, 1e-3)
+    rows = rows_of(WheelLimits(), near, motion, sensitivity, 1e-3)
     assert rows is not None
     kept = np.abs(torques[1:]) / limit > 0.6 + 1e-3
     assert 0 < kept.sum() < kept.size

@@ -139,7 +139,12 @@ def clearances(
     quarter_way: bool,
     times_by_last: Array = ...,
 ) -> tuple[Array, Array, Indices]:
-    """Return what `planning.distance.clearance.clearance_rows` does."""
+    """Return distances of lines from spheres that are below `interest`, as rows.
+
+    Returns:
+        Distances, shape (rows,) [m]; their derivatives, (rows, variables); and their names:
+        configuration times the number of pairs, plus pair, spheres running fastest.
+    """
 
 def held_momenta(
     chain: Chain,
@@ -177,10 +182,10 @@ def smallest_singular_values(
 def joint_path(
     v: Array, by_x: Array, step: float, slow: float, smoothing: float
 ) -> tuple[float, Array, Array]:
-    """Return what `planning.objectives.joint_path` does; slow: rate of the joint that it adds."""
+    """Return J_L of Eq. (44), gradient and Gauss-Newton Hessian; slow: as of `JointPath`."""
 
 def chaser_euler(q: Array, by_x: Array, rotation_chaser_to_base: Array) -> tuple[Array, Array]:
-    """Return what `planning.objectives.chaser_euler_with_derivative` does."""
+    """Return Euler angles, shape (points, 3), and their derivatives, (points, 3, variables)."""
 
 def certified_clearance(
     motion: CubicMotion, ways: Array, spheres: Spheres, gap: float, part: float
@@ -591,7 +596,7 @@ class PathObjective:
     ) -> None: ...
 
 class Margins:
-    """The margins of `planning.distance.start_room.margins_of_rows`."""
+    """The margins of `planning.distance.start_room.margins_in_core`."""
 
     def __init__(
         self,
@@ -657,7 +662,7 @@ def attitude_within(
     """Return what makes the rows of `ChaserAttitude` [rad]."""
 
 def rotation_within(limit: float, knee: float, interest: float) -> PathRequirement:
-    """Return what makes the rows of `ChaserRotation`; knee: as of its `huber` [rad]."""
+    """Return what makes the rows of `ChaserRotation`; knee: of Huber's function [rad]."""
 
 def singular_value_above(rows: Sequence[int], margin: float, interest: float) -> PathRequirement:
     """Return what makes the rows of `SingularValues`.

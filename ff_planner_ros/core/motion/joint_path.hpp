@@ -1,4 +1,9 @@
 // The joint path J_L of Eq. (44), how evenly the joints are run, and their derivatives.
+//
+// With a smoothing s > 0 two terms are added. The first is s T times the integral of the squared
+// joint rates: s times the squared joint path if the joints move uniformly along a straight line,
+// more otherwise. The second is one more joint at a small constant rate: it rounds the kink that
+// J_L has where all joints stop at once and turn back, and where the solver stalls.
 #pragma once
 #include <algorithm>
 

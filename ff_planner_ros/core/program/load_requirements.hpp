@@ -78,8 +78,7 @@ struct DynamicLoadsWithin : LoadsWithin {
     for (Eigen::Index i = 1; i < joints.points(); ++i) {
       const Posture posture(at.chain, joints.positions.row(i));
       const Vector6 twist = at.motion.v.row(i).head<6>();
-      look(i, posture,
-           InverseDynamics(posture, base, twist, joints.rates.row(i), accelerations.row(i)));
+      look(i, InverseDynamics(posture, base, twist, joints.rates.row(i), accelerations.row(i)));
     }
   }
   // Derivatives of forces at a point by x.
@@ -105,7 +104,7 @@ struct TorquesWithin : DynamicLoadsWithin {
     JointAccelerations moved(at.joints(), step);
     const Eigen::Index n = parts.size(), x = at.motion.variables();
     RowMajor torques = RowMajor::Zero(at.motion.points(), n), torques_by_x;
-    each_point(at, moved.values, [&](Eigen::Index i, auto&, const InverseDynamics& of) {
+    each_point(at, moved.values, [&](Eigen::Index i, const InverseDynamics& of) {
       torques.row(i) = of.torques;
       if ((of.torques.cwiseProduct(parts).cwiseAbs().array() <= 1 - margin - interest).all())
         return;
@@ -136,7 +135,7 @@ struct GraspWrenchWithin : DynamicLoadsWithin {
   ConstraintRows rows(const LookedAt& at) const override {
     JointAccelerations moved(at.joints(), step);
     ConstraintRows found;
-    each_point(at, moved.values, [&](Eigen::Index i, const Posture&, const InverseDynamics& of) {
+    each_point(at, moved.values, [&](Eigen::Index i, const InverseDynamics& of) {
       const HeldBody body = held(at.chain, at.joints().positions.row(i));
       const Vector6 wrench = of.wrench(body);
       const double norms[] = {wrench.head<3>().norm(), wrench.tail<3>().norm()};
@@ -148,10 +147,8 @@ struct GraspWrenchWithin : DynamicLoadsWithin {
           moved.differentiate(at.joints(), step, at.motion.has_duration());
         if (by.size() == 0) by = by_x(of.wrench_by(body), at, moved, i);
         const Vector3 way = wrench.segment<3>(3 * kind) / norms[kind];
-        const Eigen::RowVectorXd row = -way.transpose() * by.middleRows<3>(3 * kind) * parts[kind];
-        found.values.push_back(1 - margin - part);
-        found.names.push_back(2 * i + kind);
-        found.jacobian.insert(found.jacobian.end(), row.begin(), row.end());
+        found.add(1 - margin - part, 2 * i + kind,
+                  -way.transpose() * by.middleRows<3>(3 * kind) * parts[kind]);
       }
     });
     return found;

@@ -17,7 +17,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import chain_of, sphere_arrays, spheres_of
+from ff_planner_ros.core.conversions import chain_of, sphere_arrays
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.kinematics import joint_frames
 from ff_planner_ros.robot.model import Robot
@@ -164,42 +164,6 @@ def clearance_gradients(
     moving = start + clear.fraction[rows][:, None, None] * (end - start)
     gradients: Array = np.einsum("rk,rkc->rc", clear.direction[rows], moving)
     return gradients
-
-
-def clearance_rows(
-    robot: Robot,
-    q: Array,
-    q_sensitivity: Array,
-    times: Array,
-    spheres: Sequence[Sphere],
-    interest: float,
-    quarter_way: bool,
-    times_by_last: Array | None = None,
-) -> tuple[Array, Array, Indices]:
-    """Return distances of segments from spheres below `interest` [m], and their derivatives.
-
-    Args:
-        q: At all points but the first, then half-way in every interval.
-        q_sensitivity: As for `arm_points_with_derivatives`.
-        times: Of all configurations that are evaluated.
-        quarter_way: Also evaluate at a quarter and three quarters of all intervals but the first,
-            by the parabola through both ends and the middle.
-        times_by_last: Derivatives of the times by the last variable. None, empty: there are none.
-
-    Returns:
-        Shapes (rows,), (rows, columns) and (rows,): the last says which point, joint that a segment
-        starts at, and sphere.
-    """
-    return compiled.clearances(
-        chain=chain_of(robot),
-        q=q,
-        q_sensitivity=q_sensitivity,
-        times=times,
-        spheres=spheres_of(spheres, float(times.max())),
-        interest=interest,
-        quarter_way=quarter_way,
-        times_by_last=times[:0] if times_by_last is None else times_by_last,
-    )
 
 
 def penalty(distance: Array, gain: float, exponent: float) -> float:

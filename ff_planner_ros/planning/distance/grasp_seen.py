@@ -32,7 +32,7 @@ class GraspSeen:
         body, target = problem.target_body, problem.target
         self._parts, self._of_body = times / problem.duration, body is not None
         # On a table the height does not count.
-        self._counts = np.isin(range(3), problem.robot.base.rows).astype(np.float64)
+        self._counts = np.array([float(axis in problem.robot.base.rows) for axis in range(3)])
         if body is not None:
             motion = body.grasp(times)
             self._positions, self._rotations = motion.positions, motion.rotations
@@ -55,21 +55,6 @@ class GraspSeen:
     def velocities(self) -> Array:
         """Velocities of the grasp, inertial axes. Shape (times, 3) [m/s]."""
         return self._twists[:, :3]
-
-    def by_duration(self, target_by_duration: Array) -> Array:
-        """Return the derivatives of the grasp frame by the duration T, at fixed t / T, as twists.
-
-        A body's grasp moves on by its motion in t; a target moves with its pose at the goal, less
-        its uniform motion from t to T.
-
-        Args:
-            target_by_duration: Derivative of the target pose by T, a twist. Shape (6,).
-
-        Returns:
-            Linear part first, inertial axes. Shape (times, 6) [m/s, rad/s].
-        """
-        own = self._own_by_duration()
-        return own if self._of_body else target_by_duration + own
 
     def _own_by_duration(self) -> Array:
         """Return `by_duration` but for what a target's pose at the goal adds."""
@@ -99,18 +84,7 @@ class GraspSeen:
         carried = np.cross(self._twists[:, 3:], points - self._positions)
         return self._here(velocities - self._twists[:, :3] - carried)
 
-    def sees_by_duration(self, points: Array, target_by_duration: Array) -> Array:
-        """Return the derivatives of `sees` by T, at fixed t / T. Shape (times, 3) [m/s]."""
-        by_duration = self.by_duration(target_by_duration)
-        carried = np.cross(by_duration[:, 3:], points - self._positions)
-        return self._here(-by_duration[:, :3] - carried)
-
     def is_at(self, places: Array) -> Array:
         """Return points of the grasp frame in the inertial frame. Shape (times, 3) [m]."""
         there: Array = self._positions + np.einsum("pij,pj->pi", self._rotations, places)
         return there
-
-    def in_inertial(self, gradients: Array) -> Array:
-        """Return gradients by points of the grasp frame as those by inertial points. (times, 3)."""
-        turned: Array = self._counts * np.einsum("pij,pj->pi", self._rotations, gradients)
-        return turned

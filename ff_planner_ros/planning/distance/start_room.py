@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, Indices, frozen
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import sphere_arrays
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
@@ -110,30 +110,16 @@ def _room_of_obstacles(
     return _room(distances)
 
 
-def margins_of_rows(margin: float, room: Array, names: Indices, times: Array) -> Array:
-    """Return the margin that each distance must keep [m]: no more than the room at the start.
+def margins_in_core(margin: float, room: Array) -> compiled.Margins:
+    """Return the margins that distances must keep: no more than the room at the start.
 
     A much smaller room grows to the margin as the cube of the time, as displacements from rest do:
     without a margin later on, nothing would keep the arm clear between the points.
 
     Args:
-        margin: The largest margin [m].
+        margin: The largest [m].
         room: Of each pair, by its number [m].
-        names: Configuration times the number of pairs, plus pair. Shape (rows,).
-        times: Of the configurations, the last one at the end [s].
     """
-    configurations, numbers = np.divmod(names, room.size)
-    least = room.ravel()[numbers]
-    short = least < _SHORT * margin
-    if short.any():
-        gained = margin * np.minimum(times / (_GAINED * times.max()), 1.0) ** 3
-        least[short] += gained[configurations[short]]
-    margins: Array = np.minimum(margin, least)
-    return margins
-
-
-def margins_in_core(margin: float, room: Array) -> compiled.Margins:
-    """Return the margins of `margins_of_rows` as the core keeps them."""
     return compiled.Margins(margin, room.ravel(), _SHORT, _GAINED)
 
 

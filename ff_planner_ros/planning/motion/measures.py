@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.core import compiled
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
@@ -39,10 +38,3 @@ def chaser_euler(robot: Robot, q: Array) -> Array:
     Shape (points, 3) [rad]; the rotation is Rz(psi) Ry(theta) Rx(phi).
     """
     return euler_from_rotation(rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base)
-
-
-def chaser_euler_with_derivative(
-    robot: Robot, q: Array, q_sensitivity: Array
-) -> tuple[Array, Array]:
-    """Return `chaser_euler` and its derivative, shape (points, 3, variables)."""
-    return compiled.chaser_euler(q, q_sensitivity, robot.rotation_chaser_to_base)

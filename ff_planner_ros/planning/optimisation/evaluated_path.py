@@ -1,4 +1,4 @@
-"""Objective and constraints of a path with their derivatives, by the core or by Python."""
+"""Objective and constraints of a path with their derivatives, as the core or Python has them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PathLinearisation(Linearisation):
         )
 
 
-# A path with what a program says of it, by the core or by Python.
+# A path with what a program says of it, as the core or Python has it.
 EvaluatedPath: TypeAlias = compiled.EvaluatedPath | PathLinearisation
 
 

@@ -17,12 +17,10 @@ from ff_planner_ros.planning.optimisation.evaluated_path import (
     EvaluatedPath,
     PathLinearisation,
     seen,
-    undefined,
 )
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
 from ff_planner_ros.planning.optimisation.objectives import (
     objective_in_core,
-    terms,
     with_tie_break,
 )
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
@@ -70,14 +68,6 @@ class Correction:
         ]
         return Correction(steps[0], driven.v[:: 2 * every] - motion.v, steps[1])
 
-    def of(self, model: pin.Model, motion: Motion) -> Motion:
-        """Return a motion near the path's, corrected to the controller's interpolation."""
-        q, q_half_way = (
-            np.array([pin.integrate(model, *at) for at in zip(q, steps, strict=True)])
-            for q, steps in ((motion.q, self.q), (motion.q_half_way, self.q_half_way))
-        )
-        return replace(motion, q=q, v=motion.v + self.v, q_half_way=q_half_way)
-
 
 @dataclass(frozen=True, eq=False)
 class PathProgram:
@@ -103,23 +93,13 @@ class PathProgram:
         return requirements_of(self.problem)
 
     @cached_property
-    def _required(self) -> list[tuple[int, Requirement]]:
-        """The requirements that a path may have rows of, with their numbers."""
-        return [
-            (number, required)
-            for number, required in enumerate(self.requirements)
-            if required.name not in self.on_demand and required.concerns(self.problem)
-        ]
-
-    @cached_property
-    def in_core(self) -> compiled.PathProgram | None:
+    def in_core(self) -> compiled.PathProgram:
         """The program as the core has it."""
         problem, goal_motion = self.problem, self.family.goal_motion
-        paths = self.family.on_grid(self.points, self.damping)
-        if paths is None:
-            return None
         requirements = list[tuple[int, compiled.PathRequirement | Callable[..., Rows | None]]]()
-        for number, required in self._required:
+        for number, required in enumerate(self.requirements):
+            if required.name in self.on_demand or not required.concerns(problem):
+                continue
             margin = self.margins[required.name]
             known = required.in_core(problem, self.points, margin)
             by_python = (partial(_rows_by_python, required, problem, margin, goal_motion),)
@@ -129,7 +109,7 @@ class PathProgram:
             steps = self.correction
             corrected = compiled.Correction(steps.q, steps.v, steps.q_half_way)
         return compiled.PathProgram(
-            paths,
+            self.family.on_grid(self.points, self.damping),
             problem.duration / (self.points - 1),
             objective_in_core(self.objective, problem, self.smoothing, self.attitude_norm),
             requirements,
@@ -137,53 +117,15 @@ class PathProgram:
         )
 
     def evaluate(self, x: Array) -> EvaluatedPath:
-        """Return objective and constraints of a path with their derivatives, by the core if it can.
+        """Return objective and constraints of a path with their derivatives, as the core has them.
 
         A search asks for hundreds, of which it looks at the last.
         """
-        return self.linearise(x) if self.in_core is None else self.in_core.at(x)
+        return self.in_core.at(x)
 
     def linearise(self, x: Array) -> PathLinearisation:
         """Return objective and constraints of a path with their derivatives."""
-        if self.in_core is not None:
-            return seen(self.in_core.at(x))
-        motion = self.family.motion(x, self.points, self.damping)
-        if motion.singular_at is not None:
-            return undefined(motion)
-        sensitivity = self.family.sensitivity(motion, self.damping)
-        problem, step = self.problem, self.problem.duration / (self.points - 1)
-        corrected = self.correction
-        driven = motion if corrected is None else corrected.of(problem.robot.model, motion)
-        variables = sensitivity.variables
-        value, gradient = 0.0, np.zeros(variables)
-        hessian = np.zeros((variables, variables))
-        max_terms, max_terms_jacobian = [np.empty(0)], [np.empty((0, variables))]
-        how = self.smoothing, self.attitude_norm
-        for term in terms(self.objective, problem, motion, sensitivity, step, *how):
-            value, gradient = value + term.value, gradient + term.gradient
-            hessian = hessian + term.hessian
-            max_terms.append(term.max_terms)
-            max_terms_jacobian.append(term.max_terms_jacobian)
-        rows = [
-            (number, required.rows(problem, driven, sensitivity, self.margins[required.name]))
-            for number, required in self._required
-        ]
-        kept = [(number, found) for number, found in rows if found is not None]
-        return PathLinearisation(
-            value=value,
-            gradient=gradient,
-            hessian=hessian,
-            max_terms=np.concatenate(max_terms),
-            max_terms_jacobian=np.concatenate(max_terms_jacobian),
-            constraints=np.concatenate([found.values for _, found in kept]),
-            constraints_jacobian=np.concatenate([found.jacobian for _, found in kept]),
-            # Those of a requirement lie on both sides of zero.
-            names=np.concatenate([of.names + k * _NAMES + _NAMES // 2 for k, of in kept]),
-            equalities=motion.goal_error,
-            equalities_jacobian=sensitivity.goal_error,
-            motion=motion,
-            acceleration=sensitivity.acceleration,
-        )
+        return seen(self.evaluate(x))
 
     def followed(self, at_x: PathLinearisation) -> FollowedMotion:
         """Return the controller's interpolation of the points of a path that its plan holds."""

@@ -69,10 +69,6 @@ class Sensitivity:
         """Number of columns."""
         return int(self.q.shape[2])
 
-    def times_by_last(self, times: Array, duration: float) -> Array:
-        """Return derivatives of times [s] by the duration; empty if that is given."""
-        return times[:0] if self.goal_motion is None else times / duration
-
 
 class PathFamily(Protocol):
     """The motions of one family from a start to a goal."""
@@ -113,11 +109,8 @@ class PathFamily(Protocol):
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
         """Differentiate a regular motion of this family; damping: that of the motion."""
 
-    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid | None:
-        """Return `motion` and `sensitivity` at once, as the core has them.
-
-        None: the duration is one more variable, which the core does not know.
-        """
+    def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid:
+        """Return `motion` and `sensitivity` at once, as the core has them."""
 
     def first_guesses(
         self, obstacles: Sequence[Obstacle], points: int, damping: float

@@ -76,22 +76,6 @@ class Camera:
         along, aside = self._along_and_aside(places)
         return np.asarray(np.arctan2(np.linalg.norm(aside, axis=1), along), np.float64)
 
-    def angle_gradients(self, places: Array) -> Array:
-        """Return the derivatives of `angles` by the places; on the axis, zero or to any side.
-
-        Returns:
-            Shape (places, 3) [rad/m].
-        """
-        along, aside = self._along_and_aside(places)
-        lateral = np.linalg.norm(aside, axis=1)
-        nothing = np.finfo(float).tiny
-        outward = aside / np.maximum(lateral, nothing)[:, None]
-        square = np.maximum(along**2 + lateral**2, nothing)
-        gradients: Array = (along[:, None] * outward - lateral[:, None] * self.axis) / square[
-            :, None
-        ]
-        return gradients
-
     def margins(self, places: Array) -> Array:
         """Return how far places are inside the cone or nearer than `until`: the larger of both.
 

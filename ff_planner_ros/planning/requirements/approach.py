@@ -11,12 +11,11 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.distance.clearance import arm_points, arm_points_with_derivatives
+from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen, grasp_of_path
 from ff_planner_ros.planning.distance.moving_place import LeastMargin, least_margin
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -24,7 +23,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
     Requirement,
-    Rows,
     Samples,
 )
 from ff_planner_ros.robot.model import Robot
@@ -64,39 +62,6 @@ class ApproachCorridor(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there is a corridor."""
         return problem.approach is not None
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the margins in the corridor, less `margin`, at points and half-way between [m]."""
-        approach = problem.approach
-        if approach is None:
-            return None
-        times = np.linspace(0.0, problem.duration, len(motion.q))
-        grasp = GraspSeen(problem, np.concatenate([times[1:], (times[:-1] + times[1:]) / 2]))
-        points, derivatives = arm_points_with_derivatives(
-            problem.robot,
-            np.concatenate([motion.q[1:], motion.q_half_way]),
-            np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
-        )
-        places = grasp.sees(points[:, -1])
-        margins = approach.margins(places)
-        away = np.linalg.norm(places, axis=1)
-        kept = margin * np.minimum(away / approach.distance, 1.0)
-        by_place = margins.gradients - np.where(
-            (away < approach.distance)[:, None],
-            margin / approach.distance * places / np.maximum(away, np.finfo(float).tiny)[:, None],
-            0.0,
-        )
-        values = margins.values - kept
-        (near,) = np.nonzero(values < OF_INTEREST)
-        by_point = grasp.in_inertial(by_place)[near]
-        jacobian = np.einsum("ri,rix->rx", by_point, derivatives[near, -1])
-        if sensitivity.goal_motion is not None:
-            seen = grasp.sees_by_duration(points[:, -1], sensitivity.goal_motion.place)
-            jacobian[:, -1] += np.sum(by_place * seen, axis=1)[near]
-        names = 2 * near + margins.by_cone[near].astype(np.intp)
-        return Rows(values[near], jacobian, names)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float

@@ -39,15 +39,12 @@ from ff_planner_ros.planning.distance.search_certificate import (
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE, room_of_bodies
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
     asked_of_core,
-    pair_rows,
     pairs_in_core,
-    sphere_rows,
 )
 from ff_planner_ros.planning.requirements.collisions import (
     DETOURS,
@@ -59,7 +56,7 @@ from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
 )
-from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
+from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 
 _POSTURES = ("another goal or start posture", "a longer duration", "more planner.starts")
 
@@ -94,14 +91,6 @@ class BodyClearance(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there are bodies and spheres."""
         return bool(problem.robot.bodies and problem.spheres)
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances of bodies near spheres, less the margin [m]."""
-        if not self.concerns(problem):
-            return None
-        return sphere_rows(problem, motion, sensitivity, margin)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
@@ -170,14 +159,6 @@ class SelfClearance(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there are pairs that must not touch."""
         return bool(problem.robot.pairs)
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances of near pairs of bodies, less the margin [m]."""
-        if not self.concerns(problem):
-            return None
-        return pair_rows(problem, motion, sensitivity, margin)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float

@@ -21,7 +21,6 @@ from ff_planner_ros.planning.distance.grasp_seen import GraspSeen, grasp_of_path
 from ff_planner_ros.planning.distance.moving_place import LeastMargin, least_margin, places_between
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -29,10 +28,8 @@ from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
     Requirement,
-    Rows,
     Samples,
 )
-from ff_planner_ros.robot.kinematics import joint_frames
 from ff_planner_ros.robot.model import Robot
 
 # The search keeps this much more at the points [rad], but never more than this part of the angle.
@@ -71,45 +68,6 @@ class CameraView(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether a camera has to see the grasp."""
         return problem.camera is not None
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the margins in view at points and half-way, of the angle [rad] or `until` [m]."""
-        camera, robot = problem.camera, problem.robot
-        if camera is None:
-            return None
-        times = np.linspace(0.0, problem.duration, len(motion.q))
-        grasp = GraspSeen(problem, np.concatenate([times[1:], (times[:-1] + times[1:]) / 2]))
-        q = np.concatenate([motion.q[1:], motion.q_half_way])
-        by_x = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
-        rotations, points = joint_frames(robot, q)
-        # The frame that the link moves with: 0 is the base, the arm's joints come after it.
-        joint, mount = _mount(robot, camera)
-        origins = np.concatenate([q[:, None, :3], points[:, :-1]], axis=1)
-        to_inertial = rotations[joint] @ mount.rotation
-        eyes = origins[:, joint] + rotations[joint] @ mount.translation
-        places = np.einsum("pji,pj->pi", to_inertial, grasp.positions - eyes)
-        near = camera.nearness(places)
-        by_angle = camera.in_cone(places) >= near
-        values = np.where(
-            by_angle,
-            camera.half_angle - camera.angles(places) - margin,
-            near - margin * camera.until,
-        )
-        away = np.maximum(np.linalg.norm(places, axis=1), np.finfo(float).tiny)
-        by_place = -np.where(
-            by_angle[:, None], camera.angle_gradients(places), places / away[:, None]
-        )
-        (rows,) = np.nonzero(values < OF_INTEREST)
-        gradients = np.einsum("pij,pj->pi", to_inertial, by_place)[rows]
-        to_goal = (grasp.positions[:, None] - origins)[rows]
-        by_tangent = _by_configuration(robot, joint, rotations[:, rows], to_goal, gradients)
-        jacobian = np.einsum("rv,rvx->rx", by_tangent, by_x[rows])
-        if sensitivity.goal_motion is not None:
-            moved = grasp.by_duration(sensitivity.goal_motion.place)[rows, :3]
-            jacobian[:, -1] += np.sum(gradients * moved, axis=1)
-        return Rows(values[rows], jacobian, 2 * rows + by_angle[rows].astype(np.intp))
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
@@ -188,31 +146,6 @@ def _mount(robot: Robot, camera: Camera) -> tuple[int, pin.SE3]:
     at_link = pin.SE3(np.eye(3), camera.position)
     # The first two joints are Pinocchio's: the universe and the free-flyer, which is the base.
     return frame.parentJoint - 1, frame.placement * at_link
-
-
-def _by_configuration(
-    robot: Robot, joint: int, rotations: Array, to_goal: Array, gradients: Array
-) -> Array:
-    """Return how a measure of the goal's place, as the camera sees it, changes with q.
-
-    Args:
-        joint: Frame that the camera moves with.
-        rotations: Of base and joints. Shape (joints + 1, rows, 3, 3).
-        to_goal: From the origins of base and joints to the goal. Shape (rows, joints + 1, 3) [m].
-        gradients: Of the measure by the goal's place, inertial axes. Shape (rows, 3).
-
-    Returns:
-        By the tangent of the configuration. Shape (rows, 6 + joints).
-    """
-    turned = np.cross(to_goal, gradients[:, None])
-    by_tangent = np.zeros((len(gradients), 6 + robot.joints))
-    by_tangent[:, :3] = -np.einsum("rji,rj->ri", rotations[0], gradients)
-    by_tangent[:, 3:6] = -np.einsum("rji,rj->ri", rotations[0], turned[:, 0])
-    axes = np.einsum("krij,kj->rki", rotations[1 : joint + 1], robot.joint_axes[:joint])
-    by_tangent[:, 6 : 6 + joint] = -np.sum(axes * turned[:, 1 : joint + 1], axis=2)
-    slides = np.einsum("krij,kj->rki", rotations[1 : joint + 1], robot.joint_slides[:joint])
-    by_tangent[:, 6 : 6 + joint] -= np.einsum("rki,ri->rk", slides, gradients)
-    return by_tangent
 
 
 def _least(

@@ -15,19 +15,15 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.measures import chaser_euler_with_derivative
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.pose_motion import attitudes_by_body_rates
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
     Requirement,
-    Rows,
     Samples,
-    within,
 )
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
@@ -53,18 +49,6 @@ class ChaserAttitude(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether the Euler angles have a limit."""
         return bool(np.isfinite(problem.limits.chaser_attitude))
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances of interest to the limit, at points and half-way between [rad]."""
-        if not self.concerns(problem):
-            return None
-        q = np.concatenate([motion.q[1:], motion.q_half_way])
-        of_q = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
-        limits = np.full(3, problem.limits.chaser_attitude - margin)
-        euler, jacobian = chaser_euler_with_derivative(problem.robot, q, of_q)
-        return within(euler, jacobian, -limits, limits, OF_INTEREST)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float

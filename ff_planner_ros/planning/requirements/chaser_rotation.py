@@ -26,7 +26,6 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.chaser_attitude import attitudes_along
@@ -34,7 +33,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
     Requirement,
-    Rows,
     Samples,
 )
 from ff_planner_ros.robot.model import Robot
@@ -42,7 +40,6 @@ from ff_planner_ros.robot.quaternion import (
     angle_of_quaternion,
     quaternion_inverse,
     quaternion_product,
-    rotation_vector_from_quaternion,
 )
 
 # The search keeps this much more at the points [rad], but never more than this part of the limit.
@@ -63,20 +60,6 @@ class ChaserRotation(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there is a limit that a rotation can exceed."""
         return _is_limited(problem)
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances of interest to the limit, at points and half-way between [rad]."""
-        if not self.concerns(problem):
-            return None
-        q = np.concatenate([motion.q[1:], motion.q_half_way])
-        of_q = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
-        kept = problem.limits.chaser_rotation - margin
-        measure, gradient = huber(motion.q[0], q, _KNEE * kept)
-        (near,) = np.nonzero(kept - measure < OF_INTEREST)
-        jacobian = np.einsum("pi,pix->px", gradient[near], of_q[near, 3:6])
-        return Rows(kept - measure[near], -jacobian, near)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
@@ -116,25 +99,6 @@ class ChaserRotation(Requirement):
                     "more planner.starts",
                 ),
             )
-
-
-def huber(q_start: Array, q: Array, knee: float) -> tuple[Array, Array]:
-    """Return Huber's function of the rotation since the start, and its gradient.
-
-    Args:
-        q_start: Configuration at the start. Shape (7 + joints,).
-        q: Configurations. Shape (points, 7 + joints).
-        knee: Angle from which on it is the angle itself, less than pi [rad].
-
-    Returns:
-        Values, shape (points,) [rad], and gradients by the base's rotation in its own axes, shape
-        (points, 3).
-    """
-    since = quaternion_product(quaternion_inverse(q_start[3:7]), q[:, 3:7])
-    vectors = rotation_vector_from_quaternion(since)  # n angle
-    angles = angle_of_quaternion(since)
-    values = np.where(angles < knee, angles**2 / (2.0 * knee) + knee / 2.0, angles)
-    return values, vectors / np.maximum(angles, knee)[:, None]
 
 
 def _is_limited(problem: PlanningProblem) -> bool:

@@ -23,7 +23,6 @@ from ff_planner_ros.planning.distance.certificate import (
 )
 from ff_planner_ros.planning.distance.clearance import (
     arm_points,
-    clearance_rows,
     clearances,
     may_be_nearest,
     penalty,
@@ -36,12 +35,10 @@ from ff_planner_ros.planning.distance.start_room import (
     LEAST_CLEARANCE,
     lines_from_spheres,
     margins_in_core,
-    margins_of_rows,
     room_of_lines,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -54,7 +51,6 @@ from ff_planner_ros.planning.requirements.obstacle_clearance import (
 from ff_planner_ros.planning.requirements.requirement import (
     OF_INTEREST,
     Requirement,
-    Rows,
     Samples,
 )
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -104,26 +100,6 @@ class Clearance(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there are centre lines and spheres."""
         return problem.robot.geometry is not Geometry.SHAPES and bool(problem.spheres)
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return distances of near lines less the margin, at points and half-way between [m]."""
-        if not self.concerns(problem):
-            return None
-        looked_at = times_looked_at(problem.duration, len(motion.q))
-        distances, jacobian, names = clearance_rows(
-            problem.robot,
-            np.concatenate([motion.q[1:], motion.q_half_way]),
-            np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
-            looked_at,
-            problem.spheres,
-            OF_INTEREST,
-            quarter_way=len(motion.q) < FEW_POINTS,
-            times_by_last=sensitivity.times_by_last(looked_at, problem.duration),
-        )
-        margins = margins_of_rows(margin, room_of_lines(problem), names, looked_at)
-        return Rows(distances - margins, jacobian, names)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float

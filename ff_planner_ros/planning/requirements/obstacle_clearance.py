@@ -33,23 +33,18 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 )
 from ff_planner_ros.planning.distance.search_certificate import search_obstacle_distance
 from ff_planner_ros.planning.distance.start_room import (
-    margins_of_rows,
     room_of_obstacles,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
-    OF_INTEREST,
     asked_of_core,
-    looked_at,
-    without_allowed,
 )
 from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
-from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
+from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.collision.lines import with_bodies
 
 
@@ -93,14 +88,6 @@ class ObstacleClearance(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there are such obstacles."""
         return bool(problem.obstacle_bodies)
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances of bodies near obstacles, less the margin [m]."""
-        if not self.concerns(problem):
-            return None
-        return obstacle_rows(problem, motion, sensitivity, margin)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
@@ -161,22 +148,3 @@ def body_and_obstacle(problem: PlanningProblem, least: Least) -> tuple[str, ...]
         return ()
     body, obstacle = divmod(least.pair, len(problem.obstacle_bodies))
     return with_bodies(problem.robot).bodies[body].name, problem.obstacle_bodies[obstacle].id
-
-
-def obstacle_rows(
-    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-) -> Rows:
-    """Return rows for bodies nearer to obstacles than `OF_INTEREST`: distance less margin [m]."""
-    robot, at = with_bodies(problem.robot), looked_at(problem, motion, sensitivity)
-    obstacles = problem.obstacle_bodies
-    near = compiled.obstacle_rows(
-        at.bodies,
-        at.times,
-        obstacles=obstacles_of(obstacles, float(at.times[-1])),
-        interest=OF_INTEREST,
-        times_by_last=at.times_by_last,
-    )
-    count, split = len(robot.bodies) * len(obstacles), split_obstacles(problem)
-    distances, jacobian, names = without_allowed(problem, at, Rows(*near), count, split)
-    margins = margins_of_rows(margin, room_of_obstacles(problem), names, at.times)
-    return Rows(distances - margins, jacobian, names)

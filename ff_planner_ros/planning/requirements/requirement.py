@@ -192,7 +192,7 @@ class Requirement:
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return constraints g(x) >= 0 for the solver, with exact derivatives.
+        """Return constraints g(x) >= 0 for the solver, with exact derivatives, by Python.
 
         Args:
             margin: That of `margin`, or more where the search has tightened the requirement.
@@ -204,16 +204,17 @@ class Requirement:
         return None
 
     def concerns(self, problem: PlanningProblem) -> bool:
-        """Tell whether a path may have rows: without, `rows` is not called."""
-        return type(self).rows is not Requirement.rows
+        """Tell whether a path may have rows: without, neither `rows` nor `in_core` is called."""
+        mine = type(self)
+        return mine.rows is not Requirement.rows or mine.in_core is not Requirement.in_core
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
     ) -> Sequence[compiled.PathRequirement] | None:
-        """Return what makes the rows of `rows` in the core, for paths of so many points.
+        """Return what makes the rows in the core, for paths of so many points.
 
-        None: the core does not know the requirement, and `rows` is called, which is slower. Who
-        overrides `rows` overrides this, too.
+        None: the core does not know the requirement, and `rows` is called, which is slower. All of
+        the package are known to it. Who overrides `rows` of one overrides this, too.
         """
         return None
 
@@ -240,45 +241,6 @@ def eased(limits: Array, at_start: Array, excess: Array | float = ALLOWED_EXCESS
         excess: Largest excess of a start that raises a limit, in the unit of the limits.
     """
     return np.where(at_start <= limits + excess, np.maximum(limits, at_start), limits)
-
-
-def raised_at_peaks(
-    problem: PlanningProblem, values: Array, jacobian: Array
-) -> tuple[Array, Array]:
-    """Return values at the points of a path, at peaks raised to what they may be in between.
-
-    A parabola through three points exceeds the largest of them, between the outer ones, by an
-    eighth of its second difference at most. On fewer points than the plan's, where that is much,
-    the values stay what they are.
-
-    Args:
-        values: At equal steps of time, with limits on both sides of zero. Shape (points, values).
-        jacobian: Shape (points, values, variables).
-    """
-    if len(values) < problem.points:
-        return values, jacobian
-    rises, by_x = (-np.diff(at, 2, axis=0) / 8 for at in (values, jacobian))
-    is_peak = rises * values[1:-1] > 0.0
-    values, jacobian = values.copy(), jacobian.copy()
-    values[1:-1][is_peak] += rises[is_peak]
-    jacobian[1:-1][is_peak] += by_x[is_peak]
-    return values, jacobian
-
-
-def within(
-    values: Array, jacobian: Array, lower: Array, upper: Array, interest: Array | float
-) -> Rows:
-    """Return the distances to both limits that are below `interest`, as rows; upper limits first.
-
-    Args:
-        values: Shape (points, values).
-        jacobian: Shape (points, values, variables).
-        lower: Shape (values,).
-        upper: Shape (values,).
-        interest: Shape (values,), or one number for all.
-    """
-    interest = np.full(lower.shape, interest)
-    return Rows(*compiled.limit_rows(values, jacobian, lower, upper, interest))
 
 
 def too_large(

@@ -11,13 +11,11 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     Requirement,
-    Rows,
     Samples,
 )
 from ff_planner_ros.robot.model import Robot
@@ -55,26 +53,6 @@ class SingularValues(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether the paths follow the end effector's."""
         return problem.parametrisation is not Parametrisation.JOINT_SPLINE
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the singular values at the points that are near the margin, less the margin.
-
-        A margin of zero has no rows: they cost time, and shortest paths seldom come near a
-        singularity.
-        """
-        if margin == 0.0 or not self.concerns(problem):
-            return None
-        robot = problem.robot
-        values, by_joints = compiled.smallest_singular_values(
-            chain_of(robot), motion.q[:, 7:], robot.base.rows, _OF_INTEREST * margin
-        )
-        margin = min(margin, values[0])
-        (near,) = np.nonzero(values[1:] < _OF_INTEREST * margin)
-        near += 1
-        jacobian = np.einsum("pj,pjx->px", by_joints[near], sensitivity.q[near, 6:])
-        return Rows(values[near] - margin, jacobian, near)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float

@@ -24,22 +24,14 @@ from ff_planner_ros.planning.motion.wheel_motion import (
     peaks_of_wheels,
     wheel_peaks,
 )
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.joints.accelerations import (
-    accelerations_at_points,
-    accelerations_by_x,
-)
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
     Requirement,
-    Rows,
     Samples,
     eased,
-    raised_at_peaks,
-    within,
 )
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import torques_on_base
@@ -49,7 +41,7 @@ from ff_planner_ros.robot.wheels import Wheels, momenta_of
 
 # A load further from its limit than this fraction of it cannot reach it in one solver step.
 _OF_INTEREST = 0.4
-# Loads rise above what `raised_at_peaks` makes of them by less, as a fraction of their limits.
+# Loads rise above the parabolas through three points by less, as a fraction of their limits.
 _MARGIN = 1e-3
 # Names of the rows of torques, above those of momenta.
 _TORQUES = 1 << 30
@@ -103,28 +95,6 @@ class WheelLimits(Requirement):
         """Tell whether there are wheels with limits."""
         return problem.robot.wheels is not None and _is_limited(problem.robot.wheels)
 
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances to near limits at the points, as fractions of the limits."""
-        wheels = problem.robot.wheels
-        if wheels is None or not _is_limited(wheels):
-            return None
-        loads = loads_with_derivatives(problem, wheels, motion, sensitivity)
-        limits = wheels.momentum_limits
-        parts = loads.momenta / limits
-        most = eased(np.ones(parts.shape[1]), np.abs(parts[0]))
-        most = most - np.clip(most - np.abs(parts[0]), 0.0, margin)
-        of_momenta = _kept(problem, parts, loads.momenta_by_x / limits[:, None], most)
-        limits = wheels.torque_limits
-        parts, most = loads.torques / limits, np.full(len(most), 1.0 - margin)
-        of_torques = _kept(problem, parts, loads.torques_by_x / limits[:, None], most)
-        return Rows(
-            np.concatenate([of_momenta.values, of_torques.values]),
-            np.concatenate([of_momenta.jacobian, of_torques.jacobian]),
-            np.concatenate([of_momenta.names, _TORQUES + of_torques.names]),
-        )
-
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
     ) -> Sequence[compiled.PathRequirement]:
@@ -151,7 +121,7 @@ class WheelLimits(Requirement):
         if wheels is None or not _is_limited(wheels):
             return np.inf
         loads = _loads(problem, wheels, motion.q, motion.v, motion.joint_accelerations)
-        peaks = peaks_of_wheels(loads.momenta, loads.torques, motion)
+        peaks = peaks_of_wheels(*loads, motion)
         return min(float(one.left.min()) for one in _judged(wheels, peaks))
 
     def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
@@ -264,28 +234,9 @@ def exceeds_at_points(problem: PlanningProblem, q: Array, v: Array, acceleration
         return False
     loads = _loads(problem, wheels, q, v, accelerations)
     limits = np.concatenate([wheels.momentum_limits, wheels.torque_limits])
-    parts = np.abs(np.hstack([loads.momenta, loads.torques])) / limits
+    parts = np.abs(np.hstack(loads)) / limits
     rises = np.maximum(-np.diff(parts, 2, axis=0) / 8, 0.0)
     return bool((parts[1:-1] + rises > 1.0).any() or (parts[-1] > 1.0).any())
-
-
-class WheelLoads(NamedTuple):
-    """Momentum and torque of each wheel at the points of a path, and their derivatives by x."""
-
-    momenta: Array  # shape (points, wheels) [N m s]
-    momenta_by_x: Array  # shape (points, wheels, variables)
-    torques: Array  # likewise [N m]
-    torques_by_x: Array
-
-
-def loads_with_derivatives(
-    problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
-) -> WheelLoads:
-    """Return the loads of the wheels that hold the chaser's attitude along a path."""
-    step = problem.duration / (len(motion.q) - 1)
-    accelerations = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
-    by_x = sensitivity.q, sensitivity.v, accelerations_by_x(motion, sensitivity, step)
-    return _loads(problem, wheels, motion.q, motion.v, accelerations, *by_x)
 
 
 def wheels_in_core(problem: PlanningProblem, wheels: Wheels) -> compiled.Wheels:
@@ -294,22 +245,14 @@ def wheels_in_core(problem: PlanningProblem, wheels: Wheels) -> compiled.Wheels:
 
 
 def _loads(
-    problem: PlanningProblem, wheels: Wheels, q: Array, v: Array, accelerations: Array, *by_x: Array
-) -> WheelLoads:
-    """Return the loads in a motion from joint accelerations and the derivatives of all three.
-
-    Without derivatives there are no variables.
-    """
+    problem: PlanningProblem, wheels: Wheels, q: Array, v: Array, accelerations: Array
+) -> tuple[Array, Array]:
+    """Return momentum [N m s] and torque [N m] of each wheel. Each of shape (points, wheels)."""
     chain, shares = chain_of(problem.robot), _shares(problem.robot, wheels)
-    by_x = by_x or tuple(np.empty((*rows.shape, 0)) for rows in (v, v, accelerations))
-    found = compiled.held_momenta(chain, q, v, accelerations, *by_x)
-    momenta, momenta_by_x, torques, torques_by_x = found
-    return WheelLoads(
-        momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T,
-        shares @ (momenta_by_x[0] - momenta_by_x),
-        -torques @ shares.T,
-        -shares @ torques_by_x,
-    )
+    nothing = (np.empty((*rows.shape, 0)) for rows in (v, v, accelerations))
+    momenta, _, torques, _ = compiled.held_momenta(chain, q, v, accelerations, *nothing)
+    held = momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T
+    return held, -torques @ shares.T
 
 
 def _torques(robot: Robot, wheels: Wheels, q: Array, v: Array, accelerations: Array) -> Array:
@@ -326,9 +269,3 @@ def _shares(robot: Robot, wheels: Wheels) -> Array:
 
 def _is_limited(wheels: Wheels) -> bool:
     return wheels.momentum is not None or wheels.torque is not None
-
-
-def _kept(problem: PlanningProblem, parts: Array, by_x: Array, most: Array) -> Rows:
-    """Return rows for the loads at all points but the first, as fractions of their limits."""
-    parts, by_x = raised_at_peaks(problem, parts, by_x)
-    return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)

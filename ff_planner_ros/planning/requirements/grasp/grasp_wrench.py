@@ -11,21 +11,15 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.joints.accelerations import (
-    accelerations_at_points,
-    accelerations_by_x,
-)
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     Requirement,
-    Rows,
     Samples,
 )
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import frame_wrenches, frame_wrenches_by_x
+from ff_planner_ros.robot.dynamics import frame_wrenches
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.urdf.payload import payload_frame
 
@@ -69,39 +63,6 @@ class GraspWrench(Requirement):
         """Tell whether a grasp with limits holds a payload."""
         return payload_frame(problem.robot) is not None and bool(
             np.isfinite(_limits(problem)).any()
-        )
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances to near limits at the points, as fractions of the limits."""
-        frame, limits, robot = payload_frame(problem.robot), _limits(problem), problem.robot
-        if frame is None or not np.isfinite(limits).any():
-            return None
-        step = problem.duration / (len(motion.q) - 1)
-        rates = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
-        wrenches = frame_wrenches(robot, frame, motion.q, motion.v, rates)
-        norms = _norms(wrenches)
-        parts = norms / limits
-        most = 1.0 - margin
-        after_start, kinds = np.nonzero(most - parts[1:] < _OF_INTEREST)
-        if not after_start.size:
-            return None
-        found = points, _ = after_start + 1, kinds
-        near, by_rates = np.unique(points), accelerations_by_x(motion, sensitivity, step)
-        of_x = sensitivity.q, sensitivity.v, by_rates
-        by_x = np.zeros((len(parts), 6, sensitivity.variables))
-        by_x[near] = frame_wrenches_by_x(
-            robot,
-            frame,
-            *(rows[near] for rows in (motion.q, motion.v, rates, *of_x)),
-        )
-        ways = wrenches.reshape(-1, 2, 3)[found] / norms[found][:, None]
-        by_x = np.einsum("ri,rix->rx", ways, by_x.reshape(len(parts), 2, 3, -1)[found])
-        return Rows(
-            (most - parts)[found],
-            -by_x / limits[kinds][:, None],
-            np.ravel_multi_index(found, parts.shape),
         )
 
     def in_core(

@@ -12,27 +12,19 @@ from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.joints.accelerations import (
-    accelerations_at_points,
-    accelerations_by_x,
-)
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
     Requirement,
-    Rows,
     Samples,
     eased,
-    raised_at_peaks,
-    within,
 )
 
 # An acceleration further from its limit than this fraction of it cannot reach it in one step.
 _OF_INTEREST = 0.4
-# They rise above what `raised_at_peaks` makes of them by less, as a fraction of the limits.
+# They rise above the parabolas through three points by less, as a fraction of the limits.
 _MARGIN = 1e-3
 
 
@@ -66,20 +58,6 @@ class JointAccelerations(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether accelerations have limits."""
         return _limits(problem) is not None
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances to near limits at the points, as fractions of the limits."""
-        limits = _limits(problem)
-        if limits is None:
-            return None
-        step = problem.duration / (len(motion.q) - 1)
-        parts = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step) / limits
-        by_x = accelerations_by_x(motion, sensitivity, step) / limits[:, None]
-        parts, by_x = raised_at_peaks(problem, parts, by_x)
-        most = np.full(len(limits), 1.0 - margin)
-        return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float

@@ -12,7 +12,6 @@ from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE, least_highest_positions
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -21,10 +20,8 @@ from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
     Requirement,
-    Rows,
     Samples,
     eased,
-    within,
 )
 from ff_planner_ros.robot.model import Robot
 
@@ -67,26 +64,6 @@ class JointPositions(Requirement):
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
         """Return how far from the limits the search stays [rad]."""
         return _MARGIN
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows:
-        """Return the distances to near limits, at points and turning points [rad, m]."""
-        at_start = motion.q[0, 7:]
-        lower, upper = _eased_limits(problem.robot, at_start)
-        lower = lower + np.clip(at_start - lower, 0.0, margin)
-        upper = upper - np.clip(upper - at_start, 0.0, margin)
-        if motion.hull is not None and sensitivity.hull is not None:
-            hull, by_x = motion.hull.positions, sensitivity.hull.positions
-            rows = within(hull, by_x, lower, upper, OF_INTEREST)
-        else:
-            path = motion.q, motion.v, sensitivity.q, sensitivity.v
-            step = problem.duration / (len(motion.q) - 1)
-            has_duration = sensitivity.goal_motion is not None
-            limits = lower, upper, np.full(lower.shape, OF_INTEREST)
-            rows = Rows(*compiled.position_rows(*path, step, has_duration, *limits))
-        stops = _stops(motion, sensitivity, lower, upper)
-        return Rows(*(np.concatenate(both) for both in zip(rows, stops, strict=True)))
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float
@@ -167,15 +144,6 @@ def _left_at_end(joints: JointMotion, lower: Array, upper: Array) -> Array:
     """
     p, v, none = joints.positions[-1], joints.velocities[-1], np.zeros(len(lower))
     return np.array([-lower, upper]) - least_highest_positions(_WAYS * p, _WAYS * v, none, np.inf)
-
-
-def _stops(motion: Motion, sensitivity: Sensitivity, lower: Array, upper: Array) -> Rows:
-    """Return what is left to the limits where joints stop after the last point."""
-    q, v, by_q, by_v = motion.q[-1:], motion.v[-1:], sensitivity.q[-1:], sensitivity.v[-1:]
-    limits = lower, upper, np.full(lower.shape, _STOP_OF_INTEREST)
-    values, jacobian, names = compiled.stop_rows(q, v, by_q, by_v, FASTEST_CHANGE, *limits)
-    # Below those of the turns.
-    return Rows(values, jacobian, -2 - 2 * len(motion.q) * len(lower) - names)
 
 
 def _eased_limits(robot: Robot, at_start: Array) -> tuple[Array, Array]:

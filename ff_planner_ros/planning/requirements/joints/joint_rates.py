@@ -12,7 +12,6 @@ from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_motion import least_highest_rates
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -20,10 +19,8 @@ from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
     Requirement,
-    Rows,
     Samples,
     eased,
-    within,
 )
 from ff_planner_ros.robot.model import Robot
 
@@ -81,24 +78,6 @@ class JointRates(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether velocities have limits."""
         return problem.limits.joint_velocities
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances to near limits, at points and peaks between [rad/s, m/s]."""
-        if not self.concerns(problem):
-            return None
-        limits = problem.robot.velocity_limits
-        interest = (1.0 - _OF_INTEREST) * limits
-        at_start = np.abs(motion.v[0, 6:])
-        limits = eased(limits, at_start, ALLOWED_EXCESS * limits)
-        limits = limits - np.clip(limits - at_start, 0.0, margin * limits)
-        if motion.hull is not None and sensitivity.hull is not None:
-            return within(motion.hull.rates, sensitivity.hull.rates, -limits, limits, interest)
-        path = motion.q, motion.v, sensitivity.q, sensitivity.v
-        step = problem.duration / (len(motion.q) - 1)
-        has_duration = sensitivity.goal_motion is not None
-        return Rows(*compiled.rate_rows(*path, step, has_duration, -limits, limits, interest))
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float

@@ -14,22 +14,15 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.joints.accelerations import (
-    accelerations_at_points,
-    accelerations_by_x,
-)
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     Requirement,
-    Rows,
     Samples,
-    within,
 )
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import joint_torques, joint_torques_by_x
+from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot
 
 # A torque further from its limit than this fraction of it cannot reach it in one solver step.
@@ -75,30 +68,6 @@ class Torques(Requirement):
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether torques have limits."""
         return problem.limits.joint_torques
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows | None:
-        """Return the distances to near limits at the points, as fractions of the limits."""
-        if not self.concerns(problem):
-            return None
-        robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
-        accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
-        parts = joint_torques(robot, motion.q, motion.v, accelerated) / robot.effort_limits
-        limits, parts = np.full(robot.joints, 1.0 - margin), parts[1:]
-        (near,) = np.nonzero((np.abs(parts) > limits - _OF_INTEREST).any(axis=1))
-        if not near.size:
-            return None
-        points = near + 1
-        of_q, of_v = sensitivity.q, sensitivity.v
-        of_rates = accelerations_by_x(motion, sensitivity, step)
-        by_x = np.zeros((*parts.shape, sensitivity.variables))
-        by_x[near] = joint_torques_by_x(
-            robot,
-            *(rows[points] for rows in (motion.q, motion.v, accelerated, of_q, of_v, of_rates)),
-        )
-        by_x /= robot.effort_limits[:, None]
-        return within(parts, by_x, -limits, limits, _OF_INTEREST)
 
     def in_core(
         self, problem: PlanningProblem, points: int, margin: float

@@ -1,0 +1,275 @@
+"""Rows of limits of joints, wheels and grasps, by Python."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from reference_dynamics import frame_wrenches_by_x, joint_torques_by_x
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import chain_of
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.requirement import (
+    ALLOWED_EXCESS,
+    OF_INTEREST,
+    Rows,
+    eased,
+)
+from ff_planner_ros.robot.dynamics import frame_wrenches, joint_torques
+from ff_planner_ros.robot.urdf.payload import payload_frame
+from ff_planner_ros.robot.wheels import Wheels, momenta_of
+
+# Rows of loads further from their limit than this part of it are left out.
+_OF_INTEREST = 0.4
+_STOP_OF_INTEREST = 1e-3
+_TORQUES = 1 << 30
+
+
+def torques(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows | None:
+    """Return the distances to near limits at the points, as fractions of the limits."""
+    robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
+    accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
+    parts = joint_torques(robot, motion.q, motion.v, accelerated) / robot.effort_limits
+    limits, parts = np.full(robot.joints, 1.0 - margin), parts[1:]
+    (near,) = np.nonzero((np.abs(parts) > limits - _OF_INTEREST).any(axis=1))
+    if not near.size:
+        return None
+    points = near + 1
+    of_q, of_v = sensitivity.q, sensitivity.v
+    of_rates = accelerations_by_x(motion, sensitivity, step)
+    by_x = np.zeros((*parts.shape, sensitivity.variables))
+    by_x[near] = joint_torques_by_x(
+        robot,
+        *(rows[points] for rows in (motion.q, motion.v, accelerated, of_q, of_v, of_rates)),
+    )
+    by_x /= robot.effort_limits[:, None]
+    return within(parts, by_x, -limits, limits, _OF_INTEREST)
+
+
+def joint_accelerations(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows | None:
+    """Return the distances to near limits at the points, as fractions of the limits."""
+    limits = problem.limits.joint_accelerations
+    if limits is None:
+        return None
+    limits = np.array(limits)
+    step = problem.duration / (len(motion.q) - 1)
+    parts = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step) / limits
+    by_x = accelerations_by_x(motion, sensitivity, step) / limits[:, None]
+    parts, by_x = raised_at_peaks(problem, parts, by_x)
+    most = np.full(len(limits), 1.0 - margin)
+    return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
+
+
+def joint_positions(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows:
+    """Return the distances to near limits, at points and turning points [rad, m]."""
+    at_start = motion.q[0, 7:]
+    lower = -eased(-problem.robot.lower_position_limits, -at_start)
+    upper = eased(problem.robot.upper_position_limits, at_start)
+    lower = lower + np.clip(at_start - lower, 0.0, margin)
+    upper = upper - np.clip(upper - at_start, 0.0, margin)
+    if motion.hull is not None and sensitivity.hull is not None:
+        hull, by_x = motion.hull.positions, sensitivity.hull.positions
+        rows = within(hull, by_x, lower, upper, OF_INTEREST)
+    else:
+        path = motion.q, motion.v, sensitivity.q, sensitivity.v
+        step = problem.duration / (len(motion.q) - 1)
+        has_duration = sensitivity.goal_motion is not None
+        limits = lower, upper, np.full(lower.shape, OF_INTEREST)
+        rows = Rows(*compiled.position_rows(*path, step, has_duration, *limits))
+    stops = _stops(motion, sensitivity, lower, upper)
+    return Rows(*(np.concatenate(both) for both in zip(rows, stops, strict=True)))
+
+
+def _stops(motion: Motion, sensitivity: Sensitivity, lower: Array, upper: Array) -> Rows:
+    """Return what is left to the limits where joints stop after the last point."""
+    q, v, by_q, by_v = motion.q[-1:], motion.v[-1:], sensitivity.q[-1:], sensitivity.v[-1:]
+    limits = lower, upper, np.full(lower.shape, _STOP_OF_INTEREST)
+    values, jacobian, names = compiled.stop_rows(q, v, by_q, by_v, FASTEST_CHANGE, *limits)
+    # Below those of the turns.
+    return Rows(values, jacobian, -2 - 2 * len(motion.q) * len(lower) - names)
+
+
+def joint_rates(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows | None:
+    """Return the distances to near limits, at points and peaks between [rad/s, m/s]."""
+    limits = problem.robot.velocity_limits
+    interest = (1.0 - _OF_INTEREST) * limits
+    at_start = np.abs(motion.v[0, 6:])
+    limits = eased(limits, at_start, ALLOWED_EXCESS * limits)
+    limits = limits - np.clip(limits - at_start, 0.0, margin * limits)
+    if motion.hull is not None and sensitivity.hull is not None:
+        return within(motion.hull.rates, sensitivity.hull.rates, -limits, limits, interest)
+    path = motion.q, motion.v, sensitivity.q, sensitivity.v
+    step = problem.duration / (len(motion.q) - 1)
+    has_duration = sensitivity.goal_motion is not None
+    return Rows(*compiled.rate_rows(*path, step, has_duration, -limits, limits, interest))
+
+
+def grasp_wrench(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows | None:
+    """Return the distances to near limits at the points, as fractions of the limits."""
+    frame, robot = payload_frame(problem.robot), problem.robot
+    limits = np.array([problem.limits.grasp_force, problem.limits.grasp_torque])
+    if frame is None or not np.isfinite(limits).any():
+        return None
+    step = problem.duration / (len(motion.q) - 1)
+    rates = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
+    wrenches = frame_wrenches(robot, frame, motion.q, motion.v, rates)
+    norms = np.linalg.norm(wrenches.reshape(-1, 2, 3), axis=2)
+    parts = norms / limits
+    most = 1.0 - margin
+    after_start, kinds = np.nonzero(most - parts[1:] < _OF_INTEREST)
+    if not after_start.size:
+        return None
+    found = points, _ = after_start + 1, kinds
+    near, by_rates = np.unique(points), accelerations_by_x(motion, sensitivity, step)
+    of_x = sensitivity.q, sensitivity.v, by_rates
+    by_x = np.zeros((len(parts), 6, sensitivity.variables))
+    by_x[near] = frame_wrenches_by_x(
+        robot,
+        frame,
+        *(rows[near] for rows in (motion.q, motion.v, rates, *of_x)),
+    )
+    ways = wrenches.reshape(-1, 2, 3)[found] / norms[found][:, None]
+    by_x = np.einsum("ri,rix->rx", ways, by_x.reshape(len(parts), 2, 3, -1)[found])
+    return Rows(
+        (most - parts)[found],
+        -by_x / limits[kinds][:, None],
+        np.ravel_multi_index(found, parts.shape),
+    )
+
+
+def wheels(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows | None:
+    """Return the distances to near limits at the points, as fractions of the limits."""
+    wheels = problem.robot.wheels
+    if wheels is None or not (wheels.momentum is not None or wheels.torque is not None):
+        return None
+    loads = loads_with_derivatives(problem, wheels, motion, sensitivity)
+    limits = wheels.momentum_limits
+    parts = loads.momenta / limits
+    most = eased(np.ones(parts.shape[1]), np.abs(parts[0]))
+    most = most - np.clip(most - np.abs(parts[0]), 0.0, margin)
+    of_momenta = _kept(problem, parts, loads.momenta_by_x / limits[:, None], most)
+    limits = wheels.torque_limits
+    parts, most = loads.torques / limits, np.full(len(most), 1.0 - margin)
+    of_torques = _kept(problem, parts, loads.torques_by_x / limits[:, None], most)
+    return Rows(
+        np.concatenate([of_momenta.values, of_torques.values]),
+        np.concatenate([of_momenta.jacobian, of_torques.jacobian]),
+        np.concatenate([of_momenta.names, _TORQUES + of_torques.names]),
+    )
+
+
+class WheelLoads(NamedTuple):
+    """Momentum and torque of each wheel at the points of a path, and their derivatives by x."""
+
+    momenta: Array  # shape (points, wheels) [N m s]
+    momenta_by_x: Array  # shape (points, wheels, variables)
+    torques: Array  # likewise [N m]
+    torques_by_x: Array
+
+
+def loads_with_derivatives(
+    problem: PlanningProblem, wheels: Wheels, motion: Motion, sensitivity: Sensitivity
+) -> WheelLoads:
+    """Return the loads of the wheels that hold the chaser's attitude along a path."""
+    step = problem.duration / (len(motion.q) - 1)
+    accelerations = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
+    by_x = sensitivity.q, sensitivity.v, accelerations_by_x(motion, sensitivity, step)
+    shares = wheels.shares @ problem.robot.rotation_chaser_to_base.T
+    momenta, momenta_by_x, torques, torques_by_x = compiled.held_momenta(
+        chain_of(problem.robot), motion.q, motion.v, accelerations, *by_x
+    )
+    return WheelLoads(
+        momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T,
+        shares @ (momenta_by_x[0] - momenta_by_x),
+        -torques @ shares.T,
+        -shares @ torques_by_x,
+    )
+
+
+def _kept(problem: PlanningProblem, parts: Array, by_x: Array, most: Array) -> Rows:
+    """Return rows for the loads at all points but the first, as fractions of their limits."""
+    parts, by_x = raised_at_peaks(problem, parts, by_x)
+    return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
+
+
+def accelerations_at_points(positions: Array, rates: Array, step: float) -> Array:
+    """Return accelerations, or their derivatives by x from those of positions and velocities.
+
+    Args:
+        positions: At three points or more. Shape (points, ...).
+        rates: Time derivatives of `positions`. Shape (points, ...).
+        step: Time from point to point [s].
+    """
+    way, rate = positions / step**2, rates / step
+    found = np.empty_like(way)
+    found[1:-1] = 2 * (way[2:] - 2 * way[1:-1] + way[:-2]) - (rate[2:] - rate[:-2]) / 2
+    for end, inward, sign in ((0, 1, 1), (-1, -1, -1)):
+        near, far = end + inward, end + 2 * inward
+        of_rates = 6 * rate[end] + 8 * rate[near] + rate[far]
+        found[end] = -11.5 * way[end] + 8 * way[near] + 3.5 * way[far] - sign * of_rates
+    return found
+
+
+def accelerations_by_x(motion: Motion, sensitivity: Sensitivity, step: float) -> Array:
+    """Return the derivatives of joint accelerations by x. Shape (points, joints, variables)."""
+    by_x = accelerations_at_points(sensitivity.q[:, 6:], sensitivity.v[:, 6:], step)
+    if sensitivity.goal_motion is not None:  # positions count by 1 / T^2 there, rates by 1 / T
+        duration = step * (len(motion.q) - 1)
+        slower = accelerations_at_points(-2.0 * motion.q[:, 7:], -motion.v[:, 6:], step)
+        by_x[..., -1] += slower / duration
+    return by_x
+
+
+def raised_at_peaks(
+    problem: PlanningProblem, values: Array, jacobian: Array
+) -> tuple[Array, Array]:
+    """Return values at the points of a path, at peaks raised to what they may be in between.
+
+    A parabola through three points exceeds the largest of them, between the outer ones, by an
+    eighth of its second difference at most. On fewer points than the plan's, where that is much,
+    the values stay what they are.
+
+    Args:
+        values: At equal steps of time, with limits on both sides of zero. Shape (points, values).
+        jacobian: Shape (points, values, variables).
+    """
+    if len(values) < problem.points:
+        return values, jacobian
+    rises, by_x = (-np.diff(at, 2, axis=0) / 8 for at in (values, jacobian))
+    is_peak = rises * values[1:-1] > 0.0
+    values, jacobian = values.copy(), jacobian.copy()
+    values[1:-1][is_peak] += rises[is_peak]
+    jacobian[1:-1][is_peak] += by_x[is_peak]
+    return values, jacobian
+
+
+def within(
+    values: Array, jacobian: Array, lower: Array, upper: Array, interest: Array | float
+) -> Rows:
+    """Return the distances to both limits that are below `interest`, as rows; upper limits first.
+
+    Args:
+        values: Shape (points, values).
+        jacobian: Shape (points, values, variables).
+        lower: Shape (values,).
+        upper: Shape (values,).
+        interest: Shape (values,), or one number for all.
+    """
+    interest = np.full(lower.shape, interest)
+    return Rows(*compiled.limit_rows(values, jacobian, lower, upper, interest))
