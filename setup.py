@@ -2,11 +2,13 @@
 
 import hashlib
 import importlib.metadata
+import os
 import shutil
+import subprocess
 import sysconfig
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, cast
 from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
@@ -38,7 +40,7 @@ class BuildCore(build_ext):
         self.sanitize = False
 
     def build_extensions(self) -> None:
-        """Add what only a build needs to know, and build."""
+        """Build, if the machine can."""
         compiler = self.compiler.compiler_cxx[0]
         headers = Path(sysconfig.get_path("include"), "Python.h")
         if shutil.which(compiler) is None or not headers.is_file():
@@ -46,49 +48,88 @@ class BuildCore(build_ext):
                 f"{NAME} is partly written in C++: to install it, a C++ compiler ({compiler}) and "
                 f"the headers of Python ({headers}) are needed (Debian: g++ python3-dev)"
             )
-        for extension in self.extensions:
-            extension.include_dirs += [CORE, pybind11_headers(), eigen_headers()]
-            # By which `ff-planner doctor` knows whether the core is built of these sources.
-            digest = digest_of(*extension.sources, *extension.depends)
-            extension.define_macros.append(("CORE_SOURCES_DIGEST", f'"{digest}"'))
-            if self.sanitize:
-                extension.extra_compile_args += SANITIZERS
-                extension.extra_link_args += SANITIZERS
-        with compiled_side_by_side():
-            super().build_extensions()
+        super().build_extensions()
 
     def build_extension(self, ext: Extension) -> None:
         """Build, or take what the tree has in place if it is newer than all that it is made of."""
-        in_place = Path(self.get_ext_filename(self.get_ext_fullname(ext.name)))
-        changed = max(
-            Path(file).stat().st_mtime for file in (*ext.sources, *ext.depends, "setup.py")
-        )
-        if (
-            self.force
-            or self.sanitize
-            or not in_place.is_file()
-            or in_place.stat().st_mtime < changed
-        ):
-            super().build_extension(ext)
-            return
         built = Path(self.get_ext_fullpath(ext.name))
         built.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(in_place, built)
+        in_place = Path(self.get_ext_filename(self.get_ext_fullname(ext.name)))
+        sources = [*ext.sources, *ext.depends]
+        if not self.sanitize and is_newer(in_place, [*sources, "setup.py"]):
+            if built.resolve() != in_place.resolve():
+                shutil.copy2(in_place, built)
+            return
+        # By which `ff-planner doctor` knows whether the core is built of these sources.
+        digest = Path(self.build_temp, "sources_digest.cpp")
+        write(digest, f'extern const char kSourcesDigest[] = "{digest_of(*sources)}";\n')
+        sanitizers = SANITIZERS if self.sanitize else []
+        self.compiler.link_shared_object(
+            self.compiled([*map(Path, ext.sources), digest], sanitizers),
+            str(built),
+            extra_postargs=["-pthread", *sanitizers],
+            target_lang="c++",
+        )
+
+    def compiled(self, sources: Sequence[Path], sanitizers: Sequence[str]) -> list[str]:
+        """Return the objects of sources; on all processors, compile those that have changed."""
+        compiler = getattr(self.compiler, "compiler_so_cxx", self.compiler.compiler_so)
+        system = [pybind11_headers(), eigen_headers(), *self.compiler.include_dirs]
+        command = [*compiler, *FLAGS, *sanitizers, f"-I{CORE}"]
+        command += [part for directory in system for part in ("-isystem", directory)]
+        headers = {}
+        for directory, header in PRECOMPILED.items():
+            headers[directory] = Path(self.build_temp, "precompiled", header)
+            write(headers[directory], f'#include "{header}"\n')
+
+        def precompiled(header: Path) -> str:
+            return up_to_date([*command, "-x", "c++-header"], [header], Path(f"{header}.gch"))
+
+        def compiled(source: Path) -> str:
+            header = headers.get(source.parent.name, headers[""])
+            made_of = [source, Path(f"{header}.gch")]
+            target = Path(self.build_temp, *source.with_suffix(".o").parts[-2:])
+            return up_to_date([*command, "-include", str(header), "-c"], made_of, target)
+
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as compilers:
+            list(compilers.map(precompiled, headers.values()))
+            return list(compilers.map(compiled, sources))
+
+
+def up_to_date(command: Sequence[str], made_of: Sequence[Path], target: Path) -> str:
+    """Compile a source, the first of these, unless the target is newer than all it is made of."""
+    includes = Path(f"{target}.d")  # a rule for make; the compiler writes it
+    if includes.is_file():
+        included = includes.read_text(encoding="utf-8").replace("\\\n", "").split()[1:]
+        if is_newer(target, [*made_of, *included, "setup.py"]):
+            return str(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    files = ["-MD", "-MF", str(includes), str(made_of[0]), "-o", str(target)]
+    subprocess.run([*command, *files], check=True)
+    return str(target)
+
+
+def is_newer(target: Path, made_of: Iterable[str | Path]) -> bool:
+    """Return whether a file is newer than all files that it is made of."""
+    try:
+        changed = max(Path(file).stat().st_mtime for file in made_of)
+        return target.stat().st_mtime >= changed
+    except FileNotFoundError:
+        return False
+
+
+def write(file: Path, text: str) -> None:
+    """Write a file, unless it is so already: what is made of it need not be made anew then."""
+    if not file.is_file() or file.read_text(encoding="utf-8") != text:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
 
 
 def digest_of(*files: str) -> str:
     """Return the digest of sources, as commands/doctor.py takes it."""
     contents = b"".join(path.read_bytes() for path in sorted(map(Path, files)))
     return hashlib.sha256(contents).hexdigest()
-
-
-def compiled_side_by_side() -> AbstractContextManager[Any]:
-    """Let the compiler work on a file a processor, where pybind11 helps with that."""
-    try:
-        from pybind11.setup_helpers import ParallelCompile
-    except ModuleNotFoundError:
-        return nullcontext()
-    return cast(AbstractContextManager[Any], ParallelCompile())
 
 
 def pybind11_headers() -> str:
@@ -119,10 +160,15 @@ def system_headers(header: str, of_pip: str, of_debian: str) -> str:
     )
 
 
+# What every file of a directory includes, compiled once for all; "": of the other directories.
+# Python's headers, for the bindings alone, take longer than all that the numerics include.
+PRECOMPILED = {"": "kinematics/chain.hpp", "bindings": "bindings/arrays.hpp"}
+
 # The same results on every machine of one kind: no instructions that only some of them have, and
 # sums in the order in which they are written.
 FLAGS = ["-std=c++17", "-O3", "-g0", "-DNDEBUG", "-ffp-contract=off", "-fvisibility=hidden"]
-FLAGS += ["-Wno-maybe-uninitialized"]  # gcc 12 suspects Eigen's small matrices
+# gcc 12 suspects Eigen's small matrices, and its vectors in a precompiled header.
+FLAGS += ["-Wno-maybe-uninitialized", "-Wno-ignored-attributes"]
 
 # Eigen's own assertions stay, and nothing is inlined: it compiles in a minute, not in ten. Checks
 # of addresses are calls for the same reason, and what they find needs no second check.
@@ -168,8 +214,6 @@ setup(
             [str(path) for path in sorted(Path(CORE).rglob("*.cpp"))],
             depends=[str(path) for path in sorted(Path(CORE).rglob("*.hpp"))],
             language="c++",
-            extra_compile_args=FLAGS,
-            extra_link_args=["-pthread"],
         )
     ],
     cmdclass={"build_ext": BuildCore},

@@ -1,5 +1,4 @@
 // Python's way to the solver of a search, and to its quadratic subproblems.
-#include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
 #include "bindings/arrays.hpp"
@@ -139,3 +138,14 @@ void bind_optimisation(py::module_& m) {
 }
 
 }  // namespace ff
+
+// The module `ff_planner_ros.core.compiled`; its types for Python are in compiled.pyi.
+PYBIND11_MODULE(compiled, m) {
+  m.doc() = "Numerics of the search, compiled.";
+  m.attr("SOURCES_DIGEST") = pybind11::str(kSourcesDigest);
+  ff::bind_motion(m);
+  ff::bind_collision(m);
+  ff::bind_requirements(m);
+  ff::bind_program(m);
+  ff::bind_optimisation(m);
+}

@@ -18,31 +18,11 @@ constexpr size_t kPairsOfAThread = 4000;
 constexpr size_t kMostThreads = 4;
 
 // The cores that this process may use.
-inline size_t usable_cores() {
-#ifdef __linux__
-  cpu_set_t cores;
-  if (sched_getaffinity(0, sizeof cores, &cores) == 0) return CPU_COUNT(&cores);
-#endif
-  return 1;
-}
+size_t usable_cores();
 
 // Rows of several parts in order of the configurations, then of the parts; count: of the names of a
 // configuration.
-inline ClearanceRows joined(const std::vector<ClearanceRows>& parts, long long count) {
-  ClearanceRows all;
-  std::vector<std::pair<const ClearanceRows*, size_t>> rows;  // a part, and a number in it
-  for (const ClearanceRows& part : parts)
-    for (size_t number = 0; number < part.names.size(); ++number) rows.emplace_back(&part, number);
-  std::stable_sort(rows.begin(), rows.end(), [&](const auto& a, const auto& b) {
-    return a.first->names[a.second] / count < b.first->names[b.second] / count;
-  });
-  for (const auto& [part, number] : rows) {
-    const Eigen::Index columns = part->jacobian.size() / part->names.size();
-    all.add(part->distances[number], part->names[number], columns) =
-        Eigen::Map<const Eigen::RowVectorXd>(part->jacobian.data() + number * columns, columns);
-  }
-  return all;
-}
+ClearanceRows joined(const std::vector<ClearanceRows>& parts, long long count);
 
 // What `rows_of(first, last)` finds for pairs of bodies by their numbers, each at all
 // configurations: the same for any number of threads. It must write nothing that pairs share.

@@ -44,10 +44,7 @@ struct Chain {
 
   int joints() const { return static_cast<int>(axes.size()); }
   // The frame of a joint, by an angle [rad] or a way [m] from where it is at zero.
-  Pose moved(const Pose& at, int joint, double by) const {
-    return {at.position + at.rotation * (slides[joint] * by),
-            at.rotation * rotation_about(axes[joint], by)};
-  }
+  Pose moved(const Pose& at, int joint, double by) const;
 };
 
 struct Configuration {
@@ -56,20 +53,10 @@ struct Configuration {
   Joints joints;
 
   // Reads a row as Pinocchio writes it: position, quaternion xyzw, joints.
-  template <typename Row>
-  static Configuration read(const Row& q) {
-    return {q.template head<3>(), Eigen::Quaterniond(q[6], q[3], q[4], q[5]), q.tail(q.size() - 7)};
-  }
-  template <typename Row>
-  void write(Row q) const {
-    q << position.transpose(), attitude.coeffs().transpose(), joints.transpose();
-  }
+  static Configuration read(const Eigen::Ref<const Eigen::RowVectorXd>& q);
+  void write(Eigen::Ref<Eigen::RowVectorXd> q) const;
   // Where the tangent step `by` leads.
-  Configuration step(const Velocity& by) const {
-    const Vector6 of_base = by.head<6>();
-    return {position + attitude * exponential(of_base).position,
-            (attitude * turn(of_base)).normalized(), joints + by.tail(joints.size())};
-  }
+  Configuration step(const Velocity& by) const;
 };
 
 // The chain at some joint angles, in the frame of the base.
@@ -79,23 +66,7 @@ struct Posture {
   std::array<Inertia, kMaxJoints + 1> composite;  // I^c_k: of body k and all beyond
   Pose tip;
 
-  Posture(const Chain& chain, const Joints& joints) : screws(6, chain.joints()) {
-    const int n = chain.joints();
-    Pose at{Vector3::Zero(), Matrix3::Identity()};
-    body[0] = Inertia::of_body(chain.masses[0], chain.centers[0], chain.inertias[0]);
-    for (int k = 0; k < n; ++k) {
-      at = at * chain.placements[k];
-      const Vector3 axis = at.rotation * chain.axes[k], slide = at.rotation * chain.slides[k];
-      screws.col(k) = stack(at.position.cross(axis) + slide, axis);
-      at = chain.moved(at, k, joints[k]);
-      body[k + 1] =
-          Inertia::of_body(chain.masses[k + 1], at.position + at.rotation * chain.centers[k + 1],
-                           at.rotation * chain.inertias[k + 1] * at.rotation.transpose());
-    }
-    tip = at * chain.tip;
-    composite[n] = body[n];
-    for (int k = n - 1; k >= 0; --k) composite[k] = composite[k + 1] + body[k];
-  }
+  Posture(const Chain& chain, const Joints& joints);
 };
 
 }  // namespace ff

@@ -2,10 +2,8 @@
 // at the origin of the frame that they are expressed in [Featherstone, Rigid Body Dynamics
 // Algorithms, 2008].
 #pragma once
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <Eigen/LU>
 
 #include <cmath>
 
@@ -50,12 +48,7 @@ inline Vector6 cross_force(const Vector6& by, const Vector6& force) {
 }
 
 // The matrix of `cross_motion` with `by`.
-inline Matrix6 cross_motion_matrix(const Vector6& by) {
-  Matrix6 matrix = Matrix6::Zero();
-  matrix.topLeftCorner<3, 3>() = matrix.bottomRightCorner<3, 3>() = skew(by.tail<3>());
-  matrix.topRightCorner<3, 3>() = skew(by.head<3>());
-  return matrix;
-}
+Matrix6 cross_motion_matrix(const Vector6& by);
 
 // Inertia of one body or of several: mass, first and second moments about the origin.
 struct Inertia {
@@ -75,25 +68,10 @@ struct Inertia {
     return stack(mass * v + w.cross(first), first.cross(v) + second * w);
   }
   // The same as a matrix.
-  Matrix6 matrix() const {
-    Matrix6 all;
-    all.topLeftCorner<3, 3>() = mass * Matrix3::Identity();
-    all.bottomLeftCorner<3, 3>() = skew(first);
-    all.topRightCorner<3, 3>() = -skew(first);
-    all.bottomRightCorner<3, 3>() = second;
-    return all;
-  }
+  Matrix6 matrix() const;
   // The matrix that gives the motion of a momentum: with c the centre of mass and A the inverse of
   // the inertia about it, w = A (torque - c x force) and v = force / mass + c x w.
-  Matrix6 inverse() const {
-    const Matrix3 C = skew(first / mass), A = Matrix3(second + mass * C * C).inverse();
-    Matrix6 all;
-    all.topLeftCorner<3, 3>() = Matrix3::Identity() / mass - C * A * C;
-    all.topRightCorner<3, 3>() = C * A;
-    all.bottomLeftCorner<3, 3>() = -A * C;
-    all.bottomRightCorner<3, 3>() = A;
-    return all;
-  }
+  Matrix6 inverse() const;
 };
 
 // Where a frame is in an outer one.
@@ -107,19 +85,10 @@ struct Pose {
   Vector3 operator*(const Vector3& point) const { return position + rotation * point; }
   Pose inverse() const { return {-(rotation.transpose() * position), rotation.transpose()}; }
   // X: turns motions of the outer frame into those of the inner one.
-  Matrix6 motion_to_inner() const {
-    Matrix6 action = Matrix6::Zero();
-    const Matrix3 to_inner = rotation.transpose();
-    action.topLeftCorner<3, 3>() = action.bottomRightCorner<3, 3>() = to_inner;
-    action.topRightCorner<3, 3>() = -to_inner * skew(position);
-    return action;
-  }
+  Matrix6 motion_to_inner() const;
 };
 
 // Rotation by an angle about an axis of unit length [Rodrigues].
-inline Matrix3 rotation_about(const Vector3& axis, double angle) {
-  return Matrix3::Identity() + std::sin(angle) * skew(axis) +
-         (1 - std::cos(angle)) * skew_square(axis);
-}
+Matrix3 rotation_about(const Vector3& axis, double angle);
 
 }  // namespace ff

@@ -20,11 +20,7 @@ struct ConstraintRows {
   std::vector<double> values, jacobian;  // a row of derivatives a value
   std::vector<long long> names;
 
-  void add(double value, long long name, const Eigen::RowVectorXd& by_x) {
-    values.push_back(value);
-    names.push_back(name);
-    jacobian.insert(jacobian.end(), by_x.data(), by_x.data() + by_x.size());
-  }
+  void add(double value, long long name, const Eigen::RowVectorXd& by_x);
 };
 
 // The functions look at what is kept beside them.
@@ -34,20 +30,7 @@ struct EvaluatedPath {
   ConstraintRows rows;
 
   bool is_defined() const { return motion.is_regular(); }
-  Functions functions() const {
-    const auto count = static_cast<Eigen::Index>(rows.values.size());
-    return {terms.value,
-            view(terms.gradient),
-            view(terms.hessian),
-            view(terms.max_terms),
-            view(terms.max_terms_jacobian),
-            {rows.values.data(), count},
-            {rows.jacobian.data(), count, motion.variables()},
-            view(motion.goal_error),
-            view(motion.goal_error_by_x),
-            rows.names,
-            is_defined()};
-  }
+  Functions functions() const;
 };
 
 }  // namespace ff

@@ -23,24 +23,13 @@ class LookedAt {
 
   // Where the bodies of the robot are there, and at quarters of the intervals if they are asked
   // for.
-  const BodiesAlong& bodies(const Bodies& of, bool quarter_way) const {
-    if (!bodies_) {
-      const Eigen::Index gaps = motion.points() - 1;
-      bodies_.emplace(chain, of,
-                      DensePath(from(1, gaps), from(motion.points(), gaps), quarter_way));
-    }
-    return *bodies_;
-  }
+  const BodiesAlong& bodies(const Bodies& of, bool quarter_way) const;
 
   JointsAtPoints joints() const { return joints_of(motion, by_x); }
   JointsAtPoints joints_at_end() const { return joints_of(motion, by_x, motion.points() - 1); }
 
  private:
-  Path from(Eigen::Index first, Eigen::Index count) const {
-    const Eigen::Index size = motion.v.cols();
-    return {{motion.q.data() + first * motion.q.cols(), count, motion.q.cols()},
-            {by_x.q.data() + first * size * motion.variables(), count * size, motion.variables()}};
-  }
+  Path from(Eigen::Index first, Eigen::Index count) const;
 
   mutable std::optional<BodiesAlong> bodies_;
 };
@@ -53,25 +42,17 @@ class PathRequirement {
   virtual void require_fits(Eigen::Index /*joints*/, Eigen::Index /*points*/) const {}
 
  protected:
-  static void require(bool fits, const char* message) {
-    if (!fits) throw std::invalid_argument(message);
-  }
+  static void require(bool fits, const char* message);
 };
 
 // Limits, raised to the start's values where those exceed them by little.
-inline Eigen::VectorXd eased(const Eigen::VectorXd& limits, const Eigen::VectorXd& at_start,
-                             const Eigen::VectorXd& excess) {
-  return (at_start.array() <= (limits + excess).array()).select(limits.cwiseMax(at_start), limits);
-}
+Eigen::VectorXd eased(const Eigen::VectorXd& limits, const Eigen::VectorXd& at_start,
+                      const Eigen::VectorXd& excess);
 
 // What is kept of a limit: less by a margin, but not less than what the start needs.
-inline Eigen::VectorXd kept(const Eigen::VectorXd& limits, const Eigen::VectorXd& at_start,
-                            const Eigen::VectorXd& margin) {
-  return limits - (limits - at_start).cwiseMax(0).cwiseMin(margin);
-}
+Eigen::VectorXd kept(const Eigen::VectorXd& limits, const Eigen::VectorXd& at_start,
+                     const Eigen::VectorXd& margin);
 
-inline ConstraintRows taken(LimitRows& rows) {
-  return {std::move(rows.values), std::move(rows.jacobian), std::move(rows.names)};
-}
+ConstraintRows taken(LimitRows& rows);
 
 }  // namespace ff

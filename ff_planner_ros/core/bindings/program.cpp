@@ -1,11 +1,10 @@
 // Python's way to a path's program on a time grid.
 #include "program/path_program.hpp"
 
-#include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
+#include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
-#include "bindings/distances.hpp"
 
 namespace ff {
 namespace {
@@ -51,7 +50,7 @@ struct MotionOfPath {
 
 // Copies of what whoever has a motion shows of it: they outlive what was evaluated.
 template <typename Class>
-Class& bind_motion(Class& to) {
+Class& bind_motion_in(Class& to) {
   using Of = typename Class::type;
   const auto matrix = [](auto member) {
     return [member](const Of& of) {
@@ -181,7 +180,7 @@ void bind_evaluated(py::module_& m) {
     return matrix([member](const EvaluatedPath& of) -> auto& { return of.terms.*member; });
   };
   py::class_<EvaluatedPath, Evaluated> evaluated(m, "EvaluatedPath");
-  bind_motion(evaluated)
+  bind_motion_in(evaluated)
       .def_property_readonly("is_defined", &EvaluatedPath::is_defined)
       .def_property_readonly("singular_at",
                              [](const EvaluatedPath& of) -> std::optional<double> {
@@ -214,7 +213,7 @@ void bind_evaluated(py::module_& m) {
 
 void bind_motion_of_path(py::module_& m) {
   py::class_<MotionOfPath> motion(m, "MotionOfPath");
-  bind_motion(motion)
+  bind_motion_in(motion)
       .def_property_readonly(
           "q_by_x",
           [](const MotionOfPath& of) { return of.by_x(of.derivatives.q, 0, of.motion.points()); })
@@ -228,7 +227,7 @@ void bind_motion_of_path(py::module_& m) {
 
 }  // namespace
 
-void bind_path_program(py::module_& m) {
+void bind_program(py::module_& m) {
   bind_evaluated(m);
   bind_motion_of_path(m);
   py::class_<Correction>(m, "Correction")

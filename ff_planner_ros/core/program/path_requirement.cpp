@@ -1,0 +1,37 @@
+#include "program/path_requirement.hpp"
+
+namespace ff {
+
+const BodiesAlong& LookedAt::bodies(const Bodies& of, bool quarter_way) const {
+  if (!bodies_) {
+    const Eigen::Index gaps = motion.points() - 1;
+    bodies_.emplace(chain, of, DensePath(from(1, gaps), from(motion.points(), gaps), quarter_way));
+  }
+  return *bodies_;
+}
+
+Path LookedAt::from(Eigen::Index first, Eigen::Index count) const {
+  const Eigen::Index size = motion.v.cols();
+  return {{motion.q.data() + first * motion.q.cols(), count, motion.q.cols()},
+          {by_x.q.data() + first * size * motion.variables(), count * size, motion.variables()}};
+}
+
+void PathRequirement::require(bool fits, const char* message) {
+  if (!fits) throw std::invalid_argument(message);
+}
+
+Eigen::VectorXd eased(const Eigen::VectorXd& limits, const Eigen::VectorXd& at_start,
+                      const Eigen::VectorXd& excess) {
+  return (at_start.array() <= (limits + excess).array()).select(limits.cwiseMax(at_start), limits);
+}
+
+Eigen::VectorXd kept(const Eigen::VectorXd& limits, const Eigen::VectorXd& at_start,
+                     const Eigen::VectorXd& margin) {
+  return limits - (limits - at_start).cwiseMax(0).cwiseMin(margin);
+}
+
+ConstraintRows taken(LimitRows& rows) {
+  return {std::move(rows.values), std::move(rows.jacobian), std::move(rows.names)};
+}
+
+}  // namespace ff
