@@ -75,24 +75,28 @@ class BuildCore(build_ext):
         """Return the objects of sources; on all processors, compile those that have changed."""
         compiler = getattr(self.compiler, "compiler_so_cxx", self.compiler.compiler_so)
         system = [pybind11_headers(), eigen_headers(), *self.compiler.include_dirs]
-        command = [*compiler, *FLAGS, *sanitizers, f"-I{CORE}"]
+        command = [*compiler, *FLAGS, f"-I{CORE}"]
         command += [part for directory in system for part in ("-isystem", directory)]
-        headers = {}
-        for directory, header in PRECOMPILED.items():
+        headers, options = {}, {}
+        for directory, (header, optimised) in DIRECTORIES.items():
             headers[directory] = Path(self.build_temp, "precompiled", header)
+            options[directory] = [*command, optimised, *sanitizers]
             write(headers[directory], f'#include "{header}"\n')
 
-        def precompiled(header: Path) -> str:
-            return up_to_date([*command, "-x", "c++-header"], [header], Path(f"{header}.gch"))
+        def precompiled(directory: str) -> str:
+            header = headers[directory]
+            command = [*options[directory], "-x", "c++-header"]
+            return up_to_date(command, [header], Path(f"{header}.gch"))
 
         def compiled(source: Path) -> str:
-            header = headers.get(source.parent.name, headers[""])
-            made_of = [source, Path(f"{header}.gch")]
+            directory = source.parent.name if source.parent.name in headers else ""
+            header = headers[directory]
+            command = [*options[directory], "-include", str(header), "-c"]
             target = Path(self.build_temp, *source.with_suffix(".o").parts[-2:])
-            return up_to_date([*command, "-include", str(header), "-c"], made_of, target)
+            return up_to_date(command, [source, Path(f"{header}.gch")], target)
 
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as compilers:
-            list(compilers.map(precompiled, headers.values()))
+            list(compilers.map(precompiled, headers))
             return list(compilers.map(compiled, sources))
 
 
@@ -160,13 +164,14 @@ def system_headers(header: str, of_pip: str, of_debian: str) -> str:
     )
 
 
-# What every file of a directory includes, compiled once for all; "": of the other directories.
-# Python's headers, for the bindings alone, take longer than all that the numerics include.
-PRECOMPILED = {"": "kinematics/chain.hpp", "bindings": "bindings/arrays.hpp"}
+# What every file of a directory includes, compiled once for all, and how it is optimised; "": of
+# the other directories. Bindings alone need Python's headers, which take longer than all that the
+# numerics include; they only hand over what the numerics compute.
+DIRECTORIES = {"": ("kinematics/chain.hpp", "-O3"), "bindings": ("bindings/arrays.hpp", "-O1")}
 
 # The same results on every machine of one kind: no instructions that only some of them have, and
 # sums in the order in which they are written.
-FLAGS = ["-std=c++17", "-O3", "-g0", "-DNDEBUG", "-ffp-contract=off", "-fvisibility=hidden"]
+FLAGS = ["-std=c++17", "-g0", "-DNDEBUG", "-ffp-contract=off", "-fvisibility=hidden"]
 # gcc 12 suspects Eigen's small matrices, and its vectors in a precompiled header.
 FLAGS += ["-Wno-maybe-uninitialized", "-Wno-ignored-attributes"]
 

@@ -42,9 +42,6 @@ inline double checked(double value, const char* name) {
   return value;
 }
 
-// As Eigen's `allFinite`, in half its time: infinity less itself is no number.
-inline bool are_finite(const Values& numbers) { return (numbers - numbers).sum() == 0; }
-
 inline Values values(const Array& array) { return {array.data(), array.size()}; }
 inline Values values(const Array& array, const char* name, const Shape& expected) {
   require_shape(array, name, expected);

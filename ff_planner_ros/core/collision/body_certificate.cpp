@@ -5,8 +5,7 @@ namespace {
 
 class Halving {
  public:
-  Halving(DistancesOnTheWay& of, double gap, double part)
-      : measured_(of), gap_(gap), part_(part) {}
+  Halving(DistancesOnTheWay& of, double gap, double part) : measured_(of), gap_(gap), part_(part) {}
 
   // The least of some numbers until a last point.
   double least(const std::vector<int>& numbers, int last) {

@@ -86,10 +86,10 @@ struct SpheresOnTheWay : DistancesOnTheWay {
   double way(int number, double begin, double end) const override;
 };
 
-// The least of some numbered distances until a last point. In a piece of the motion a distance is at
-// least the mean of both ends' less half the way. Pieces whose bound is too low to tell are halved,
-// until it is within `gap` or `part` of the least, or until there are too many of them: then the
-// bound is what it is.
+// The least of some numbered distances until a last point. In a piece of the motion a distance is
+// at least the mean of both ends' less half the way. Pieces whose bound is too low to tell are
+// halved, until it is within `gap` or `part` of the least, or until there are too many of them:
+// then the bound is what it is.
 double certified_least(DistancesOnTheWay& of, const std::vector<int>& numbers, int last, double gap,
                        double part);
 

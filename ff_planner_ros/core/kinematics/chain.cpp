@@ -2,6 +2,8 @@
 
 namespace ff {
 
+bool are_finite(const Values& numbers) { return (numbers - numbers).sum() == 0; }
+
 Pose Chain::moved(const Pose& at, int joint, double by) const {
   return {at.position + at.rotation * (slides[joint] * by),
           at.rotation * rotation_about(axes[joint], by)};

@@ -27,6 +27,9 @@ using Rows = Eigen::Map<const RowMajor>;
 using RowsToFill = Eigen::Map<RowMajor>;
 using Values = Eigen::Map<const Eigen::VectorXd>;
 
+// As Eigen's `allFinite`, in half its time: infinity less itself is no number.
+bool are_finite(const Values& numbers);
+
 // How the chaser can move: freely; in the plane of x and y, turning about z; or without turning,
 // because wheels take up the angular momentum.
 enum class Base { kFree, kPlanar, kHeld };

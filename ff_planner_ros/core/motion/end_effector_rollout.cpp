@@ -24,7 +24,7 @@ struct Configurations {
     const Matrix6 ad_a = weight * cross_motion_matrix(a.head<6>());
     const Matrix6 ad_b = weight * cross_motion_matrix(b.head<6>());
     add_product(du.template topRows<6>(), ad_a, db.template topRows<6>());
-    add_product(du.template topRows<6>(), -ad_b, da.template topRows<6>());
+    add_product(du.template topRows<6>(), ad_b, da.template topRows<6>(), -1);
   }
   void stretch(Sensitivity& du, const Velocity& u) const {
     if constexpr (kFreeDuration) du.col(kParameters) += u / duration;
@@ -155,8 +155,7 @@ class Rollout {
 }  // namespace
 
 int EndEffectorRollout::run(const Coefficients& coefficients, RolloutArrays to) const {
-  if (polynomial.quintic_by_duration)
-    return Rollout<kParameters + 1>(*this, coefficients).run(to);
+  if (polynomial.quintic_by_duration) return Rollout<kParameters + 1>(*this, coefficients).run(to);
   return Rollout<kParameters>(*this, coefficients).run(to);
 }
 

@@ -12,8 +12,7 @@ PathMotion EndEffectorPathsOnGrid::motion(const Eigen::VectorXd& x, PathDerivati
        from_row(by_x.q, 0, points * size), from_row(by_x.v, 0, points * size),
        from_row(by_x.q, points * size, gaps * size), from_row(found.acceleration, 0, points)});
   if (singular != kRegular)
-    found.singular_at =
-        singular / (2.0 * static_cast<double>(gaps)) * rollout_.polynomial.duration;
+    found.singular_at = singular / (2.0 * static_cast<double>(gaps)) * rollout_.polynomial.duration;
   return found;
 }
 
