@@ -21,8 +21,6 @@ prerequisites:
 
 PYTHON_HEADERS := import sysconfig; print(sysconfig.get_path("include"))
 
-env: $(VENV)/complete $(VENV)/core
-
 # By uv, which needs a fraction of the time; by pip where uv, or its way to the index, cannot be had.
 WITH_PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt
 INSTALL := $$([ -x $(BIN)/uv ] && echo $(BIN)/uv pip install --quiet --python $(BIN)/python \
@@ -35,10 +33,30 @@ REQUIRES := import sys, setuptools; from distutils.core import run_setup; \
 	package = run_setup("setup.py", stop_after="init"); \
 	print(*package.install_requires, *sum(map(package.extras_require.get, sys.argv[1:]), []), sep="\n")
 
+# Contents decide what is made anew, not the times of files, which a checkout changes. Where one of
+# these files is another, the requirements in it are looked at; another setup.py is installed again.
+MESSAGES := $$(find msg_defs -type f | sort)
+PYTHON_USED := $(shell $(PYTHON) -VV)
+MADE_OF = { echo '$(PYTHON_USED)'; $(BIN)/python -c '$(BUILD_REQUIRES)' pyproject.toml; \
+	$(BIN)/python -c '$(REQUIRES)' ros; cat constraints.txt $(MESSAGES); }
+digest = $(shell echo '$(PYTHON_USED)' | cat - $(1) | sha256sum | head --bytes 16)
+INSTALLED_FROM := setup.py package.xml benchmark/pyproject.toml
+INSTALLED := $(VENV)/installed_$(call digest,$(INSTALLED_FROM))
+LOOKED_AT := $(VENV)/looked_at_$(call digest,$(INSTALLED_FROM) pyproject.toml constraints.txt $(MESSAGES))
+
+env: $(INSTALLED) $(VENV)/core
+
+$(LOOKED_AT):
+	@[ ! -f $(VENV)/complete ] || $(MADE_OF) > $(VENV)/made_of.new
+	@mkdir -p $(VENV); cd $(VENV); touch -a made_of made_of.new; rm -f looked_at_*; \
+		cmp --silent made_of.new made_of || mv made_of.new made_of; touch --reference=made_of $(@F)
+
+$(VENV)/made_of: $(LOOKED_AT) ;
+
 # Made anew from nothing, and marked complete as the last step: an interrupted run leaves no mark.
 # The core is compiled while packages are downloaded; the last installation finds it in place. Boost
 # comes with Pinocchio: nothing here is compiled with its 185 MB of headers.
-$(VENV)/complete: setup.py pyproject.toml package.xml constraints.txt $(shell find msg_defs -type f)
+$(VENV)/complete: $(VENV)/made_of
 	@$(MAKE) --no-print-directory prerequisites
 	@echo 'Setting up $(VENV) with ROS 2, Pinocchio and the compiled core: usually 1 to 3 minutes.'
 	@rm -rf $(VENV)
@@ -53,9 +71,13 @@ $(VENV)/complete: setup.py pyproject.toml package.xml constraints.txt $(shell fi
 	@$(BIN)/python setup.py --quiet build_ext --inplace & core=$$!; \
 		$(INSTALL) --build-constraint constraints.txt ./msg_defs --requirement $(VENV)/requires.txt; \
 		wait $$core
-	@$(INSTALL) --no-build-isolation --no-deps --editable .
 	@rm -rf $(VENV)/lib/python*/site-packages/cmeel.prefix/include/boost
-	@touch $(VENV)/core $@
+	@$(MADE_OF) > $(VENV)/made_of
+	@touch --reference=$(VENV)/made_of $(LOOKED_AT); touch $(VENV)/core $@
+
+$(INSTALLED): $(VENV)/complete
+	@$(INSTALL) --no-build-isolation --no-deps --editable .
+	@rm -f $(VENV)/installed_*; touch $@
 
 # A change of the core's sources builds it anew in its place.
 CORE := $(shell find ff_planner_ros/core -name '*.[ch]pp')
@@ -74,18 +96,18 @@ BENCHMARK_everyday := ./benchmark
 BENCHMARK_ci := ./benchmark[ompl,drake]
 BENCHMARK_nightly := $(BENCHMARK_ci)
 
-$(VENV)/extras_%: $(VENV)/complete benchmark/pyproject.toml
+$(VENV)/extras_%: $(INSTALLED)
 	@echo 'Adding what the tests need to $(VENV): usually half a minute.'
 	@$(BIN)/python -c '$(REQUIRES)' $(EXTRAS_$*) > $@.txt
 	@$(INSTALL) --no-build-isolation --requirement $@.txt --editable '$(BENCHMARK_$*)'
 	@touch $@
 
-$(VENV)/docs: $(VENV)/complete
+$(VENV)/docs: $(INSTALLED)
 	@$(BIN)/python -c '$(REQUIRES)' docs > $@.txt
 	@$(INSTALL) --requirement $@.txt
 	@touch $@
 
-$(VENV)/colcon: $(VENV)/complete
+$(VENV)/colcon: $(INSTALLED)
 	@$(BIN)/python -c '$(REQUIRES)' colcon > $@.txt
 	@$(BIN)/python -c '$(BUILD_REQUIRES)' msg_defs/pyproject.toml >> $@.txt
 	@$(INSTALL) --requirement $@.txt
@@ -236,7 +258,6 @@ lock: env
 		for built in . msg_defs benchmark; do \
 			$(BIN)/python -c '$(BUILD_REQUIRES)' $$built/pyproject.toml; done; } | grep -v ^ff_planner_ \
 		| $(BIN)/uv pip compile --quiet --no-header --no-annotate --upgrade --output-file constraints.txt -
-	touch $(VENV)/complete
 
 REQUIRES_OF_BENCHMARK := import tomllib; \
 	project = tomllib.load(open("benchmark/pyproject.toml", "rb"))["project"]; \
