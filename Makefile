@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test evidence nightly mutants short-test without-ros sanitize lint build docs figures lock aarch64 release-check version clean
+.PHONY: env prerequisites demo quick test evidence nightly mutants short-test without-ros sanitize lint build docs figures lock aarch64 release-check version clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -115,6 +115,11 @@ $(VENV)/colcon: $(INSTALLED)
 
 demo: env
 	$(BIN)/ff-planner demo
+
+# The tests that a change needs, cut after half a minute: of MODULES, or of what differs from main.
+quick: BEGUN := $(shell date +%s)
+quick: env $(VENV)/extras_everyday
+	@$(BIN)/python test/quick.py --begun $(BEGUN) $(MODULES)
 
 # The tests of a tier: `everyday`; `ci`, with coverage and with what the benchmark and the robots of
 # others need; `nightly`. One worker more than the two cores it is measured on: flights in real time

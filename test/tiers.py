@@ -60,9 +60,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         cases[item.nodeid.partition("[")[0]].append(item.nodeid)
     config.stash[_measured] = {one for of_one in cases.values() for one in of_one[:MEASURED]}
-    # What takes longest comes first, then files that start processes: what waits so much must not
-    # be what is waited for.
-    items.sort(key=lambda one: (one.nodeid != LONGEST_PAGE, not _starts_processes(one.module)))
+    if hasattr(config, "workerinput"):
+        # What takes longest comes first, then files that start processes: what waits so much must
+        # not be what is waited for.
+        items.sort(key=lambda one: (one.nodeid != LONGEST_PAGE, not _starts_processes(one.module)))
 
 
 @pytest.hookimpl(optionalhook=True)  # of pytest-xdist
