@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
+from functools import partial
 from itertools import islice
 from typing import Any
 from unittest.mock import patch
@@ -60,6 +61,7 @@ from ff_planner_ros.robot.dynamics import frame_wrenches, joint_torques
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.urdf.payload import payload_frame
 
+Drawing = Callable[[], PlanningProblem]
 SETTINGS = load_parameters().planner
 GUESSES = 3
 # Bases of each kind, joints that slide, and a payload.
@@ -100,58 +102,80 @@ def kept_in_view(problem: PlanningProblem, link: str, until: float) -> PlanningP
     )
 
 
-def seen_on_the_way() -> Iterator[tuple[str, PlanningProblem]]:
-    """Draw problems whose cameras are carried by the base, by joints and by slides."""
-    drawn = {
-        name: scenario("ordinary", name, 1, turned=True).problem
+def camera_on(place: str, until: float, problem: PlanningProblem) -> PlanningProblem:
+    """Put a camera on the base, the link behind the middle joint, or the last link."""
+    robot = problem.robot
+    joint = robot.model.names[2 + robot.joints // 2]
+    links = {
+        frame.name: frame.parentJoint
+        for frame in robot.model.frames
+        if frame.type == pin.FrameType.BODY
+    }
+    middle = next(link for link, at in links.items() if robot.model.names[at] == joint)
+    link = {"base": robot.base_link, "middle": middle, "last link": list(links)[-1]}[place]
+    return kept_in_view(problem, link, until)
+
+
+def seen_on_the_way() -> Iterator[tuple[str, Drawing]]:
+    """Yield problems whose cameras are carried by the base, by joints and by slides."""
+    drawn: dict[str, Drawing] = {
+        name: lambda name=name: scenario("ordinary", name, 1, turned=True).problem
         for name in ("lemur", "arm6", "rail6", "off7")
     }
-    drawn["table"] = load_scenario(CONFIG / "scenarios/planar_capture.yaml")
-    for name, problem in drawn.items():
-        robot = problem.robot
-        joint = robot.model.names[2 + robot.joints // 2]
-        links = {
-            frame.name: frame.parentJoint
-            for frame in robot.model.frames
-            if frame.type == pin.FrameType.BODY
-        }
-        middle = next(link for link, at in links.items() if robot.model.names[at] == joint)
-        for link, until in ((robot.base_link, 0.0), (middle, 0.5), (list(links)[-1], 0.3)):
-            yield f"{name}, camera on {link}", kept_in_view(problem, link, until)
-    beyond = kept_in_view(telescope(), "end_effector", 0.2)
-    yield "telescope, camera beyond", beyond
-    narrower = no_back_off(beyond) | {CORRIDOR: np.array([0.01])}
-    yield "telescope, narrower corridor", tighten(beyond, narrower)
+    drawn["table"] = lambda: load_scenario(CONFIG / "scenarios/planar_capture.yaml")
+    for name, draw in drawn.items():
+        for place, until in (("base", 0.0), ("middle", 0.5), ("last link", 0.3)):
+            yield (
+                f"{name}, camera on {place}",
+                lambda draw=draw, place=place, until=until: camera_on(place, until, draw()),
+            )
+    yield "telescope, camera beyond", lambda: kept_in_view(telescope(), "end_effector", 0.2)
+    yield "telescope, narrower corridor", narrower_corridor
     for kind in tumbling.KINDS:
-        problem = tumbling.problem(kind, 2)
-        yield f"tumbling {kind}, camera", kept_in_view(problem, problem.robot.base_link, 0.4)
+        yield (
+            f"tumbling {kind}, camera",
+            lambda kind=kind: camera_on("base", 0.4, tumbling.problem(kind, 2)),
+        )
 
 
-def problems() -> Iterator[tuple[str, PlanningProblem]]:
-    """Draw problems with every requirement that the core knows, and some that it does not."""
+def narrower_corridor() -> PlanningProblem:
+    beyond = kept_in_view(telescope(), "end_effector", 0.2)
+    return tighten(beyond, no_back_off(beyond) | {CORRIDOR: np.array([0.01])})
+
+
+def limited(kind: str, robot: str, number: int) -> PlanningProblem:
+    drawn = scenario(kind, robot, number, turned=True).problem
+    limits = replace(drawn.limits, joint_velocities=True, chaser_attitude=0.2)
+    return replace(drawn, limits=limits)
+
+
+def with_all_features(number: int) -> PlanningProblem:
+    problem = all_features.problem(number).problem
+    return lasting(problem, problem.duration_range.maximum)
+
+
+def drawings() -> Iterator[tuple[str, Drawing]]:
+    """Yield problems with every requirement that the core knows, and some that it does not."""
     for number, robot in enumerate(ROBOTS):
         for kind in ("ordinary", "cluttered"):
-            drawn = scenario(kind, robot, number, turned=True).problem
-            limits = replace(drawn.limits, joint_velocities=True, chaser_attitude=0.2)
-            yield f"{kind} {robot}", replace(drawn, limits=limits)
-    for number, each in enumerate(bodies.problems(3)):
-        yield f"bodies {number}", each.problem
+            yield f"{kind} {robot}", partial(limited, kind, robot, number)
+    for number, robot in enumerate(bodies.ROBOTS[:3]):
+        yield f"bodies {number}", lambda robot=robot: bodies.problem(robot, 0).problem
     for number in range(6):
-        yield f"shapes {number}", shapes.problem(number).problem
+        yield f"shapes {number}", lambda number=number: shapes.problem(number).problem
     for kind in tumbling.KINDS:
-        yield f"tumbling {kind}", tumbling.problem(kind, 1)
+        yield f"tumbling {kind}", partial(tumbling.problem, kind, 1)
     for kind in witnessed.KINDS:
-        yield f"witnessed {kind}", witnessed.problem(kind, 1)
+        yield f"witnessed {kind}", partial(witnessed.problem, kind, 1)
     for kind in joint_goals.KINDS:
-        yield f"joint goal, {kind}", joint_goals.problem(kind, 1).problem
+        yield f"joint goal, {kind}", lambda kind=kind: joint_goals.problem(kind, 1).problem
     for kind in captured.KINDS:
-        yield f"captured, {kind}", captured.problem(kind, 1).problem
-    yield "telescope", telescope()
-    yield from touching_problems.problems()
+        yield f"captured, {kind}", lambda kind=kind: captured.problem(kind, 1).problem
+    yield "telescope", telescope
+    yield from touching_problems.DRAWINGS.items()
     yield from seen_on_the_way()
     for number in range(3):
-        problem = all_features.problem(number).problem
-        yield f"all features {number}", lasting(problem, problem.duration_range.maximum)
+        yield f"all features {number}", partial(with_all_features, number)
 
 
 def loaded(problem: PlanningProblem) -> PlanningProblem:
@@ -175,9 +199,10 @@ def loaded(problem: PlanningProblem) -> PlanningProblem:
     return replace(problem, robot=replace(robot, effort_limits=efforts), limits=limits)
 
 
-PROBLEMS = dict(problems())
+# Drawn by their tests: drawing them all takes longer than any test here.
+PROBLEMS = dict(drawings())
 for which in LOADED:
-    PROBLEMS[f"loaded {which}"] = loaded(PROBLEMS[which])
+    PROBLEMS[f"loaded {which}"] = lambda draw=PROBLEMS[which]: loaded(draw())
 DISTANCES = {BodyClearance.name, SelfClearance.name, ObstacleClearance.name}
 
 
@@ -205,7 +230,7 @@ def with_duration(program: PathProgram) -> PathProgram:
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_core_finds_what_the_family_and_the_requirements_find(name: str) -> None:
-    problem, defined = in_own_frame(PROBLEMS[name]), 0
+    problem, defined = in_own_frame(PROBLEMS[name]()), 0
     for number, (program, x) in enumerate(programs(problem)):
         objective = list(OBJECTIVES.values())[number % len(OBJECTIVES)]
         objective = replace(objective, joint_path_length=0.7, wheel_momentum=0.3 * (number % 2))
@@ -227,10 +252,10 @@ def test_the_core_finds_what_the_family_and_the_requirements_find(name: str) -> 
     assert defined > 0
 
 
-@pytest.mark.parametrize("name", dict(touching_problems.problems()))
+@pytest.mark.parametrize("name", touching_problems.DRAWINGS)
 def test_what_may_touch_has_rows_but_where_it_may(name: str) -> None:
     """Of each kind of distance, near the start, near the goal and elsewhere."""
-    problem = in_own_frame(PROBLEMS[name])
+    problem = in_own_frame(PROBLEMS[name]())
     (family, *_), *_ = path_families(problem, SETTINGS)
     x = next(family.first_guesses(problem.obstacles, 13, 0.0))
     asked, without = (
@@ -245,7 +270,7 @@ def test_what_may_touch_has_rows_but_where_it_may(name: str) -> None:
 
 def test_a_line_that_slides_out_of_nothing_keeps_its_own_room() -> None:
     """Of the distances at the start half, which grows to the margin, by hand."""
-    problem, margin = in_own_frame(PROBLEMS["telescope"]), 0.2
+    problem, margin = in_own_frame(telescope()), 0.2
     q_start, _ = configuration(problem.robot, problem.start)
     assert len(segments(arm_points(problem.robot, q_start[None]))) < problem.robot.joints - 2
     (family, *_), *_ = path_families(problem, SETTINGS)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from bodied_robots import body_placements, collision, random_robot, with_solids
@@ -36,20 +37,31 @@ def planar_robot() -> Robot:
     return robot_from_urdf_text(urdf, "chaser", "end_effector", Base.PLANAR)
 
 
-def problems() -> Iterator[tuple[str, PlanningProblem]]:
-    """Yield problems with contacts, by name."""
-    robots = {
-        "lemur": bench_robot("lemur", Geometry.SHAPES),
-        "arm7": bench_robot("arm7", Geometry.SHAPES),
-        "with slides": random_robot(20),
-        "on a table": planar_robot(),
-    }
-    for seed, (name, robot) in enumerate(robots.items()):
-        problem = touching(robot, seed)
-        yield f"touching, {name}", problem
-        if name == "arm7":
-            posture = Posture(positions=problem.start.joint_positions + 0.3)
-            yield f"touching, {name} to a posture", replace(problem, posture=posture)
+# By name, with the seed of the draw.
+ROBOTS: dict[str, tuple[int, Callable[[], Robot]]] = {
+    "lemur": (0, lambda: bench_robot("lemur", Geometry.SHAPES)),
+    "arm7": (1, lambda: bench_robot("arm7", Geometry.SHAPES)),
+    "with slides": (2, lambda: random_robot(20)),
+    "on a table": (3, planar_robot),
+}
+
+
+def drawn(name: str) -> PlanningProblem:
+    """Draw the problem with contacts of one of `ROBOTS`."""
+    seed, robot = ROBOTS[name]
+    return touching(robot(), seed)
+
+
+def to_a_posture() -> PlanningProblem:
+    """Return one that ends at positions of the joints."""
+    problem = drawn("arm7")
+    return replace(problem, posture=Posture(positions=problem.start.joint_positions + 0.3))
+
+
+DRAWINGS: dict[str, Callable[[], PlanningProblem]] = {
+    **{f"touching, {name}": partial(drawn, name) for name in ROBOTS},
+    "touching, arm7 to a posture": to_a_posture,
+}
 
 
 def touching(robot: Robot, seed: int) -> PlanningProblem:
