@@ -7,6 +7,7 @@ import os
 import random
 import sqlite3
 import sys
+import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Iterable
 from itertools import chain
@@ -32,6 +33,9 @@ MEASURED = 3  # cases of a test whose coverage is measured: others run the same 
 PAGE = "test/test_typed_commands.py::test_the_commands_of_a_page_do_what_it_shows"
 LONGEST_PAGE = f"{PAGE}[benchmark]"
 
+OUTCOMES = ("passed", "skipped", "failed", "error")
+
+_begun = pytest.StashKey[float]()
 _left_out = pytest.StashKey[Counter[str]]()
 _measured = pytest.StashKey[set[str]]()
 
@@ -43,6 +47,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[_left_out] = Counter()
+    config.stash[_begun] = time.monotonic()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -118,7 +123,7 @@ def pytest_testnodedown(node: Any) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Say what the longer tiers hold, and in them how long each file takes."""
+    """Say in the longer tiers how long each file takes."""
     tier = config.getoption("tier")
     if tier != TIERS[0]:
         terminalreporter.section(f"slowest {SLOWEST_FILES} files")
@@ -128,8 +133,19 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
                 seconds[report.nodeid.partition("::")[0]] += report.duration
         for file, taken in seconds.most_common(SLOWEST_FILES):
             terminalreporter.line(f"{taken:7.1f} s  {file}")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Close with what ran, how long it took, and what the longer tiers hold."""
+    reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
+    if hasattr(config, "workerinput") or config.option.collectonly or not reporter:
+        return
+    seconds = time.monotonic() - config.stash[_begun]
+    ran = (f"{len(reporter.stats.get(kind, ()))} {kind}" for kind in OUTCOMES)
+    reporter.section(f"tier {config.getoption('tier')}")
+    reporter.line(f"{', '.join(ran)} in {seconds:.0f} s")
     for longer, tests in config.stash[_left_out].items():
-        terminalreporter.line(f"{tests} tests more run with --tier {longer}")
+        reporter.line(f"{tests} tests more run with --tier {longer}")
 
 
 @pytest.hookimpl(wrapper=True)
