@@ -198,7 +198,9 @@ def require_same(here: Plan, there: Plan, frame: Frame, robot: Robot) -> None:
 
 
 @pytest.mark.law("PLAN-24")
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(
+    "name", ["lemur", "six joints", "off centre", pytest.param("canadarm2", marks=pytest.mark.ci)]
+)
 def test_a_plan_does_not_depend_on_the_frame(name: str) -> None:
     problem = replace(PROBLEMS[name](), objective=LENGTH)
     here = perform(PlanningTask(problem, SETTINGS))

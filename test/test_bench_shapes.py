@@ -147,7 +147,7 @@ def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None
         places = [one.position for one in problem.obstacle_bodies]
         return np.concatenate([problem.start.joint_positions, *places])
 
-    first, other = numbers(shapes.problem(2)), numbers(shapes.problem(7))
+    first, other = numbers(shapes.problem(2)), numbers(shapes.problem(3))
     np.testing.assert_array_equal(numbers(shapes.problem.__wrapped__(2)), first)
     assert not np.array_equal(first[:7], other[:7])
 

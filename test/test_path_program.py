@@ -203,6 +203,8 @@ def loaded(problem: PlanningProblem) -> PlanningProblem:
 PROBLEMS = dict(drawings())
 for which in LOADED:
     PROBLEMS[f"loaded {which}"] = lambda draw=PROBLEMS[which]: loaded(draw())
+# Drawn longer than all others together, with the requirements of "all features 0".
+ONCE_MORE = ("all features 1", "all features 2")
 DISTANCES = {BodyClearance.name, SelfClearance.name, ObstacleClearance.name}
 
 
@@ -228,7 +230,10 @@ def with_duration(program: PathProgram) -> PathProgram:
     return replace(program, family=program.family.lasting(problem, motion))
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.ci) if name in ONCE_MORE else name for name in PROBLEMS],
+)
 def test_the_core_finds_what_the_family_and_the_requirements_find(name: str) -> None:
     problem, defined = in_own_frame(PROBLEMS[name]()), 0
     for number, (program, x) in enumerate(programs(problem)):

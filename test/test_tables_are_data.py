@@ -164,6 +164,7 @@ def test_the_files_of_a_worst_case_replace_no_link(campaign: Any, tmp_path: Path
     "changes", ["[" * 1000, "3", "no JSON", '{"robot.urdf": "/etc/passwd"}', '{"": 1}', "null"]
 )
 @pytest.mark.parametrize("column", ["changes", "settings"])
+@pytest.mark.sampled
 def test_changes_that_are_none_give_no_command(changes: str, column: str, campaign: Any) -> None:
     directory = campaign(**{column: changes})
     assert report(directory) == 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from bodied_robots import body_placements, collision, random_robot, with_solids
@@ -46,6 +46,7 @@ ROBOTS: dict[str, tuple[int, Callable[[], Robot]]] = {
 }
 
 
+@cache
 def drawn(name: str) -> PlanningProblem:
     """Draw the problem with contacts of one of `ROBOTS`."""
     seed, robot = ROBOTS[name]
