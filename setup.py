@@ -51,21 +51,21 @@ class BuildCore(build_ext):
         super().build_extensions()
 
     def build_extension(self, ext: Extension) -> None:
-        """Build, or take what the tree has in place if it is newer than all that it is made of."""
+        """Build, or take what the tree has in place if it is built of the same sources."""
         built = Path(self.get_ext_fullpath(ext.name))
         built.parent.mkdir(parents=True, exist_ok=True)
         in_place = Path(self.get_ext_filename(self.get_ext_fullname(ext.name)))
-        sources = [*ext.sources, *ext.depends]
-        if not self.sanitize and is_newer(in_place, [*sources, "setup.py"]):
+        # By which `ff-planner doctor`, too, knows what the core is built of.
+        digest = digest_of(*ext.sources, *ext.depends)
+        if not self.sanitize and in_place.is_file() and digest.encode() in in_place.read_bytes():
             if built.resolve() != in_place.resolve():
                 shutil.copy2(in_place, built)
             return
-        # By which `ff-planner doctor` knows whether the core is built of these sources.
-        digest = Path(self.build_temp, "sources_digest.cpp")
-        write(digest, f'extern const char kSourcesDigest[] = "{digest_of(*sources)}";\n')
+        with_digest = Path(self.build_temp, "sources_digest.cpp")
+        write(with_digest, f'extern const char kSourcesDigest[] = "{digest}";\n')
         sanitizers = SANITIZERS if self.sanitize else []
         self.compiler.link_shared_object(
-            self.compiled([*map(Path, ext.sources), digest], sanitizers),
+            self.compiled([*map(Path, ext.sources), with_digest], sanitizers),
             str(built),
             extra_postargs=["-pthread", *sanitizers],
             target_lang="c++",
@@ -77,23 +77,25 @@ class BuildCore(build_ext):
         system = [pybind11_headers(), eigen_headers(), *self.compiler.include_dirs]
         command = [*compiler, *FLAGS, f"-I{CORE}"]
         command += [part for directory in system for part in ("-isystem", directory)]
-        headers, options = {}, {}
+        commands, headers = {}, {}
         for directory, (header, optimised) in DIRECTORIES.items():
+            commands[directory] = [*command, optimised, *sanitizers]
             headers[directory] = Path(self.build_temp, "precompiled", header)
-            options[directory] = [*command, optimised, *sanitizers]
-            write(headers[directory], f'#include "{header}"\n')
+            text = f'// {" ".join(commands[directory])}\n#include "{header}"\n'
+            write(headers[directory], text)  # another command is another header
 
         def precompiled(directory: str) -> str:
             header = headers[directory]
-            command = [*options[directory], "-x", "c++-header"]
-            return up_to_date(command, [header], Path(f"{header}.gch"))
+            options = ["-x", "c++-header"]
+            return up_to_date([*commands[directory], *options], [header], Path(f"{header}.gch"))
 
         def compiled(source: Path) -> str:
             directory = source.parent.name if source.parent.name in headers else ""
             header = headers[directory]
-            command = [*options[directory], "-include", str(header), "-c"]
+            options = ["-include", str(header), "-c"]
             target = Path(self.build_temp, *source.with_suffix(".o").parts[-2:])
-            return up_to_date(command, [source, Path(f"{header}.gch")], target)
+            made_of = [source, Path(f"{header}.gch")]
+            return up_to_date([*commands[directory], *options], made_of, target)
 
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as compilers:
             list(compilers.map(precompiled, headers))
@@ -105,7 +107,7 @@ def up_to_date(command: Sequence[str], made_of: Sequence[Path], target: Path) ->
     includes = Path(f"{target}.d")  # a rule for make; the compiler writes it
     if includes.is_file():
         included = includes.read_text(encoding="utf-8").replace("\\\n", "").split()[1:]
-        if is_newer(target, [*made_of, *included, "setup.py"]):
+        if is_newer(target, [*made_of, *included]):
             return str(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.unlink(missing_ok=True)

@@ -32,14 +32,19 @@ class GrowingPolytope {
 
   Penetration penetration() {
     if (const std::optional<Vector3> thin = begin()) return across(*thin);
+    // Of all directions that were looked at: each brings the solids apart.
+    Penetration least{std::numeric_limits<double>::infinity(), {}, {}};
     for (;;) {
       const Face face = *std::min_element(
           faces_.begin(), faces_.end(),
           [](const Face& one, const Face& other) { return one.offset < other.offset; });
       const DifferencePoint beyond = support_(face.normal);
       const double depth = beyond.difference.dot(face.normal);
-      const bool goes_on = depth - face.offset > kExactDepth && points_.size() < kMostPoints;
-      if (!goes_on || !grow(beyond)) return {depth, on_first(face), face.normal};
+      if (depth - face.offset <= kExactDepth) return {depth, on_first(face), face.normal};
+      const bool is_least = depth < least.depth;
+      if (is_least) least = {depth, beyond.on_first, face.normal};
+      if (points_.size() >= kMostPoints || !grow(beyond))
+        return is_least ? Penetration{depth, on_first(face), face.normal} : least;
     }
   }
 
