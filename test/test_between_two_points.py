@@ -14,7 +14,11 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.followed import followed
 from ff_planner_ros.planning.motion.followed_path import followed_path, points_per_sample
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.motion.pose_motion import attitudes_between, poses_between
+from ff_planner_ros.planning.motion.pose_motion import (
+    attitudes_between,
+    cubics_between,
+    poses_between,
+)
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 
 LOWER, UPPER = np.array([-2.0, -0.5]), np.array([0.7, 3.0])
@@ -138,6 +142,20 @@ def test_a_constant_spin_and_a_cubic_are_met_exactly_between_the_points(sign: fl
     )
     assert places == pytest.approx(of_time.polyval(DENSE, cubic).T, abs=1e-12)
     assert (turned(DENSE).inv() * Rotation.from_quat(turns)).magnitude().max() < 1e-12
+
+
+def test_a_cubic_and_its_slopes_are_met_exactly_at_unequal_steps() -> None:
+    times, at = np.array([0.0, 0.3, 1.1, 2.0]), np.linspace(0.0, 2.0, 41)
+    cubics = [
+        np.polynomial.Polynomial(one) for one in ([1.0, -2.0, 0.5, 3.0], [0.2, 4.0, -1.0, 0.7])
+    ]
+
+    def at_times(when: Array, order: int) -> Array:
+        return np.stack([(one.deriv() if order else one)(when) for one in cubics], axis=1)
+
+    values, slopes = cubics_between(times, at_times(times, 0), at_times(times, 1), at)
+    np.testing.assert_allclose(values, at_times(at, 0), rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(slopes, at_times(at, 1), rtol=0.0, atol=1e-13)
 
 
 def test_any_other_turn_is_met_with_the_fourth_power_of_the_step() -> None:

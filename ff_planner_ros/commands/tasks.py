@@ -47,8 +47,6 @@ def task_of(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, 
         task = _with_guess(task, load_library(Path(parameters.library), "planner.library"))
     if seconds is None and options.parameters is None:
         return task, Watch()
-    import scipy.interpolate  # noqa: F401 (of the first check, and no part of the search's time)
-
     if seconds is not None:
         return task, TimeBudget(Budget(seconds))
     return task, TimeBudget(parameters.budget(task.problem.objective.chaser_attitude > 0.0))

@@ -41,10 +41,33 @@ def poses_between(
     Returns:
         Positions, shape (times, 3) [m], and quaternions to inertial axes, shape (times, 4).
     """
-    from scipy.interpolate import CubicHermiteSpline  # slow to load, and no check comes here
+    places, _ = cubics_between(times, positions, linear_velocities, at)
+    return places, attitudes_between(times, quaternions_xyzw, angular_velocities, at)
 
-    spline = CubicHermiteSpline(times, positions, linear_velocities)
-    return spline(at), attitudes_between(times, quaternions_xyzw, angular_velocities, at)
+
+def cubics_between(times: Array, values: Array, slopes: Array, at: Array) -> tuple[Array, Array]:
+    """Interpolate by the cubic Hermite polynomials between neighbours.
+
+    Args:
+        times: Strictly increasing, two or more. Shape (points,) [s].
+        values: Shape (points, components).
+        slopes: Shape (points, components) [1/s].
+        at: Between the first and the last of `times`. Shape (times,) [s].
+
+    Returns:
+        Values and slopes, each of shape (times, components).
+    """
+    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    step = np.diff(times)[before, None]
+    first, begin, end = values[before], slopes[before], slopes[before + 1]
+    mean = (values[before + 1] - first) / step
+    bend = (begin + end - 2.0 * mean) / step
+    square, cube = (mean - begin) / step - bend, bend / step
+    t = (at - times[before])[:, None]
+    return (
+        first + begin * t + square * (t * t) + cube * (t * t * t),
+        begin + square * t * 2.0 + cube * (t * t) * 3.0,
+    )
 
 
 def attitudes_between(

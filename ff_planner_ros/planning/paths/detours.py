@@ -8,6 +8,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.paths.even_normals import even_normals
 from ff_planner_ros.planning.paths.outlines import BESIDE, Hit, around_body
 from ff_planner_ros.planning.paths.path_family import Motion
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
@@ -25,13 +26,8 @@ _SPREAD_POSITION, _SPREAD_ANGLE = 0.3, 0.4
 def scattered() -> Iterator[Array]:
     """Yield normally distributed coefficients without end, always the same. Shape (18,)."""
     spread = np.repeat([_SPREAD_POSITION] * 3 + [_SPREAD_ANGLE] * 3, FREE_TERMS)
-    from scipy.stats import qmc  # half a second to load, and most plans never come here
-
-    sequence = qmc.MultivariateNormalQMC(
-        np.zeros(PARAMETERS), engine=qmc.Halton(PARAMETERS, rng=np.random.default_rng(0))
-    )
-    while True:
-        yield sequence.random(1)[0] * spread
+    for normals in even_normals(PARAMETERS):
+        yield normals * spread
 
 
 def detours(

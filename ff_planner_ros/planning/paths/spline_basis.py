@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 
 DEGREE = 5
 # Start angle, rate and acceleration fix so many control points, the first ones.
@@ -31,11 +31,11 @@ class SplineBasis:
 
         Shape (times, control points) [1/s^order].
         """
-        from scipy.interpolate import BSpline  # slow to load; the paper's paths need none
-
-        spline = BSpline(self.knots, np.eye(self.count), DEGREE)
-        rows: Array = spline(s, nu=order) / self.duration**order
-        return rows
+        first = np.searchsorted(self.knots[DEGREE + 1 : self.count], s, side="right")
+        rows = np.zeros((len(s), self.count))
+        for number, values in enumerate(_splines_at(s, self.knots, first, order)):
+            rows[np.arange(len(s)), first + number] = values
+        return rows / self.duration**order
 
     def on_grid(self, points: int, order: int = 0) -> Array:
         """Return `rows` at so many equally spaced times from start to end, computed once."""
@@ -73,6 +73,30 @@ class SplineBasis:
         """Knots of a duration of 1 s, those at the ends six times. Shape (control points + 6,)."""
         ends = np.zeros(DEGREE), np.ones(DEGREE)
         return np.concatenate([ends[0], np.linspace(0.0, 1.0, self.spans + 1), ends[1]])
+
+
+def _splines_at(s: Array, knots: Array, first: Indices, order: int) -> list[Array]:
+    """Return a derivative of the splines that are not zero at times s, one after the other.
+
+    De Boor's recursion over the degree; that of the derivative for the last degrees.
+
+    Args:
+        first: Number of the first of them for each of the times.
+    """
+    splines = [np.ones(len(s))]
+    for degree in range(1, DEGREE + 1):
+        lower, splines = splines, [np.zeros(len(s))]
+        for number, one in enumerate(lower):
+            begin, end = (knots[first + DEGREE + number + k] for k in (1 - degree, 1))
+            if degree <= DEGREE - order:
+                share = one / (end - begin)
+                splines[-1] += share * (end - s)
+                splines.append(share * (s - begin))
+            else:
+                share = degree * one / (end - begin)
+                splines[-1] -= share
+                splines.append(share)
+    return splines
 
 
 @lru_cache(maxsize=64)

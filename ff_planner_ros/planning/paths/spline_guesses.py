@@ -16,6 +16,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.contact import deepest_contact
 from ff_planner_ros.planning.paths.end_effector_polynomial import applies, end_effector_families
+from ff_planner_ros.planning.paths.even_normals import even_normals
 from ff_planner_ros.planning.paths.spline_basis import FIXED
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.posture import Posture
@@ -97,14 +98,8 @@ def _drawn(robot: Robot) -> Iterator[tuple[Array, Array]]:
 
     Joints of more weight move less.
     """
-    from scipy.stats import qmc  # half a second to load, and most plans never come here
-
-    count = 2 * robot.joints
-    sequence = qmc.MultivariateNormalQMC(
-        np.zeros(count), engine=qmc.Halton(count, rng=np.random.default_rng(0))
-    )
-    for _ in range(10**9):
-        aside, across = np.split(sequence.random(1)[0], 2)
+    for normals in even_normals(2 * robot.joints):
+        aside, across = np.split(normals, 2)
         yield aside / robot.joint_weights, across / robot.joint_weights
 
 

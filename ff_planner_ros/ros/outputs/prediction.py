@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 from ff_planner_msgs.msg import WheelState
 from geometry_msgs.msg import PoseStamped
-from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
@@ -16,6 +15,7 @@ from ff_planner_ros.analysis.drawing.tracking import planned_poses
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
+from ff_planner_ros.planning.motion.pose_motion import cubics_between
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
@@ -111,11 +111,13 @@ def predicted_wheels(
     time = (time_ns - start_ns) / NANOSECONDS
     if not time_of_points[0] <= time <= time_of_points[-1]:
         return None
-    momenta = CubicHermiteSpline(time_of_points, wheels.momenta, wheels.torques)
+    (momenta,), (torques,) = cubics_between(
+        time_of_points, wheels.momenta, wheels.torques, np.array([time])
+    )
     return WheelState(
         header=Header(stamp=time_message(time_ns), frame_id=base_link),
-        momenta=momenta(time).tolist(),
-        torques=momenta(time, 1).tolist(),
+        momenta=momenta.tolist(),
+        torques=torques.tolist(),
     )
 
 
