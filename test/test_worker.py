@@ -26,12 +26,18 @@ from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoP
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Budget, Progress
-from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.problem.problem import (
+    Objective,
+    Parametrisation,
+    PlanningProblem,
+    Target,
+)
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.ros.requests import solver_process
 from ff_planner_ros.ros.requests import worker as module
+from ff_planner_ros.ros.requests.solver_process import rehearsal
 from ff_planner_ros.ros.requests.worker import Worker
 
 
@@ -190,6 +196,43 @@ def test_after_other_plans_of_its_process_a_plan_is_the_same_to_the_last_bit(
     for problem, plan in first.items():
         assert same(solve(fresh, problem, settings), plan)
     assert child(fresh) == process
+
+
+def test_the_first_plan_is_made_by_a_process_that_has_planned(
+    lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    with closing(Worker()) as worker:
+        worker.wait_until_warm()
+        process = child(worker)
+        solve(worker, lemur_capture, settings)
+        assert child(worker) == process
+
+
+def test_before_the_first_request_the_shortest_and_the_steadiest_are_planned() -> None:
+    tasks = rehearsal()
+    for task in tasks:
+        perform(task)
+    problems = [task.problem for task in tasks]
+    assert {problem.objective.chaser_attitude for problem in problems} == {0.0, 1.0}
+    assert {bool(problem.robot.bodies) for problem in problems} == {False, True}
+    assert {problem.parametrisation for problem in problems} == {Parametrisation.AUTO}
+
+
+@pytest.mark.parametrize("why", ["no task", "no plan"])
+def test_where_nothing_is_planned_before_the_first_request_the_process_is_there(
+    why: str, monkeypatch: pytest.MonkeyPatch, lemur_capture: PlanningProblem
+) -> None:
+    def tasks() -> list[PlanningTask]:
+        if why == "no task":
+            raise InvalidInput(Status.UNSUPPORTED, "robot", "lemur", "any other")
+        far = replace(lemur_capture.target, position=np.full(3, 100.0))
+        problem = replace(lemur_capture, target=far)
+        return [PlanningTask(problem, load_parameters().planner)]
+
+    monkeypatch.setattr(solver_process, "rehearsal", tasks)
+    process = solver_process._rehearsed()
+    assert process.is_fit
+    process.end()
 
 
 def test_a_process_makes_a_bounded_number_of_plans_one_after_another(

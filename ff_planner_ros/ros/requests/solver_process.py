@@ -17,16 +17,22 @@ import sys
 import time
 import traceback
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
 from typing import TypeAlias
 
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import SEARCHING, Budget, Progress
+from ff_planner_ros.planning.problem.problem import Objective
+from ff_planner_ros.planning.problem.settings import SearchDepth
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -38,6 +44,9 @@ _REPORT_INTERVAL = 0.02  # [s]
 # Time that a search leaves for the check of the best attempt and the way of the answer: part of its
 # budget, and at most [s].
 _RESERVED, _MOST_RESERVED = 0.05, 0.5
+# Points of the plans before the first request, and their time budget [s]: on an idle machine
+# both together take a third of it.
+_FEW_POINTS, _REHEARSAL = 13, 1.0
 # What plans leak goes with their process, which ends after so many. And it ends when it has grown
 # by so much [bytes]: plans of up to 500 points left 106 MB, which grew no more in 200 of them; of
 # more points they left 300 MB, and last so long that a fork does not matter.
@@ -48,21 +57,17 @@ def serve(requests: Connection) -> None:
     """Have every plan that is requested made in another process, until the node is gone.
 
     Args:
-        requests: Sends a message once everything is loaded; then receives two handles per plan, of
-            its control and its data connection. The control connection sends None when the plan is
+        requests: Sends a message once it has planned; then receives two handles per plan, of its
+            control and its data connection. The control connection sends None when the plan is
             begun, and the exit code of its process when that has ended. The node sends a message on
             it once it has the answer, so that the process may make the next plan; without it, the
             node closes it to end the process. The data connection is for request, progress and
             answer; whatever follows the request ends the search.
     """
-    # What only some searches load: a fork that needed it would load it again.
-    import scipy.interpolate
-    import scipy.stats  # noqa: F401
-
     gc.collect()
     gc.freeze()  # or else the first collection in a fork would copy all of the memory
     plans: dict[Connection, _Fork] = {}  # by control connection
-    idle: _Fork | None = None
+    idle: _Fork | None = _rehearsed()
     requests.send("loaded")
     with suppress(EOFError, ConnectionError):  # the planner is gone
         while True:
@@ -91,6 +96,42 @@ def serve(requests: Connection) -> None:
                     control.send(None)
     for fork in [*plans.values(), *([idle] if idle else [])]:
         fork.end()
+
+
+def _rehearsed() -> _Fork:
+    """Return a process that has planned, be it in vain."""
+    fork = _Fork()
+    with suppress(FfPlannerError, EOFError, OSError):  # without tasks, or it has died
+        for task in rehearsal():
+            ours, data = Pipe()
+            with ours:
+                with data:
+                    fork.begin(data)
+                ours.send((task, Budget(_REHEARSAL), time.monotonic()))
+                while isinstance(ours.recv(), Progress):
+                    pass
+    return fork
+
+
+def rehearsal() -> list[PlanningTask]:
+    """Return small tasks of the package's own robot, which try most of what searches try.
+
+    Lines and shapes, both families of paths, the shortest joint path and the least attitude.
+
+    Raises:
+        InvalidInput: A file of the package is missing or changed.
+    """
+    settings = replace(load_parameters().planner, threads=1, search=SearchDepth.QUICK)
+    scenarios = share_directory() / "config" / "scenarios"
+    lines, shapes = (
+        load_task(scenarios / f"{name}.yaml", Defaults(settings))
+        for name in ("lemur_capture", "lemur_capture_bodies")
+    )
+    steady = replace(lines.problem, objective=Objective(0.0, 1.0))
+    return [
+        replace(lines, problem=replace(problem, points=_FEW_POINTS))
+        for problem in (shapes.problem, steady)
+    ]
 
 
 def _is_answered(control: Connection) -> bool:
