@@ -18,7 +18,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.model import load_robot
-from ff_planner_ros.robot.urdf import mesh_process, meshes
+from ff_planner_ros.robot.urdf import meshes
 from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES
 from ff_planner_ros.robot.urdf.mesh_reader import MAX_BYTES, MAX_SECONDS
 from ff_planner_ros.robot.urdf.meshes import MAX_FILE
@@ -181,7 +181,7 @@ def test_all_meshes_of_obstacles_are_read_in_one_process(
         started.append(program)
         return start(*program, **how)
 
-    monkeypatch.setattr(mesh_process.subprocess, "Popen", counted)
+    monkeypatch.setattr(subprocess, "Popen", counted)
     problem = load_scenario(scenario_among_meshes(tmp_path, 5))
     assert [one.solid.kind for one in problem.obstacle_bodies] == 5 * ["mesh"]
     assert len(started) == 1

@@ -6,10 +6,6 @@ from functools import partial
 from typing import NoReturn
 
 from ff_planner_ros.baselines import APF, FIXED_BASE, OPTIMAL, STRAIGHT, ZERO_MOMENTUM
-from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
-from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
-from ff_planner_ros.baselines.potential_field import load_parameters
-from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -24,14 +20,22 @@ def method_of(name: str, task: PlanningTask) -> Method:
 
     Those that plan in the user's frame, for a fixed base or zero momentum, refuse phases.
     """
+    if name == OPTIMAL:  # needs none of the others' modules
+        return plan
+    from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
+    from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
+    from ff_planner_ros.baselines.potential_field import load_parameters
+    from ff_planner_ros.baselines.straight_line import straight_line
+
+    if name == STRAIGHT:
+        return without_search(straight_line)
     if name == APF:
         field = load_parameters(share_directory() / "config" / "baselines.yaml")
         return without_search(partial(artificial_potential_field, parameters=field))
-    beliefs = {FIXED_BASE: fixed_base, ZERO_MOMENTUM: zero_momentum}
-    if name in beliefs:
-        solve = partial(_refuse_phases, name) if task.then else beliefs[name]
-        return in_frame_of_user(solve, task.problem)
-    return {OPTIMAL: plan, STRAIGHT: without_search(straight_line)}[name]
+    solve = {FIXED_BASE: fixed_base, ZERO_MOMENTUM: zero_momentum}[name]
+    if task.then:
+        return in_frame_of_user(partial(_refuse_phases, name), task.problem)
+    return in_frame_of_user(solve, task.problem)
 
 
 def _refuse_phases(name: str, _problem: PlanningProblem, _settings: PlannerSettings) -> NoReturn:

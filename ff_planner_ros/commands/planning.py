@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ff_planner_ros.baselines import METHODS, OPTIMAL
 from ff_planner_ros.commands import NO_PLAN, SOLVED
@@ -12,6 +13,10 @@ from ff_planner_ros.commands.options import Add, add_renamed
 from ff_planner_ros.commands.printed import print_table, write_json
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Parametrisation
+
+if TYPE_CHECKING:
+    from ff_planner_ros.planning.motion.plan import Plan
+    from ff_planner_ros.planning.task.planning_task import PlanningTask
 
 
 def add_plan(add: Add) -> None:
@@ -43,12 +48,10 @@ def add_plan(add: Add) -> None:
 
 def plan_scenario(options: Namespace) -> int:
     """Plan a scenario file, print the plan, and write the files that are asked for."""
-    from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
     from ff_planner_ros.analysis.summary import PHASES, phase_rows, plan_rows
     from ff_planner_ros.campaign.methods import method_of
     from ff_planner_ros.commands.tasks import task_of
     from ff_planner_ros.common.text_table import print_table as print_columns
-    from ff_planner_ros.planning.motion.plan import Plan
     from ff_planner_ros.planning.task.task import perform
     from ff_planner_ros.planning.task.whole import whole
 
@@ -61,7 +64,7 @@ def plan_scenario(options: Namespace) -> int:
 
             require_recordable(task)
     except FfPlannerError as error:
-        write_json(options.json, refusal_dictionary(error, solve_time=0.0))
+        _write_answer(options.json, error, 0.0)
         raise
     answer: Plan | FfPlannerError
     begun = time.perf_counter()
@@ -71,10 +74,7 @@ def plan_scenario(options: Namespace) -> int:
         answer = error
     solve_time = time.perf_counter() - begun
 
-    if isinstance(answer, Plan):
-        write_json(options.json, plan_dictionary(answer, task, solve_time))
-    else:
-        write_json(options.json, refusal_dictionary(answer, solve_time, task.digest, task))
+    _write_answer(options.json, answer, solve_time, task)
     if options.bag is not None:
         record_answer(options.bag, task, answer, solve_time, options.scenario, options.method)
     if isinstance(answer, FfPlannerError):
@@ -92,10 +92,27 @@ def plan_scenario(options: Namespace) -> int:
     return SOLVED
 
 
+def _write_answer(
+    file: Path | None,
+    answer: Plan | FfPlannerError,
+    solve_time: float,
+    task: PlanningTask | None = None,
+) -> None:
+    """Write an answer as JSON, if a file is named; task: None if it was refused itself."""
+    if file is None:
+        return
+    from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
+
+    if isinstance(answer, FfPlannerError):
+        digest = None if task is None else task.digest
+        write_json(file, refusal_dictionary(answer, solve_time, digest, task))
+    elif task is not None:
+        write_json(file, plan_dictionary(answer, task, solve_time))
+
+
 def _plan_pareto_front(options: Namespace) -> int:
     """Plan a scenario with several pairs of weights, and show the Pareto front."""
     from ff_planner_ros.analysis import pareto_front
-    from ff_planner_ros.analysis.plan_json import refusal_dictionary
     from ff_planner_ros.commands.tasks import task_of
     from ff_planner_ros.common.text_table import print_table as print_columns
 
@@ -113,7 +130,7 @@ def _plan_pareto_front(options: Namespace) -> int:
     try:
         points = pareto_front.pareto_front(*task_of(options.scenario, options), time.perf_counter)
     except FfPlannerError as error:
-        write_json(options.json, refusal_dictionary(error, time.perf_counter() - begun))
+        _write_answer(options.json, error, time.perf_counter() - begun)
         raise
     write_json(options.json, pareto_front.front_dictionary(points))
     title = "Joint path against chaser attitude"

@@ -12,11 +12,8 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.watch import Budget, Watch
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation
-from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
-from ff_planner_ros.planning.task.library import Library
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.time_budget import TimeBudget
 
 OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
 
@@ -42,18 +39,23 @@ def task_of(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, 
         named = Parametrisation(options.parametrisation)
         task = replace(task, problem=replace(task.problem, parametrisation=named))
     if options.library is not None:
-        task = _with_guess(task, load_library(options.library, "--library"))
+        task = _with_guess(task, options.library, "--library")
     elif parameters.library:
-        task = _with_guess(task, load_library(Path(parameters.library), "planner.library"))
+        task = _with_guess(task, Path(parameters.library), "planner.library")
     if seconds is None and options.parameters is None:
         return task, Watch()
+    from ff_planner_ros.time_budget import TimeBudget
+
     if seconds is not None:
         return task, TimeBudget(Budget(seconds))
     return task, TimeBudget(parameters.budget(task.problem.objective.chaser_attitude > 0.0))
 
 
-def _with_guess(task: PlanningTask, library: Library) -> PlanningTask:
+def _with_guess(task: PlanningTask, file: Path, field: str) -> PlanningTask:
     """Return a task with the nearest plan of a library as its initial guess, if it has none."""
+    from ff_planner_ros.planning.scenario.library_file import load_library
+
+    library = load_library(file, field)
     if task.first_guess is not None:
         print_notes(["the scenario has a first guess: the library is not asked for one"])
         return task

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ff_planner_ros.errors import InvalidInput, Status
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
 
 
 def names_in_group(group: str) -> list[str]:
     """Return the names of a group's entry points, of whatever distribution, in order."""
-    return sorted(entry_points(group=group).names)
+    return sorted(_entry_points(group).names)
 
 
 def plug_in(group: str, name: str, field: str) -> Any:
@@ -23,7 +25,7 @@ def plug_in(group: str, name: str, field: str) -> Any:
     Raises:
         InvalidInput: There is no entry point of this name, or it cannot be imported.
     """
-    for one in entry_points(group=group):
+    for one in _entry_points(group):
         if one.name == name:
             try:
                 return one.load()
@@ -33,3 +35,9 @@ def plug_in(group: str, name: str, field: str) -> Any:
     names = ", ".join(names_in_group(group)) or "none"
     allowed = f"no installed distribution has it; entry points of {group}: {names}"
     raise InvalidInput(Status.UNSUPPORTED, field, "unknown", allowed)
+
+
+def _entry_points(group: str) -> EntryPoints:
+    from importlib.metadata import entry_points  # loads what reads mail, and most plans need none
+
+    return entry_points(group=group)

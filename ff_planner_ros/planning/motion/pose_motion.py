@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.robot.quaternion import (
     quaternion_from_rotation_vector,
     quaternion_inverse,
@@ -57,7 +57,7 @@ def cubics_between(times: Array, values: Array, slopes: Array, at: Array) -> tup
     Returns:
         Values and slopes, each of shape (times, components).
     """
-    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    before = _interval_of(times, at)
     step = np.diff(times)[before, None]
     first, begin, end = values[before], slopes[before], slopes[before + 1]
     mean = (values[before + 1] - first) / step
@@ -68,6 +68,11 @@ def cubics_between(times: Array, values: Array, slopes: Array, at: Array) -> tup
         first + begin * t + square * (t * t) + cube * (t * t * t),
         begin + square * t * 2.0 + cube * (t * t) * 3.0,
     )
+
+
+def _interval_of(times: Array, at: Array) -> Indices:
+    """Return the index of the last of `times` but one that is not after each time."""
+    return np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
 
 
 def attitudes_between(
@@ -100,7 +105,7 @@ def attitudes_by_body_rates(
     turns = quaternion_product(quaternion_inverse(quaternions_xyzw[:-1]), quaternions_xyzw[1:])
     whole = rotation_vector_from_quaternion(turns)
     rates_before, rates_after = body_rates[:-1], _rates_of_vectors(whole, body_rates[1:])
-    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    before = _interval_of(times, at)
     step = np.diff(times)[before, None]
     s = (at - times[before])[:, None] / step
     rotation_vectors = s**2 * (3.0 - 2.0 * s) * whole[before] + step * (

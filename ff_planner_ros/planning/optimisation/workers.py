@@ -12,9 +12,11 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
-from typing import Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -77,6 +79,8 @@ class Workers(Generic[Part, Result]):
         return bool(self._workers)
 
     def _forked(self) -> _Worker:
+        from multiprocessing.connection import Pipe  # of sockets, which few plans need
+
         ours, theirs = Pipe()
         parent, pid = os.getpid(), os.fork()
         if pid:

@@ -6,12 +6,11 @@ import base64
 import json
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,6 +18,9 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.process_environment import ONE_THREAD
 from ff_planner_ros.robot.urdf import mesh_reader
 from ff_planner_ros.robot.urdf.convex_hull import NoSolid
+
+if TYPE_CHECKING:
+    import subprocess
 
 _PROGRAM = [sys.executable, "-P", "-m", mesh_reader.__name__]
 _LONGEST = 1_000_000  # [characters] of an answer: a thousand corners are 16,000
@@ -83,6 +85,8 @@ class MeshProcess:
     def _answer(self, asked: str) -> str:
         """Return a line of the process; cut off or empty if the process ended instead."""
         if self._process is None:
+            import subprocess  # no robot without meshes comes here
+
             self._process = subprocess.Popen(
                 _PROGRAM,
                 stdin=subprocess.PIPE,
