@@ -253,6 +253,11 @@ docs: env $(VENV)/docs
 # 40 minutes, on a machine that does nothing else.
 figures: env $(VENV)/extras_everyday
 	$(BIN)/ff-planner bench --json docs/benchmark.json
+	@$(MAKE) --no-print-directory installation-figures
+
+# Those of a default installation alone, in two minutes: the command, and the service of a node.
+installation-figures: env $(VENV)/extras_everyday
+	$(BIN)/python test/installation_figures.py
 	$(BIN)/python test/doc_tables.py
 
 # Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow. None

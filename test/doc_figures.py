@@ -59,6 +59,19 @@ def benchmark_in_short() -> str:
     return "".join(f"| {what} | {figure} |\n" for what, figure in rows.items())
 
 
+def waiting_in_short() -> str:
+    (table,) = (one for one in FIGURES["tables"] if one["of"] == "installation")
+    rows = ["| a default installation, by the wall clock |  |", "| --- | --- |"]
+    for asked, *_ in table["rows"]:
+        median, slow, rest = (
+            cell("installation", column, asked)
+            for column in ("p50 [s]", "p95 [s]", "beside the search, p50 [s]")
+        )
+        apart = "" if rest == "-" else f"; {rest} s are not the search"
+        rows.append(f"| {asked} | median {median} s, 95 % within {slow} s{apart} |")
+    return "".join(f"{row}\n" for row in rows)
+
+
 def _found(kind: str) -> str:
     """Return how many scenarios of a kind are solved, and in what time."""
     median, slow = (cell("scenarios", f"{one} [s]", kind, "all") for one in ("median", "95 %"))

@@ -92,7 +92,7 @@ def main(quick: bool, scenarios: int, json_file: str, commit: str) -> None:
         figures["tables"] += [{"of": name, **table._asdict()} for table in found.tables]
         figures[name] = [_figures(result) for result in found.results]
     if json_file:
-        Path(json_file).write_text(_json(figures), encoding="utf-8")
+        Path(json_file).write_text(figures_json(figures), encoding="utf-8")
 
 
 def _measurements(
@@ -153,7 +153,7 @@ def _figures(result: Any) -> dict[str, Any]:
     return row | ({"status": row["status"].name} if "status" in row else {})
 
 
-def _json(figures: dict[str, Any]) -> str:
+def figures_json(figures: dict[str, Any]) -> str:
     """Return JSON with a line for each table and for each result."""
     blocks = []
     for name, block in figures.items():
