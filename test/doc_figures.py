@@ -39,9 +39,9 @@ def benchmark_in_short() -> str:
     assert inside > 0.0, "the paper's way ends outside every obstacle: say so"
     longer, steadier = papers("time / ours", "min(L)"), papers("value [rad]", "min(Theta)")
     rows = {
-        f"on one core of an {MACHINE}, in processor time": "",
+        f"a warm search on one core of an {MACHINE}, in processor time": "",
         "---": "---",
-        "the paper's capture, shortest joint path": f"{ours('time [s]', 'min(L)')} s",
+        "the paper's capture (lines), shortest joint path": f"{ours('time [s]', 'min(L)')} s",
         "the same by the paper's method (SciPy's SLSQP, finite differences)": f"{longer} times "
         "as long",
         "the paper's capture, least rotation of the chaser": f"{ours('time [s]', 'min(Theta)')} s, "
