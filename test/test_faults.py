@@ -41,9 +41,16 @@ def test_a_copy_has_a_package_and_an_answer_of_its_own(tmp_path: Path) -> None:
         (tmp_path / directory).mkdir()
     (tmp_path / PACKAGE / "one.py").write_text("a = 1\n")
     (tmp_path / SAID).write_text("FAILED another\n")
+    objects = tmp_path / "build" / "temp.here"
+    objects.mkdir(parents=True)
+    for name in ("one.o", "one.o.d"):
+        (objects / name).write_text("sound")
     with copy_of(tmp_path) as tree:
         (tree / PACKAGE / "one.py").write_text("a = 0\n")
+        (tree / "build/temp.here/one.o").unlink()  # as a build does
+        (tree / "build/temp.here/one.o.d").write_text("faulty")
         assert not (tree / SAID).exists()
         assert (tree / "config").samefile(tmp_path / "config")
     assert (tmp_path / PACKAGE / "one.py").read_text() == "a = 1\n"
+    assert {of.read_text() for of in objects.iterdir()} == {"sound"}
     assert (tmp_path / SAID).read_text() == "FAILED another\n"
