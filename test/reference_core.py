@@ -4,8 +4,7 @@
         plan = perform(task)
 
 This is what the planner was before there was a core. Whatever the search still asked of the core is
-refused, so that nothing but the references makes the plan; but it puts the rows of limits together
-and solves the quadratic programs.
+refused, so that nothing but the references makes the plan; but it solves the quadratic programs.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partialmethod
 from typing import Any, cast
 from unittest.mock import patch
 
@@ -22,7 +22,6 @@ import reference_clearance
 import reference_distance_rows
 import reference_end_effector
 import reference_goal_rows
-import reference_objectives
 import reference_program
 from reference_joint_spline import ReferenceMotion, reference_motion, reference_sensitivity
 from reference_velocity_map import VelocityMap, stacked
@@ -45,7 +44,7 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.distance.clearance import arm_points, centers_at
+from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.motion import followed_path
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -54,15 +53,16 @@ from ff_planner_ros.planning.paths import joint_spline
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.paths.path_family import JointHull, Motion, Sensitivity
-from ff_planner_ros.planning.paths.polynomial import EndEffectorPolynomial
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.requirements import singular_values
+from ff_planner_ros.planning.requirements.body_rows import OF_INTEREST, times_looked_at
+from ff_planner_ros.planning.requirements.requirement import OF_INTEREST as LINES_OF_INTEREST
+from ff_planner_ros.planning.requirements.requirement import Requirement, Rows
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # Derivatives of singular values by central differences so wide [rad] are exact to nine digits.
 _ASIDE = 1e-5
-_OF_LIMITS = "limit", "position", "rate", "stop"
 
 
 @contextmanager
@@ -72,17 +72,14 @@ def core_by_reference() -> Iterator[None]:
     A duration that the planner chooses has no reference.
     """
     with ExitStack() as stack:
-        for name in ("twist", "acceleration", "twist_derivative"):
-            by = {"twist": "twist_of", "acceleration": "acceleration_of"}.get(name, name)
-            reference = getattr(reference_end_effector, by)
-            stack.enter_context(patch.object(EndEffectorPolynomial, name, reference))
         for family, motion, sensitivity in (
             (EndEffectorPaths, _end_effector_motion, reference_end_effector.sensitivity),
             (JointSplines, _spline_motion, _spline_sensitivity),
         ):
             stack.enter_context(patch.object(family, "motion", motion))
             stack.enter_context(patch.object(family, "sensitivity", sensitivity))
-        stack.enter_context(patch.object(PathProgram, "evaluate", reference_program.linearise))
+        evaluate = partialmethod(reference_program.linearise, distances_of=_distances)
+        stack.enter_context(patch.object(PathProgram, "evaluate", evaluate))
         for original, by_reference in (
             (velocity_map.velocity, _velocity),
             (
@@ -96,23 +93,13 @@ def core_by_reference() -> Iterator[None]:
         ):
             _replace_everywhere(stack, original, by_reference)
         # Those that take the robot as the core has it: they are given the robot itself.
-        for module in (reference_distance_rows, reference_goal_rows, singular_values):
+        for module in (reference_goal_rows, singular_values):
             stack.enter_context(patch.object(module, "chain_of", _itself))
-        for name in ("bodies_of", "spheres_of"):
-            stack.enter_context(patch.object(reference_distance_rows, name, _itself))
-        lines = patch.object(reference_distance_rows, "clearance_rows", _clearance_rows)
-        stack.enter_context(lines)
         kept = {
-            "BodiesAlong": _BodiesAlong,
-            "pair_rows": _pair_rows,
-            "sphere_rows": _sphere_rows,
             "smallest_singular_values": _singular_values,
-            "joint_path": reference_objectives.joint_path,
-            "chaser_euler": reference_objectives.chaser_euler,
-            # test_core_subproblem.py, test_solver.py and test_core_limit_rows.py have their truth.
+            # test_core_subproblem.py and test_solver.py have their truth.
             "solve_subproblem": compiled.solve_subproblem,
             "minimise": compiled.minimise,
-            **{f"{of}_rows": getattr(compiled, f"{of}_rows") for of in _OF_LIMITS},
         }
         for name in _functions():
             stack.enter_context(patch.object(compiled, name, kept.get(name, _refuse)))
@@ -122,7 +109,7 @@ def core_by_reference() -> Iterator[None]:
 def _functions() -> list[str]:
     """Return the core's functions and what it makes; the other classes only hold numbers."""
     functions = [name for name in vars(compiled) if name[0].islower()]
-    return [*functions, "BodiesAlong", "DrivenMotion"]
+    return [*functions, "DrivenMotion"]
 
 
 def _refuse(*_: object, **__: object) -> None:
@@ -194,13 +181,6 @@ def _velocity(
     )
 
 
-def _clearance_rows(
-    *question: Any, times_by_last: Array | None = None, **more: Any
-) -> tuple[Array, Array, Indices]:
-    assert times_by_last is None or not times_by_last.size
-    return reference_clearance.clearance_rows(*question, **more)
-
-
 def _followed(problem: PlanningProblem, q: Array, v: Array, acceleration: Array) -> FollowedMotion:
     every = followed_path.points_per_sample(len(q), problem.points)
     time = np.linspace(0.0, 1.0, len(q[::every])) * problem.duration
@@ -216,82 +196,58 @@ def _sphere_distance(*question: Any) -> float:
     return least_sphere_distance(*question).certified
 
 
-_FoundRows = tuple[Array, Array, Indices]
+def _distances(
+    program: PathProgram, required: Requirement, motion: Motion, sensitivity: Sensitivity
+) -> Rows:
+    """Return what `distances_of_core` does, where all obstacles are spheres."""
+    assert sensitivity.goal_motion is None
+    problem, has_quarters = program.problem, reference_distance_rows.quarters(motion)
+    q, by_x = (np.concatenate([of.q[1:], of.q_half_way]) for of in (motion, sensitivity))
+    if required.name == "clearance":
+        times = times_looked_at(problem.duration, len(motion.q))
+        asked = problem.spheres, LINES_OF_INTEREST, has_quarters
+        return Rows(*reference_clearance.clearance_rows(problem.robot, q, by_x, times, *asked))
+    times, q = reference_distance_rows.looked_at(problem, motion)
+    at = np.arange(len(by_x) / 2)
+    by_x = by_x[np.argsort(np.append(at + 0.5, at))]
+    if has_quarters:
+        by_x = reference_distance_rows.with_quarters(by_x)
+    if required.name == "self_clearance":
+        return _pair_rows(problem.robot, q, by_x)
+    assert required.name == "body_clearance"
+    return _sphere_rows(problem.robot, q, by_x, times, problem.spheres)
 
 
-class _BodiesAlong:
-    def __init__(
-        self,
-        robot: Robot,
-        _: Robot,
-        q: Array,
-        q_sensitivity: Array,
-        q_half_way: Array,
-        q_half_way_sensitivity: Array,
-        quarter_way: bool,
-    ) -> None:
-        at_points = np.arange(len(q)) + 1.0
-        times = np.concatenate([at_points, at_points - 0.5])
-        order = times.argsort()
-        self.robot, self.q = robot, np.concatenate([q, q_half_way])[order]
-        self.q_sensitivity = np.concatenate([q_sensitivity, q_half_way_sensitivity])[order]
-        if not quarter_way:
-            return
-        # Quaternions of one sign: what lies between two is between their entries.
-        turns_over = np.sum(self.q[:-1, 3:7] * self.q[1:, 3:7], axis=1) < 0.0
-        self.q[1:, 3:7] *= np.where(turns_over, -1.0, 1.0).cumprod()[:, None]
-        order = np.concatenate([times, reference_clearance.at_quarters(times)]).argsort()
-        self.q, self.q_sensitivity = (
-            np.concatenate([given, reference_clearance.at_quarters(given)])[order]
-            for given in (
-                np.concatenate([at[1::2], at[::2]]) for at in (self.q, self.q_sensitivity)
-            )
-        )
-        self.q[:, 3:7] /= np.linalg.norm(self.q[:, 3:7], axis=1)[:, None]
-
-    @property
-    def tips(self) -> Array:
-        return arm_points(self.robot, self.q)[:, -1]
-
-
-def _pair_rows(along: _BodiesAlong, interest: float) -> _FoundRows:
-    robot, q, q_sensitivity = along.robot, along.q, along.q_sensitivity
+def _pair_rows(robot: Robot, q: Array, by_x: Array) -> Rows:
     placed = placed_bodies(robot, q[:, 7:])
     bounds = pair_bounds(robot, placed)
-    rows = np.nonzero(bounds < interest)
-    found, rows = _of_interest(pair_distances(robot, placed, rows), rows, interest)
+    rows = np.nonzero(bounds < OF_INTEREST)
+    found, rows = _of_interest(pair_distances(robot, placed, rows), rows)
     gradients = pair_gradients(robot, placed, found, rows)
-    jacobian = np.einsum("rj,rjx->rx", gradients, q_sensitivity[rows[0], 6:])
-    return found.distance, jacobian, np.ravel_multi_index(rows, bounds.shape)
+    jacobian = np.einsum("rj,rjx->rx", gradients, by_x[rows[0], 6:])
+    return Rows(found.distance, jacobian, np.ravel_multi_index(rows, bounds.shape))
 
 
 def _sphere_rows(
-    along: _BodiesAlong,
-    times: Array,
-    spheres: Sequence[Sphere],
-    interest: float,
-    times_by_last: Array,
-) -> _FoundRows:
-    assert not times_by_last.size
-    robot, q, q_sensitivity = along.robot, along.q, along.q_sensitivity
+    robot: Robot, q: Array, by_x: Array, times: Array, spheres: Sequence[Sphere]
+) -> Rows:
     placed, centers = (
         placed_bodies(robot, q[:, 7:]),
         centers_in_base(q, centers_at(times, spheres)),
     )
     radii = sphere_arrays(spheres)[2]
     bounds = sphere_bounds(robot, placed, centers, radii)
-    rows = np.nonzero(bounds < interest)
-    measured = sphere_distances(robot, placed, centers, radii, rows)
-    found, rows = _of_interest(measured, rows, interest)
+    rows = np.nonzero(bounds < OF_INTEREST)
+    found, rows = _of_interest(sphere_distances(robot, placed, centers, radii, rows), rows)
     gradients = sphere_gradients(robot, placed, found, rows)
-    jacobian = np.einsum("rj,rjx->rx", gradients, q_sensitivity[rows[0]])
-    return found.distance, jacobian, np.ravel_multi_index(rows, bounds.shape)
+    jacobian = np.einsum("rj,rjx->rx", gradients, by_x[rows[0]])
+    return Rows(found.distance, jacobian, np.ravel_multi_index(rows, bounds.shape))
 
 
 def _of_interest(
-    found: Distances, rows: tuple[Indices, ...], interest: float
+    found: Distances, rows: tuple[Indices, ...]
 ) -> tuple[Distances, tuple[Indices, ...]]:
-    near = found.distance < interest
+    near = found.distance < OF_INTEREST
     return Distances(*(part[near] for part in found)), tuple(row[near] for row in rows)
 
 

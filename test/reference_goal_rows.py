@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from reference_load_rows import within
+from reference_objectives import chaser_euler
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
@@ -39,15 +40,8 @@ def chaser_attitude(
     q = np.concatenate([motion.q[1:], motion.q_half_way])
     of_q = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
     limits = np.full(3, problem.limits.chaser_attitude - margin)
-    euler, jacobian = chaser_euler_with_derivative(problem.robot, q, of_q)
+    euler, jacobian = chaser_euler(q, of_q, problem.robot.rotation_chaser_to_base)
     return within(euler, jacobian, -limits, limits, OF_INTEREST)
-
-
-def chaser_euler_with_derivative(
-    robot: Robot, q: Array, q_sensitivity: Array
-) -> tuple[Array, Array]:
-    """Return `chaser_euler` and its derivative, shape (points, 3, variables)."""
-    return compiled.chaser_euler(q, q_sensitivity, robot.rotation_chaser_to_base)
 
 
 def chaser_rotation(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from reference_dynamics import frame_wrenches_by_x, joint_torques_by_x
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
@@ -85,7 +85,7 @@ def joint_positions(
         step = problem.duration / (len(motion.q) - 1)
         has_duration = sensitivity.goal_motion is not None
         limits = lower, upper, np.full(lower.shape, OF_INTEREST)
-        rows = Rows(*compiled.position_rows(*path, step, has_duration, *limits))
+        rows = position_rows(*path, step, has_duration, *limits)
     stops = _stops(motion, sensitivity, lower, upper)
     return Rows(*(np.concatenate(both) for both in zip(rows, stops, strict=True)))
 
@@ -94,9 +94,155 @@ def _stops(motion: Motion, sensitivity: Sensitivity, lower: Array, upper: Array)
     """Return what is left to the limits where joints stop after the last point."""
     q, v, by_q, by_v = motion.q[-1:], motion.v[-1:], sensitivity.q[-1:], sensitivity.v[-1:]
     limits = lower, upper, np.full(lower.shape, _STOP_OF_INTEREST)
-    values, jacobian, names = compiled.stop_rows(q, v, by_q, by_v, FASTEST_CHANGE, *limits)
+    values, jacobian, names = stop_rows(q, v, by_q, by_v, FASTEST_CHANGE, *limits)
     # Below those of the turns.
     return Rows(values, jacobian, -2 - 2 * len(motion.q) * len(lower) - names)
+
+
+def stop_rows(
+    q: Array,
+    v: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    jerk: float,
+    lower: Array,
+    upper: Array,
+    interest: Array,
+) -> Rows:
+    """Return rows of positions where joints come to rest by a jerk after the last point.
+
+    On the way they go by |v| t - jerk t^3 / 6. Names: by side, the lower one first, and joint.
+    """
+    position, rate = q[-1, 7:], v[-1, 6:]
+    time, upward = np.sqrt(2.0 * np.abs(rate) / jerk), rate > 0.0
+    left = np.where(upward, upper - position, position - lower)
+    left = left - (np.abs(rate) * time - jerk * time**3 / 6.0)
+    by_x = q_by_x[-1, 6:] + time[:, None] * v_by_x[-1, 6:]
+    (near,) = np.nonzero(left < interest)
+    signs = np.where(upward, -1.0, 1.0)[near, None]
+    return Rows(left[near], signs * by_x[near], near + len(lower) * upward[near])
+
+
+class Extremes(NamedTuple):
+    """Where cubics from point to point are highest or lowest, or fastest."""
+
+    intervals: Indices
+    joints: Indices
+    values: Array
+    by_x: Array  # shape (extremes, variables)
+
+
+def position_rows(
+    q: Array,
+    v: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    step: float,
+    has_duration: bool,
+    lower: Array,
+    upper: Array,
+    interest: Array,
+) -> Rows:
+    """Return rows of joint positions: at all points but the first, then where cubics turn.
+
+    Args:
+        has_duration: Whether the last variable is the duration, of which the step is a part.
+
+    Returns:
+        Names of turns are below zero: by side, the upper one first, interval and joint.
+    """
+    path = q[:, 7:], v[:, 6:], q_by_x[:, 6:], v_by_x[:, 6:]
+    way, begin, end = np.diff(path[0], axis=0), step * path[1][:-1], step * path[1][1:]
+    # The rate along a cubic, times the step: a s^2 + b s + c.
+    a, b = 3.0 * (begin + end) - 6.0 * way, 6.0 * way - 4.0 * begin - 2.0 * end
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = -(b + np.copysign(np.sqrt(b**2 - 4.0 * a * begin), b)) / 2.0
+        found = [extremes_at(s, path, step, 0, has_duration) for s in (part / a, begin / part)]
+    turns = Extremes(*(np.concatenate(both) for both in zip(*found, strict=True)))
+    return with_extremes(path[0], path[2], turns, lower, upper, interest)
+
+
+def rate_rows(
+    q: Array,
+    v: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    step: float,
+    has_duration: bool,
+    lower: Array,
+    upper: Array,
+    interest: Array,
+) -> Rows:
+    """Return likewise the rows of joint rates, at points and where cubics are fastest."""
+    path = q[:, 7:], v[:, 6:], q_by_x[:, 6:], v_by_x[:, 6:]
+    way, begin, end = np.diff(path[0], axis=0) / step, path[1][:-1], path[1][1:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        s = (4.0 * begin + 2.0 * end - 6.0 * way) / (6.0 * (begin + end - 2.0 * way))
+    peaks = extremes_at(s, path, step, 1, has_duration)
+    return with_extremes(path[1], path[3], peaks, lower, upper, interest)
+
+
+def extremes_at(
+    parts: Array,
+    path: tuple[Array, Array, Array, Array],
+    step: float,
+    order: int,
+    has_duration: bool,
+) -> Extremes:
+    """Return values of cubics, or of their rates, at parts of intervals where they are extreme.
+
+    There the part itself does not count in the derivative.
+
+    Args:
+        parts: Those not between 0 and 1 are none. Shape (points - 1, joints).
+        path: Positions and rates of joints, and their derivatives.
+        order: 0: positions, 1: rates.
+    """
+    at, joint = np.nonzero((parts > 0.0) & (parts < 1.0))
+    s = parts[at, joint]
+    hermite = np.array([[1, 0, -3, 2], [0, 0, 3, -2], [0, 1, -2, 1], [0, 0, -1, 1]])
+    powers = np.array([np.ones_like(s), s, s**2, s**3])
+    if order == 1:
+        powers = np.array([np.zeros_like(s), np.ones_like(s), 2.0 * s, 3.0 * s**2]) / step
+    weights = hermite @ powers
+    ends = [(0, at), (0, at + 1), (1, at), (1, at + 1)]
+    scales = 1.0, 1.0, step, step
+    values = sum(
+        scale * weight * path[kind][point, joint]
+        for scale, weight, (kind, point) in zip(scales, weights, ends, strict=True)
+    )
+    by_x = sum(
+        scale * weight[:, None] * path[2 + kind][point, joint]
+        for scale, weight, (kind, point) in zip(scales, weights, ends, strict=True)
+    )
+    assert isinstance(values, np.ndarray)
+    assert isinstance(by_x, np.ndarray)
+    if has_duration:
+        # A position keeps its share of both positions, and its share of rates grows; a rate is
+        # one by the step less where it is a difference of positions.
+        kinds = (2, 3) if order == 0 else (0, 1)
+        sign = 1.0 if order == 0 else -1.0
+        grown = sum(
+            sign * weights[k] * path[ends[k][0]][ends[k][1], joint] * scales[k] / step
+            for k in kinds
+        )
+        by_x[:, -1] += grown / (len(path[0]) - 1)
+    return Extremes(at, joint, values, by_x)
+
+
+def with_extremes(
+    values: Array, by_x: Array, extremes: Extremes, lower: Array, upper: Array, interest: Array
+) -> Rows:
+    """Return the rows at all points but the first, then those of the extremes."""
+    at_points = within(values[1:], by_x[1:], lower, upper, interest)
+    joints, found = extremes.joints, [at_points]
+    for side, sign, limit in ((0, -1.0, upper), (1, 1.0, -lower)):
+        left = limit[joints] + sign * extremes.values
+        near = left < interest[joints]
+        at = side * len(values) + extremes.intervals[near]
+        names = -1 - at * len(lower) - joints[near]
+        found.append(Rows(left[near], sign * extremes.by_x[near], names))
+    return Rows(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def joint_rates(
@@ -113,7 +259,7 @@ def joint_rates(
     path = motion.q, motion.v, sensitivity.q, sensitivity.v
     step = problem.duration / (len(motion.q) - 1)
     has_duration = sensitivity.goal_motion is not None
-    return Rows(*compiled.rate_rows(*path, step, has_duration, -limits, limits, interest))
+    return rate_rows(*path, step, has_duration, -limits, limits, interest)
 
 
 def grasp_wrench(
@@ -271,5 +417,8 @@ def within(
         upper: Shape (values,).
         interest: Shape (values,), or one number for all.
     """
-    interest = np.full(lower.shape, interest)
-    return Rows(*compiled.limit_rows(values, jacobian, lower, upper, interest))
+    left = np.array([upper - values, values - lower])
+    near = np.nonzero(left < interest)
+    side, *at = near
+    signs = np.array([-1.0, 1.0])[side, None]
+    return Rows(left[near], signs * jacobian[*at], np.ravel_multi_index(near, left.shape))

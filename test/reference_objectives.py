@@ -16,7 +16,15 @@ _STANDSTILL = 1e-9
 def joint_path(
     v: Array, by_x: Array, step: float, slow: float, smoothing: float
 ) -> tuple[float, Array, Array]:
-    """Return what the core's function of this name does."""
+    """Return J_L of Eq. (44) with smoothing, its gradient and its Gauss-Newton Hessian.
+
+    Args:
+        v: Tangent velocities. Shape (points, 6 + joints).
+        by_x: Their derivatives. Shape (points, 6 + joints, variables).
+        step: Time between two points [s].
+        slow: Rate of one more joint [rad/s].
+        smoothing: Weight of the smoothness.
+    """
     rates, by_x = v[:, 6:], by_x[:, 6:]
     points, _, variables = by_x.shape
     if slow > 0.0:
@@ -69,7 +77,7 @@ def smoothness(
 
 
 def chaser_euler(q: Array, by_x: Array, rotation_chaser_to_base: Array) -> tuple[Array, Array]:
-    """Return what the core's function of this name does."""
+    """Return Euler angles, shape (points, 3), and their derivatives, (points, 3, variables)."""
     rotation = rotation_base_to_inertial(q)
     euler = euler_from_rotation(rotation @ rotation_chaser_to_base)
     turn = rotation @ by_x[:, 3:6]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,6 +11,8 @@ import pinocchio as pin
 import reference_distance_rows as distances
 import reference_goal_rows as goals
 import reference_load_rows as loads
+import reference_objectives
+from core_rows import NO_OBJECTIVE
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
@@ -22,20 +25,22 @@ from ff_planner_ros.planning.requirements.requirement import Requirement, Rows
 
 ROWS = {
     "approach": goals.approach,
-    "body_clearance": distances.body_clearance,
     "camera": goals.camera,
     "chaser_attitude": goals.chaser_attitude,
     "chaser_rotation": goals.chaser_rotation,
-    "clearance": distances.clearance,
     "grasp_wrench": loads.grasp_wrench,
     "joint_accelerations": loads.joint_accelerations,
     "joint_positions": loads.joint_positions,
     "joint_rates": loads.joint_rates,
-    "obstacle_clearance": distances.obstacle_clearance,
-    "self_clearance": distances.self_clearance,
     "singular_values": goals.singular_values,
     "torques": loads.torques,
     "wheels": loads.wheels,
+}
+DISTANCES = {
+    "body_clearance": distances.body_clearance,
+    "clearance": distances.clearance,
+    "obstacle_clearance": distances.obstacle_clearance,
+    "self_clearance": distances.self_clearance,
 }
 
 
@@ -46,14 +51,40 @@ def rows_of(
     sensitivity: Sensitivity,
     margin: float,
 ) -> Rows | None:
-    """Return the rows of a requirement, those of a plug-in by itself."""
+    """Return the rows of a requirement that is not one of distances; of a plug-in, its own."""
     if not required.concerns(problem):
         return None
     return ROWS.get(required.name, required.rows)(problem, motion, sensitivity, margin)
 
 
-def linearise(program: PathProgram, x: Array) -> PathLinearisation:
-    """Return what `PathProgram.linearise` does."""
+def distances_of_core(
+    program: PathProgram, required: Requirement, motion: Motion, _: Sensitivity
+) -> Rows:
+    """Return all distances of interest; tests of clearance and bodies have their truth."""
+    # Without margins, and nothing may touch.
+    problem = replace(program.problem, allowed_collisions=())
+    requirements = required.in_core(problem, program.points, 0.0) or ()
+    corrected = program.correction
+    found = compiled.PathProgram(
+        program.family.on_grid(program.points, program.damping),
+        1.0,
+        NO_OBJECTIVE,
+        [(0, one) for one in requirements],
+        corrected and compiled.Correction(corrected.q, corrected.v, corrected.q_half_way),
+    ).at(motion.x)
+    return Rows(found.constraints, found.constraints_jacobian, found.names - _NAMES // 2)
+
+
+def linearise(
+    program: PathProgram,
+    x: Array,
+    distances_of: Callable[..., Rows] = distances_of_core,
+) -> PathLinearisation:
+    """Return what `PathProgram.linearise` does.
+
+    Args:
+        distances_of: As `distances_of_core`.
+    """
     motion = program.family.motion(x, program.points, program.damping)
     if motion.singular_at is not None:
         return undefined(motion)
@@ -71,12 +102,16 @@ def linearise(program: PathProgram, x: Array) -> PathLinearisation:
         hessian = hessian + term.hessian
         max_terms.append(term.max_terms)
         max_terms_jacobian.append(term.max_terms_jacobian)
-    asked = [
-        (number, rows_of(required, problem, driven, sensitivity, program.margins[required.name]))
-        for number, required in enumerate(program.requirements)
-        if required.name not in program.on_demand and required.concerns(problem)
-    ]
-    kept = [(number, found) for number, found in asked if found is not None]
+    kept = []
+    for number, required in enumerate(program.requirements):
+        if required.name in program.on_demand or not required.concerns(problem):
+            continue
+        margin = program.margins[required.name]
+        if required.name in DISTANCES:
+            near = distances_of(program, required, driven, sensitivity)
+            kept.append((number, DISTANCES[required.name](problem, driven, near, margin)))
+        elif (found := rows_of(required, problem, driven, sensitivity, margin)) is not None:
+            kept.append((number, found))
     return PathLinearisation(
         value=value,
         gradient=gradient,
@@ -155,7 +190,9 @@ def terms(
     weight = weights.chaser_attitude
     if weight > 0.0:
         # The Euler angles whose largest modulus is J_Theta.
-        euler, jacobian = goals.chaser_euler_with_derivative(robot, motion.q, sensitivity.q)
+        euler, jacobian = reference_objectives.chaser_euler(
+            motion.q, sensitivity.q, robot.rotation_chaser_to_base
+        )
         euler, jacobian = weight * euler.ravel(), (weight * jacobian).reshape(-1, variables)
         if np.isfinite(attitude_norm):
             value, gradient, hessian = power_mean(euler, jacobian, attitude_norm)
@@ -217,4 +254,4 @@ def joint_path(
         shares = np.append(np.ones(6), weights)
         v, by_x = shares * v, shares[:, None] * by_x
     slow = _slow((len(v) - 1) * step, smoothing)
-    return compiled.joint_path(v, by_x, step, slow, smoothing)
+    return reference_objectives.joint_path(v, by_x, step, slow, smoothing)

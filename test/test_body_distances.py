@@ -17,11 +17,12 @@ from bodied_robots import (
     random_robot,
     tumbling_spheres,
 )
+from core_rows import CoreRows, pair_distances_of_core, sphere_distances_of_core
 from robots import random_state
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of, sphere_arrays, spheres_of
+from ff_planner_ros.core.conversions import sphere_arrays, spheres_of
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     distance_from,
@@ -51,10 +52,6 @@ def all_pairs(seed: int) -> Robot:
 def configurations(robot: Robot, count: int, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     return np.array([configuration(robot, random_state(robot, rng))[0] for _ in range(count)])
-
-
-def bodies_along(robot: Robot, q: Array, sensitivity: Array) -> compiled.BodiesAlong:
-    return compiled.BodiesAlong(chain_of(robot), bodies_of(robot), q, sensitivity)
 
 
 def spheres_around(
@@ -232,10 +229,10 @@ def dense_rows(gradients: Array, sensitivity: Array, at: Array) -> Array:
 
 
 def require_rows(
-    found: tuple[Array, ...], distance: Array, jacobian: Array, interest: float, where: str
+    found: CoreRows, distance: Array, jacobian: Array, interest: float, where: str
 ) -> None:
     """Hold rows of the core against all distances, by their names, and their derivatives."""
-    distances, derivatives, names = found
+    distances, derivatives, names, *_ = found
     assert set(np.flatnonzero(distance < interest - 1e-6)) <= set(names), where
     np.testing.assert_allclose(distances, distance[names], rtol=0.0, atol=4e-6, err_msg=where)
     # Where nearest points are not the only ones, there are several derivatives.
@@ -251,16 +248,16 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     q = configurations(robot, 12, seed)
     centers, radius = spheres_around(robot, q[:1], 9, rng)
     velocities, times = rng.normal(scale=0.05, size=(9, 3)), np.linspace(0.0, 3.0, 12)
-    sensitivity = rng.normal(size=(12, robot.model.nv, 5))
-    along, interest = bodies_along(robot, q, sensitivity), 0.3
+    interest = 0.3
     placed = placed_bodies(robot, q[:, 7:])
     rows = every_row(12, len(robot.pairs))
     truth = pair_distances(robot, placed, rows)
     gradients = pair_gradients(robot, placed, truth, rows)
+    found = pair_distances_of_core(robot, q, interest)
     require_rows(
-        compiled.pair_rows(along, interest),
+        found,
         truth.distance,
-        dense_rows(gradients, sensitivity[:, 6:], rows[0]),
+        dense_rows(gradients, found.q_by_x[:, 6:], rows[0]),
         interest,
         f"pairs, seed {seed}",
     )
@@ -268,12 +265,12 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     seen = centers_in_base(q, centers + times[:, None, None] * velocities)
     truth = sphere_distances(robot, placed, seen, radius, rows)
     gradients = sphere_gradients(robot, placed, truth, rows)
+    of = compiled.Spheres(centers[0], velocities, radius), 9
+    found = sphere_distances_of_core(robot, q, times, *of, interest)
     require_rows(
-        compiled.sphere_rows(
-            along, times, compiled.Spheres(centers[0], velocities, radius), interest
-        ),
+        found,
         truth.distance,
-        dense_rows(gradients, sensitivity, rows[0]),
+        dense_rows(gradients, found.q_by_x, rows[0]),
         interest,
         f"spheres, seed {seed}",
     )
@@ -296,18 +293,16 @@ def test_the_core_knows_where_spheres_are_that_are_fixed_to_a_tumbling_body(seed
     q, times = configurations(robot, 12, seed), np.linspace(0.0, 3.0, 12)
     q[:, :3] = q[:1, :3]
     spheres = tumbling_spheres(rng, q[0, :3], 9)
-    sensitivity = rng.normal(size=(12, robot.model.nv, 5))
     rows = every_row(12, len(robot.bodies), 9)
     placed, (_, _, radius) = placed_bodies(robot, q[:, 7:]), sphere_arrays(spheres)
     seen = centers_in_base(q, centers_at(times, spheres))
     truth = sphere_distances(robot, placed, seen, radius, rows)
     gradients = sphere_gradients(robot, placed, truth, rows)
+    found = sphere_distances_of_core(robot, q, times, spheres_of(spheres, 3.0), 9, 0.6)
     require_rows(
-        compiled.sphere_rows(
-            bodies_along(robot, q, sensitivity), times, spheres_of(spheres, 3.0), 0.6
-        ),
+        found,
         truth.distance,
-        dense_rows(gradients, sensitivity, rows[0]),
+        dense_rows(gradients, found.q_by_x, rows[0]),
         0.6,
         f"seed {seed}",
     )

@@ -10,13 +10,13 @@ import pinocchio as pin
 import pytest
 import reference_clearance
 import reference_end_effector as reference
-from reference_distance_rows import clearance_rows
+from core_rows import line_distances
 from reference_velocity_map import VelocityMap, stacked
 from robots import random_path, random_state, random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import chain_of
+from ff_planner_ros.core.conversions import chain_of, spheres_of
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures, measure
@@ -120,10 +120,9 @@ def test_distances_of_interest_and_their_derivatives_are_those_of_numpy(
     """Among many spheres far away, of which the broad phase must not lose one that is near."""
     robot = chain_robot(name)
     rng = np.random.default_rng(robot.joints)
-    gaps, columns = 4, int(rng.integers(1, 30))
+    gaps = 4
     q_start, v = configuration(robot, random_state(robot, rng))
     q = np.array([pin.integrate(robot.model, q_start, t * v) for t in np.arange(2.0 * gaps)])
-    by_x = rng.normal(size=(2 * gaps, 6 + robot.joints, columns))
     times = rng.uniform(0.0, DURATION, (4 * gaps - 2) if quarter_way else 2 * gaps)
     points = arm_points(robot, q).reshape(-1, 3)
     places = rng.choice(points, 60) + rng.choice([0.5, 5.0], (60, 1)) * rng.normal(size=(60, 3))
@@ -133,12 +132,15 @@ def test_distances_of_interest_and_their_derivatives_are_those_of_numpy(
         for k, (place, moving) in enumerate(zip(places, motions, strict=True))
     ]
     for few in ([], spheres):
-        question = (robot, q, by_x, times, few, 0.5, quarter_way)
-        found, expected = clearance_rows(*question), reference_clearance.clearance_rows(*question)
-        np.testing.assert_array_equal(found[2], expected[2])
-        agree(found[0], expected[0], "distance")
-        agree(found[1], expected[1], "d distance / dx")
-    assert 0 < len(found[0]) < robot.joints * len(times) * len(spheres)
+        in_core = spheres_of(few, DURATION)
+        found = line_distances(robot, q, times, in_core, len(few), 0.5, quarter_way)
+        expected = reference_clearance.clearance_rows(
+            robot, found.q, found.q_by_x, times, few, 0.5, quarter_way
+        )
+        np.testing.assert_array_equal(found.names, expected[2])
+        agree(found.values, expected[0], "distance")
+        agree(found.jacobian, expected[1], "d distance / dx")
+    assert 0 < len(found.names) < robot.joints * len(times) * len(spheres)
 
 
 @pytest.mark.parametrize("name", FREE + PLANAR + SLIDING)
@@ -205,19 +207,6 @@ def test_the_check_of_a_plan_uses_nothing_of_the_core(
     metrics = measure(lemur_capture, measured.trajectory, settings)
     assert metrics == lemur_plan.metrics
     assert list(failures(lemur_capture, measured, settings)) == []
-
-
-def test_twists_and_their_derivatives_are_those_of_the_expanded_polynomials() -> None:
-    robot = chain_robot("free6")
-    rng = np.random.default_rng(1)
-    path = random_path(robot, random_state(robot, rng), rng, DURATION, reach=0.3)
-    coefficients, s = rng.normal(scale=0.2, size=(6, 3)), np.linspace(0.0, 1.0, 23)
-    for what, found, expected in (
-        ("twist", path.twist, reference.twist_of),
-        ("acceleration", path.acceleration, reference.acceleration_of),
-        ("derivative", path.twist_derivative, reference.twist_derivative),
-    ):
-        agree(found(coefficients, s), expected(path, coefficients, s), what)
 
 
 @pytest.mark.parametrize(

@@ -71,11 +71,6 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     two |= {"attached": [compiled.Attached(**attached)]}
     spheres = {"spheres": compiled.Spheres(**two)}
     chain = {"chain": chain_of(ROBOT)}
-    bodies = chain | {"bodies": bodies_of(ROBOT), "q": q, "q_sensitivity": by_q}
-    bodies |= {"q_half_way": q + 0.01, "q_half_way_sensitivity": -by_q, "quarter_way": True}
-    along = {"along": compiled.BodiesAlong(**bodies)}
-    looked_at = 4 * POINTS - 2
-    of_times = {"times": np.arange(looked_at * 1.0), "times_by_last": np.ones(looked_at)}
     way = chain | {
         "q": q,
         "cubics": np.full((POINTS - 1, 3, SIZE), 1e-3),
@@ -156,10 +151,6 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     polynomial |= {"rotation_outer": np.eye(3), "quintic_by_duration": np.full((6, 6), 1e-3)}
     path = {"path": compiled.EndEffectorPolynomial(**polynomial), "x": np.full(18, 0.01)}
     fade = {name: np.full(JOINTS, 0.01) for name in ("rates", "accelerations")} | {"seconds": 1.0}
-    joints = {"q": q, "v": q[:, 1:], "q_by_x": by_q, "v_by_x": by_q}
-    between = joints | {"step": 0.7, "has_duration": True}
-    limits = {"lower": np.full(JOINTS, -0.3), "upper": np.full(JOINTS, 0.3)}
-    limits |= {"interest": np.full(JOINTS, 3.0)}
     still = compiled.EndEffectorPolynomial(
         **{name: polynomial[name] for name in ("duration", "quintic", "rotation_outer")}
     )
@@ -195,19 +186,11 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         ),
         "EndEffectorPolynomial": (compiled.EndEffectorPolynomial, polynomial),
         "NullSpaceFade": (compiled.NullSpaceFade, fade),
-        "end_effector_twist": (compiled.end_effector_twist, path | {"s": np.arange(2) / 2}),
         "arm_points_with_derivatives": (
             compiled.arm_points_with_derivatives,
             chain | {"q": q, "q_sensitivity": by_q},
         ),
         "Attached": (compiled.Attached, attached),
-        "clearances": (
-            compiled.clearances,
-            chain
-            | spheres
-            | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
-            | {"interest": 3.0, "quarter_way": False, "times_by_last": np.ones(POINTS)},
-        ),
         "smallest_singular_values": (
             compiled.smallest_singular_values,
             chain | {"joints": q[:, 7:], "rows": [0, 1, 5]},
@@ -218,18 +201,6 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             | {"q": q, "v": q[:, 1:], "accelerations": q[:, 7:], "q_by_x": by_q}
             | {"v_by_x": by_q, "accelerations_by_x": by_q[:, 6:]},
         ),
-        "joint_path": (
-            compiled.joint_path,
-            {"v": q[:, 1:], "by_x": by_q, "step": 0.1, "slow": 0.1, "smoothing": 0.1},
-        ),
-        "chaser_euler": (
-            compiled.chaser_euler,
-            {"q": q, "by_x": by_q, "rotation_chaser_to_base": np.eye(3)},
-        ),
-        "limit_rows": (compiled.limit_rows, limits | {"values": q[:, 7:], "by_x": by_q[:, 6:]}),
-        "position_rows": (compiled.position_rows, between | limits),
-        "rate_rows": (compiled.rate_rows, between | limits),
-        "stop_rows": (compiled.stop_rows, joints | limits | {"jerk": 10.0}),
         "solve_subproblem": (
             solve_subproblem,
             FUNCTIONS
@@ -268,22 +239,9 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.Bodies,
             {"bodies": [compiled.Body(**hull)] * 2, "pairs": np.array([[0, 1]])},
         ),
-        "BodiesAlong": (compiled.BodiesAlong, bodies),
-        "pair_rows": (
-            compiled.pair_rows,
-            along | {"interest": 3.0},
-        ),
-        "sphere_rows": (
-            compiled.sphere_rows,
-            along | spheres | of_times | {"interest": 3.0},
-        ),
         "TumblingBody": (compiled.TumblingBody, tumbling),
         "Obstacle": (compiled.Obstacle, obstacle),
         "Obstacles": (compiled.Obstacles, {"obstacles": both}),
-        "obstacle_rows": (
-            compiled.obstacle_rows,
-            along | obstacles | of_times | {"interest": 3.0},
-        ),
         "certified_obstacle_distance": (
             compiled.certified_obstacle_distance,
             asked | obstacles | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
@@ -309,8 +267,6 @@ def answer(name: str, changed: Arguments) -> list[np.ndarray]:
     found = ask(**(arguments | changed))
     if isinstance(found, compiled.DrivenMotion):
         found = found.q, found.v, found.q_half_way
-    if isinstance(found, compiled.BodiesAlong):
-        found = found.q, found.tips, found.q_sensitivity
     parts = found if isinstance(found, tuple) else (found,)
     return [np.asarray(part) for part in parts if isinstance(part, (np.ndarray, float))]
 

@@ -3,48 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from core_rows import EACH, CoreRows, rows_along
 from scipy.interpolate import CubicHermiteSpline
+from test_core import chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
+from ff_planner_ros.robot.model import Robot
 
-POINTS, JOINTS, VARIABLES, STEP = 9, 4, 3, 0.4
-SIZE = 6 + JOINTS
+POINTS, JOINTS, STEP, JERK = 9, 4, 0.4, 10.0
+FAR = 1e3  # [rad, rad/s] all of it is of interest
 
 every_seed = pytest.mark.parametrize("seed", range(5))
 both = pytest.mark.parametrize("order", [0, 1])
 
 
-def drawn(seed: int) -> dict[str, Any]:
+class Drawn(NamedTuple):
     """Joints that turn round in about every interval, and limits that leave some rows out."""
+
+    robot: Robot
+    q: Array
+    v: Array
+    lower: Array
+    upper: Array
+    interest: float
+
+    def rows(self, order: int, stop_interest: float = -FAR, aside: Array | None = None) -> CoreRows:
+        """Return rows of positions, order 0, or of rates, whose limits are the upper ones."""
+        asked = compiled.positions_within(
+            self.lower, self.upper, 0.0, 0.0, self.interest, stop_interest, JERK, STEP
+        )
+        if order == 1:
+            # As parts of limits, which are alike.
+            of_limits = self.interest / self.upper[0]
+            asked = compiled.rates_within(self.upper, 0.0, 0.0, of_limits, STEP)
+        return rows_along(self.robot, [asked], self.q, self.q[1:], self.v, aside=aside)
+
+
+def drawn(order: int, seed: int) -> Drawn:
     rng = np.random.default_rng(seed)
-    q = rng.normal(size=(POINTS, 7 + JOINTS))
-    v = rng.normal(scale=3.0, size=(POINTS, SIZE))
-    return {
-        "q": q,
-        "v": v,
-        "q_by_x": rng.normal(size=(POINTS, SIZE, VARIABLES)),
-        "v_by_x": rng.normal(size=(POINTS, SIZE, VARIABLES)),
-        "step": STEP,
-        "has_duration": bool(seed % 2),
-        "lower": rng.uniform(-1.5, -0.5, JOINTS),
-        "upper": rng.uniform(0.5, 1.5, JOINTS),
-        "interest": rng.uniform(0.5, 2.0, JOINTS),
-    }
+    q, v = rng.normal(size=(POINTS, 7 + JOINTS)), rng.normal(scale=3.0, size=(POINTS, 6 + JOINTS))
+    q[:, :3], q[:, 3:7] = 0.0, [0.0, 0.0, 0.0, 1.0]
+    q[0, 7:], v[0, 6:] = 0.1, 0.1  # a start beyond its limits would move them
+    lower, upper = rng.uniform(-1.5, -0.5, JOINTS), rng.uniform(0.5, 1.5, JOINTS)
+    if order == 1:
+        upper = np.full(JOINTS, 1.0)
+        lower = -upper
+    return Drawn(chain_robot("free4"), q, v, lower, upper, rng.uniform(0.5, 2.0))
 
 
-def rows_of(order: int, arguments: dict[str, Any]) -> tuple[Array, Array, Array]:
-    return (compiled.position_rows, compiled.rate_rows)[order](**arguments)
-
-
-def extremes(arguments: dict[str, Any], order: int) -> Iterator[tuple[int, int, float]]:
+def extremes(of: Drawn, order: int) -> Iterator[tuple[int, int, float]]:
     """Yield interval, joint and value of each extreme of the cubics between the points."""
     for joint in range(JOINTS):
-        rows = arguments["q"][:, 7 + joint], arguments["v"][:, 6 + joint]
+        rows = of.q[:, 7 + joint], of.v[:, 6 + joint]
         spline = CubicHermiteSpline(STEP * np.arange(POINTS), *rows)
         for interval, coefficients in enumerate(spline.c.T):
             curve = np.polyder(np.poly1d(coefficients), order)
@@ -53,18 +68,18 @@ def extremes(arguments: dict[str, Any], order: int) -> Iterator[tuple[int, int, 
                     yield interval, joint, curve(root.real)
 
 
-def expected(arguments: dict[str, Any], order: int) -> list[tuple[int, float]]:
+def expected(of: Drawn, order: int) -> list[tuple[int, float]]:
     """Return names, and what is left, at the later points and at extremes where they are near."""
-    values, later = (arguments["q"][1:, 7:], arguments["v"][1:, 6:])[order], POINTS - 1
+    values, later = (of.q[1:, 7:], of.v[1:, 6:])[order], POINTS - 1
     # By joint: the value, the name of its upper limit, and how far that of the lower one is.
     places = [(j, at, i * JOINTS + j, later * JOINTS) for (i, j), at in np.ndenumerate(values)]
-    for interval, joint, value in extremes(arguments, order):
+    for interval, joint, value in extremes(of, order):
         places.append((joint, value, -1 - interval * JOINTS - joint, -POINTS * JOINTS))
     rows = []
     for joint, value, name, to_lower in places:
-        limits = arguments["upper"][joint] - value, value - arguments["lower"][joint]
+        limits = of.upper[joint] - value, value - of.lower[joint]
         for left, named in zip(limits, (name, name + to_lower), strict=True):
-            if left < arguments["interest"][joint]:
+            if left < of.interest:
                 rows.append((named, left))
     return sorted(rows)
 
@@ -73,10 +88,10 @@ def expected(arguments: dict[str, Any], order: int) -> list[tuple[int, float]]:
 @both
 def test_what_is_left_at_points_and_extremes_is_that_of_the_cubics(order: int, seed: int) -> None:
     """One joint rests: it has no extremes."""
-    arguments = drawn(seed)
-    arguments["q"][:, 7], arguments["v"][:, 6] = 0.2, 0.0
-    values, _, names = rows_of(order, arguments)
-    found, wanted = sorted(zip(names, values, strict=True)), expected(arguments, order)
+    of = drawn(order, seed)
+    of.q[:, 7], of.v[:, 6] = 0.2, 0.0
+    values, _, names, *_ = of.rows(order)
+    found, wanted = sorted(zip(names, values, strict=True)), expected(of, order)
     assert len([name for name, _ in wanted if name < 0]) > 10
     assert len({name for name, _ in wanted}) < 2 * (2 * POINTS - 1) * JOINTS, "all are near"
     assert [name for name, _ in found] == [name for name, _ in wanted]
@@ -88,71 +103,29 @@ def test_what_is_left_at_points_and_extremes_is_that_of_the_cubics(order: int, s
 @every_seed
 @both
 def test_rows_have_the_derivatives_of_differences(order: int, seed: int) -> None:
-    """The last variable of every other seed is the duration, of which the step is a part."""
-    arguments = drawn(seed) | {"interest": np.full(JOINTS, 1e3)}
-    _, jacobian, names = rows_of(order, arguments)
-
-    def aside(column: int, by: float) -> tuple[Array, Array]:
-        by_q = np.pad(arguments["q_by_x"][..., column], [(0, 0), (1, 0)])
-        is_duration = arguments["has_duration"] and column == VARIABLES - 1
-        values, _, there = rows_of(
-            order,
-            arguments
-            | {"q": arguments["q"] + by * by_q}
-            | {"v": arguments["v"] + by * arguments["v_by_x"][..., column]}
-            | {"step": STEP + (by / (POINTS - 1) if is_duration else 0.0)},
-        )
-        return values, there
-
-    step = 1e-6
-    for column in range(VARIABLES):
-        (ahead, names_ahead), (behind, names_behind) = (aside(column, by) for by in (step, -step))
-        assert names.tolist() == names_ahead.tolist() == names_behind.tolist()
-        slope = (ahead - behind) / (2.0 * step)
-        np.testing.assert_allclose(jacobian[:, column], slope, rtol=1e-6, atol=1e-6)
-
-
-@every_seed
-def test_quantities_at_points_have_a_row_where_they_are_near_a_limit(seed: int) -> None:
-    """In the order of the names: upper limits first, then by point."""
-    arguments = drawn(seed)
-    values, by_x = arguments["q"][:, 7:], arguments["q_by_x"][:, 6:]
-    limits = {name: arguments[name] for name in ("lower", "upper", "interest")}
-    rows = []
-    for sign, limit in ((-1.0, limits["upper"]), (1.0, -limits["lower"])):
-        for i, at in enumerate(values):
-            for j, value in enumerate(at):
-                left = limit[j] + sign * value
-                if left < limits["interest"][j]:
-                    rows.append((left, sign * by_x[i, j], (sign > 0.0, i, j)))
-    found = compiled.limit_rows(values=values, by_x=by_x, **limits)
-    np.testing.assert_array_equal(found[0], [left for left, _, _ in rows])
-    np.testing.assert_array_equal(found[1], [gradient for _, gradient, _ in rows])
-    shape = 2, POINTS, JOINTS
-    assert found[2].tolist() == [np.ravel_multi_index(where, shape) for _, _, where in rows]
-    assert 0 < len(rows) < values.size * 2
+    """Those of joints that stop after the last point, too."""
+    of, step = drawn(order, seed)._replace(interest=FAR), 1e-6
+    here = of.rows(order, stop_interest=FAR)
+    for column, unit in enumerate(step * np.eye(EACH * JOINTS)):
+        ahead, behind = (of.rows(order, FAR, sign * unit) for sign in (1.0, -1.0))
+        assert here.names.tolist() == ahead.names.tolist() == behind.names.tolist()
+        slope = (ahead.values - behind.values) / (2.0 * step)
+        np.testing.assert_allclose(here.jacobian[:, column], slope, rtol=1e-6, atol=1e-6)
 
 
 @every_seed
 def test_joints_stop_at_the_height_of_their_cubics(seed: int) -> None:
     """By a jerk against the motion: p + v t - jerk t^3 / 6, as high as between all times."""
-    arguments, jerk = drawn(seed), 10.0
-    last = {name: arguments[name][-1:] for name in ("q", "v", "q_by_x", "v_by_x")}
-    limits = {name: arguments[name] for name in ("lower", "upper")}
-    values, jacobian, names = compiled.stop_rows(
-        **last, jerk=jerk, **limits, interest=np.full(JOINTS, 1e3)
-    )
-    time = np.linspace(0.0, 2.0, 400_001)
-    for joint, (value, gradient) in enumerate(zip(values, jacobian, strict=True)):
-        position, rate = last["q"][0, 7 + joint], last["v"][0, 6 + joint]
-        way = abs(rate) * time - jerk * time**3 / 6.0
-        upward = rate > 0.0
-        left = limits["upper"][joint] - position if upward else position - limits["lower"][joint]
-        assert value == pytest.approx(left - way.max(), abs=1e-9)
-        assert names[joint] == joint + JOINTS * upward
-        stop = time[way.argmax()]
-        by_x = last["q_by_x"][0, 6 + joint] + stop * last["v_by_x"][0, 6 + joint]
-        np.testing.assert_allclose(gradient, (-1.0 if upward else 1.0) * by_x, atol=1e-4)
+    of = drawn(0, seed)._replace(interest=-FAR)
+    values, _, names, *_ = of.rows(0, stop_interest=FAR)
     assert len(values) == JOINTS
-    none = compiled.stop_rows(**last, jerk=jerk, **limits, interest=values)
-    assert [len(each) for each in none] == [0, 0, 0]
+    below = -2 - 2 * POINTS * JOINTS  # the names of turns
+    time = np.linspace(0.0, 2.0, 400_001)
+    for joint, value in enumerate(values):
+        position, rate = of.q[-1, 7 + joint], of.v[-1, 6 + joint]
+        way = abs(rate) * time - JERK * time**3 / 6.0
+        upward = rate > 0.0
+        left = of.upper[joint] - position if upward else position - of.lower[joint]
+        assert value == pytest.approx(left - way.max(), abs=1e-9)
+        assert names[joint] == below - (joint + JOINTS * upward)
+    assert len(of.rows(0, stop_interest=float(values.min())).values) == 0

@@ -10,10 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import reference_clearance
+from core_rows import EACH, resting_paths
 from reference_objectives import chaser_euler, joint_path
 from robots import random_state
 from test_core import FREE, PLANAR, agree, chain_robot
 
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.parameters import load_parameters
@@ -25,6 +27,7 @@ from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, Sphere
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
 
 SETTINGS = load_parameters().planner
 
@@ -59,35 +62,48 @@ def test_the_check_says_the_same_of_a_plan_with_the_core_taken_away(
 
 
 @pytest.mark.parametrize("joints", [1, 3, 7, 14])
+@pytest.mark.parametrize("moving", [0.0, 1.0])
 @pytest.mark.parametrize(("slow", "smoothing"), [(0.0, 0.0), (0.01, 0.05), (0.3, 2.0)])
 def test_the_joint_path_and_its_derivatives_are_those_of_numpy(
-    joints: int, slow: float, smoothing: float
+    joints: int, moving: float, slow: float, smoothing: float
 ) -> None:
-    rng = np.random.default_rng(joints)
-    points, variables = int(rng.integers(2, 20)), int(rng.integers(1, 60))
-    v = rng.normal(size=(points, 6 + joints))
-    v[points // 2, 6:] = 0.0  # all joints stand still for a moment
-    by_x = rng.normal(size=(points, 6 + joints, variables)) * rng.integers(
-        0, 2, (points, 6 + joints, variables)
-    )
-    question = (v, by_x, 0.2, slow, smoothing)
-    found, expected = compiled.joint_path(*question), joint_path(*question)
-    assert found[0] == pytest.approx(expected[0], rel=1e-12)
-    agree(found[1], expected[1], "gradient")
-    agree(found[2], expected[2], "Hessian")
-    np.testing.assert_array_equal(found[2], found[2].T)
+    """Also of joints that stand still."""
+    robot, rng = chain_robot(f"free{joints}"), np.random.default_rng(joints)
+    x = moving * rng.normal(size=EACH * joints)
+    asked = compiled.PathObjective(1.0, slow, smoothing, np.empty(0), 0.0, np.eye(3), 0.0)
+    found, v, by_x, *_ = evaluated(robot, asked, x)
+    value, gradient, hessian = joint_path(v, by_x, 0.2, slow, smoothing)
+    assert found.value == pytest.approx(value, rel=1e-12)
+    agree(found.gradient, gradient, "gradient")
+    agree(found.hessian, hessian, "Hessian")
+    np.testing.assert_array_equal(found.hessian, found.hessian.T)
 
 
 @pytest.mark.parametrize("name", FREE + PLANAR)
 def test_the_chaser_s_euler_angles_and_their_derivatives_are_those_of_numpy(name: str) -> None:
     robot = chain_robot(name)
     rng = np.random.default_rng(robot.joints)
-    q = np.array([configuration(robot, random_state(robot, rng))[0] for _ in range(20)])
-    by_x = rng.normal(size=(20, 6 + robot.joints, int(rng.integers(1, 60))))
-    to_base = pin.exp3(rng.normal(size=3))
-    found, expected = (euler(q, by_x, to_base) for euler in (compiled.chaser_euler, chaser_euler))
-    agree(found[0], expected[0], "angles")
-    agree(found[1], expected[1], "derivatives")
+    x, to_base = rng.normal(size=EACH * robot.joints), pin.exp3(rng.normal(size=3))
+    asked = compiled.PathObjective(0.0, 0.0, 0.0, np.empty(0), 1.0, to_base, 0.0)
+    found, _, _, q, by_x = evaluated(robot, asked, x)
+    euler, of_euler = chaser_euler(q, by_x, to_base)
+    agree(found.max_terms, np.append(euler, -euler), "angles")
+    both = np.concatenate([of_euler, -of_euler]).reshape(-1, len(x))
+    agree(found.max_terms_jacobian, both, "derivatives")
+
+
+def evaluated(
+    robot: Robot, objective: compiled.PathObjective, x: Array
+) -> tuple[compiled.EvaluatedPath, Array, Array, Array, Array]:
+    """Return what an objective says of a path, and v and q there with their derivatives."""
+    seen = list[tuple[Array, Array, Array, Array]]()
+
+    def look(motion: compiled.MotionOfPath) -> None:
+        seen.append((motion.v, motion.v_by_x, motion.q, motion.q_by_x))
+
+    paths = resting_paths(robot, 9, lasting=False)
+    found = compiled.PathProgram(paths, 0.2, objective, [(0, look)]).at(x)
+    return found, *seen[0]
 
 
 @pytest.mark.parametrize("name", FREE + PLANAR)
@@ -170,13 +186,3 @@ def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
     assert 0.0 < certified() < 20.0
     with pytest.raises(ValueError, match=re.escape(said)):
         certified(**change)
-
-
-def test_a_joint_path_of_wrong_sizes_or_of_nan_is_refused_by_name() -> None:
-    v, by_x = np.ones((3, 8)), np.ones((3, 8, 4))
-    with pytest.raises(ValueError, match="by_x has the shape"):
-        compiled.joint_path(v, by_x[:2], 0.1, 0.0, 0.0)
-    with pytest.raises(ValueError, match="v has the shape"):
-        compiled.joint_path(v[:, :6], by_x[:, :6], 0.1, 0.0, 0.0)
-    with pytest.raises(ValueError, match="step is not finite"):
-        compiled.joint_path(v, by_x, np.nan, 0.0, 0.0)

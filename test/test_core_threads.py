@@ -54,7 +54,7 @@ def test_any_number_of_threads_finds_the_same_rows(seed: int, count: int) -> Non
     for rows in found:
         for part, expected in zip(rows, found[0], strict=True):
             np.testing.assert_array_equal(part, expected)
-    distances, _, names = found[0]
+    distances, _, names, *_ = found[0]
     at = names // (len(robot.bodies) * len(obstacles))
     assert (np.diff(at) >= 0).all()
     assert min((distances > 0.0).sum(), (distances < 0.0).sum()) > count

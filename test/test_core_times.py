@@ -8,21 +8,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bodied_robots import random_robot, tumbling_spheres
+from core_rows import CoreRows, line_distances, sphere_distances_of_core
 from dense_motion import centers_of, to_lines
-from reference_distance_rows import clearance_rows
-from test_body_distances import bodies_along, configurations
+from test_body_distances import configurations
 from test_core import chain_robot
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.problem.problem import Sphere
 
 STEP, POINTS, FAR = 1e-5, 8, 1e3
-# In which part of a second each point comes later by the last variable, some of them earlier.
-LATER = np.linspace(-1.0, 1.5, POINTS)
 TIMES = np.linspace(0.0, 2.5, POINTS) + 0.2
+LATER = TIMES / TIMES[-1]  # each, in parts of what the last one is
 
 
 def spheres_near(place: Array, seed: int) -> tuple[Sphere, ...]:
@@ -38,22 +36,20 @@ def test_distances_of_lines_change_with_their_times_as_their_differences(seed: i
     robot = chain_robot("free6")
     q = configurations(robot, POINTS, seed)
     spheres = spheres_near(arm_points(robot, q)[0, 3], seed)
-    none = np.zeros((POINTS, robot.model.nv, 2))
 
-    def rows(times: Array, later: Array | None) -> tuple[Array, Array, Array]:
-        return clearance_rows(robot, q, none, times, spheres, FAR, False, later)
+    def rows(times: Array, lasting: bool = False) -> CoreRows:
+        of = spheres_of(spheres, 10.0), len(spheres)
+        return line_distances(robot, q, times, *of, FAR, lasting=lasting)
 
-    distances, jacobian, names = rows(TIMES, LATER)
-    ahead, behind = (rows(TIMES + way * LATER, None) for way in (STEP, -STEP))
-    assert (ahead[2] == names).all()
-    expected = (ahead[0] - behind[0]) / (2 * STEP)
-    assert jacobian[:, 1] == pytest.approx(expected, abs=1e-6)
-    assert not jacobian[:, 0].any()
+    found = rows(TIMES, lasting=True)
+    ahead, behind = (rows(TIMES + way * LATER) for way in (STEP, -STEP))
+    assert (ahead.names == found.names).all()
+    expected = (ahead.values - behind.values) / (2 * STEP)
+    assert found.jacobian[:, -1] == pytest.approx(expected, abs=1e-6)
     assert np.abs(expected).max() > 0.1
-    resting = names % len(spheres) == len(spheres) - 1
+    resting = found.names % len(spheres) == len(spheres) - 1
     assert resting.any()
-    assert not jacobian[resting].any()
-    assert len(distances) == len(names)
+    assert not found.jacobian[resting, -1].any()
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -62,8 +58,8 @@ def test_spheres_on_a_body_that_has_tumbled_for_long_are_where_they_are(seed: in
     robot, times = chain_robot("free6"), np.linspace(5.0, 90.0, POINTS)
     q = configurations(robot, POINTS, seed)
     spheres = spheres_near(arm_points(robot, q)[0, 3], seed)
-    none = np.zeros((POINTS, robot.model.nv, 1))
-    distances, _, names = clearance_rows(robot, q, none, times, spheres, FAR, False)
+    in_core = spheres_of(spheres, times[-1])
+    distances, _, names, *_ = line_distances(robot, q, times, in_core, len(spheres), FAR)
     assert len(names) == POINTS * len(segments(arm_points(robot, q))) * len(spheres)
     nearest = distances[np.argsort(names)].reshape(POINTS, -1, len(spheres)).min(axis=1)
     for number, sphere in enumerate(spheres):
@@ -77,23 +73,22 @@ def test_distances_of_bodies_change_with_their_times_as_their_differences(seed: 
     q = configurations(robot, POINTS, seed)
     q[:, :3] = q[0, :3]
     spheres = spheres_near(q[0, :3], seed)
-    along = bodies_along(robot, q, np.zeros((POINTS, robot.model.nv, 2)))
 
-    def rows(times: Array, later: Array) -> tuple[dict[int, float], dict[int, Array]]:
-        found = compiled.sphere_rows(along, times, spheres_of(spheres, 10.0), FAR, later)
-        names = found[2].tolist()
-        return dict(zip(names, found[0].tolist(), strict=True)), dict(
-            zip(names, found[1], strict=True)
+    def rows(times: Array) -> tuple[dict[int, float], dict[int, float]]:
+        of = spheres_of(spheres, 10.0), len(spheres)
+        found = sphere_distances_of_core(robot, q, times, *of, FAR, lasting=True)
+        names, later = found.names.tolist(), found.jacobian[:, -1].tolist()
+        return dict(zip(names, found.values.tolist(), strict=True)), dict(
+            zip(names, later, strict=True)
         )
 
-    _, jacobian = rows(TIMES, LATER)
-    (ahead, _), (behind, _) = (rows(TIMES + way * LATER, np.zeros(0)) for way in (STEP, -STEP))
+    _, jacobian = rows(TIMES)
+    (ahead, _), (behind, _) = (rows(TIMES + way * LATER) for way in (STEP, -STEP))
     common = sorted(jacobian.keys() & ahead.keys() & behind.keys())
     assert len(common) > 0.9 * POINTS * len(robot.bodies) * len(spheres)
     expected = np.array([(ahead[k] - behind[k]) / (2 * STEP) for k in common])
     found = np.array([jacobian[k] for k in common])
     # Where a nearest point jumps there is no derivative: hardly ever.
-    assert np.mean(np.abs(found[:, 1] - expected) > 2e-3) < 0.01
-    assert np.median(np.abs(found[:, 1] - expected)) < 1e-7
-    assert not found[:, 0].any()
+    assert np.mean(np.abs(found - expected) > 2e-3) < 0.01
+    assert np.median(np.abs(found - expected)) < 1e-7
     assert np.abs(expected).max() > 0.1

@@ -8,19 +8,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import random_robot, random_solid
+from core_rows import CoreRows, pair_distances_of_core, sphere_distances_of_core
 from exact_solids import AGREED, Placed, gap_along, signed_distance
 from scipy.spatial.transform import Rotation
-from test_body_distances import bodies_along, configurations
+from test_body_distances import configurations
 from test_obstacle_shapes import FAR, core_rows
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
@@ -111,14 +111,15 @@ class OfCore(NamedTuple):
     """What the core knows of the others, in their order."""
 
     distances: Array  # shape (others,) [m]
-    jacobian: Array
+    by_base: Array  # derivatives by the base's way and turn, which carries all; shape (others, 6)
 
     @staticmethod
-    def of(rows: tuple[Any, ...], count: int) -> OfCore:
-        distances, jacobian, names = rows
+    def of(rows: CoreRows, count: int) -> OfCore:
+        distances, jacobian, names, *_ = rows
         assert sorted(names) == list(range(count))
         order = np.argsort(names)
-        return OfCore(distances[order], jacobian[order])
+        by_base, *_ = np.linalg.lstsq(rows.q_by_x[0, :6].T, jacobian[order].T)
+        return OfCore(distances[order], by_base.T)
 
 
 def answers(arm: Robot, group: Group) -> tuple[dict[str, OfCore], dict[str, Distances]]:
@@ -127,17 +128,15 @@ def answers(arm: Robot, group: Group) -> tuple[dict[str, OfCore], dict[str, Dist
     alone, together = robot_of(arm, group.first), robot_of(arm, group.first, *group.others)
     q, now = configurations(arm, 1, 1), np.zeros(1)
     q[0, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-    columns = np.zeros((1, 6 + arm.joints, 1))
     placed, together_placed = (placed_bodies(robot, q[:, 7:]) for robot in (alone, together))
     rows, of_pairs = (
         tuple(np.indices(shape).reshape(len(shape), -1)) for shape in ((1, 1, count), (1, count))
     )
     obstacles = tuple(obstacle_of(*one) for one in enumerate(group.others))
     poses = seen_from_chaser(q, now, obstacles)
-    pairs = compiled.pair_rows(bodies_along(together, q, columns), FAR)
     core = {
         "obstacles": OfCore.of(core_rows(alone, q, now, obstacles, FAR), count),
-        "pairs": OfCore.of(pairs, count),
+        "pairs": OfCore.of(pair_distances_of_core(together, q, FAR), count),
     }
     checked = {
         "obstacles": obstacle_distances(alone, placed, poses, obstacles, rows),
@@ -145,8 +144,8 @@ def answers(arm: Robot, group: Group) -> tuple[dict[str, OfCore], dict[str, Dist
     }
     if group.others[0].solid.kind == "sphere":
         spheres = [Sphere(str(k), one.position, one.radius) for k, one in enumerate(group.others)]
-        of = bodies_along(alone, q, columns), now, spheres_of(spheres, 0.0), FAR
-        core["spheres"] = OfCore.of(compiled.sphere_rows(*of), count)
+        of = alone, q, now, spheres_of(spheres, 0.0), count, FAR
+        core["spheres"] = OfCore.of(sphere_distances_of_core(*of), count)
         centers = np.array([[one.center for one in spheres]])
         radii = np.array([one.radius for one in spheres])
         checked["spheres"] = sphere_distances(alone, placed, centers, radii, rows)
@@ -171,7 +170,7 @@ def test_solids_are_as_far_apart_as_bounds_on_both_sides_say(
                 where
             )
             rough += require_distances(group, number, checked[way], where)
-        normals = -core["obstacles"].jacobian[:, :3]  # what the base's way brings
+        normals = -core["obstacles"].by_base[:, :3]  # what the base's way brings
         for normal, one, truth in zip(normals, group.others, group.truth, strict=True):
             assert gap_along(group.first, one, normal) == pytest.approx(truth, abs=EXACT), case
     assert deep > cases * OF_EACH / 2, "what is moved through a thin solid is apart again"

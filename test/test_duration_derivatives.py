@@ -11,13 +11,17 @@ from typing import Any, cast
 import numpy as np
 import pinocchio as pin
 import pytest
-from reference_load_rows import accelerations_at_points, accelerations_by_x
+from reference_load_rows import (
+    accelerations_at_points,
+    accelerations_by_x,
+    position_rows,
+    rate_rows,
+)
 from robots import random_path, random_state
 from test_core import FREE, PLANAR, chain_robot
 from test_core_driven_motion import drawn_splines
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, Sensitivity
 from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion
@@ -198,14 +202,14 @@ def require_extremes_agree(lasting: Callable[..., Any], goal: GoalMotion, x: Arr
     by_x = accelerations_by_x(motion, here.sensitivity(motion), step(DURATION))
     agree(by_x[..., -1], slope(accelerations), "accelerations")
     one = np.ones(motion.q.shape[1] - 7)
-    for rows in (compiled.position_rows, compiled.rate_rows):
+    for rows in (position_rows, rate_rows):
 
-        def margins(duration: float, rows: Callable[..., Any] = rows) -> Rows:
+        def margins(duration: float, rows: Callable[..., Rows] = rows) -> Rows:
             there = lasting(duration, goal)
             moved = there.motion(x, POINTS)
             by_x = there.sensitivity(moved)
             path = moved.q, moved.v, by_x.q, by_x.v
-            return Rows(*rows(*path, step(duration), True, -one, one, 1e9 * one))
+            return rows(*path, step(duration), True, -one, one, 1e9 * one)
 
         # One that is about to come or to go is left out, and two in one interval have one name.
         known = [margins(DURATION + k * STEP).names for k in range(-4, 5)]

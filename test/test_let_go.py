@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import lemur_with_bodies
+from core_rows import rows_of_motion
 from handmade_plans import SETTINGS, arm, made, resting
-from reference_distance_rows import looked_at, obstacle_rows
+from reference_distance_rows import looked_at
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE
@@ -28,6 +29,7 @@ from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families
@@ -113,17 +115,17 @@ def test_the_search_asks_nothing_of_what_is_touched_until_it_has_gone_so_far() -
     problem = captured()
     family = path_families(problem, SETTINGS)[0][0]
     motion = family.motion(let_go().coefficients, problem.points)
-    sensitivity = family.sensitivity(motion)
     robot, others = problem.robot, len(problem.obstacle_bodies)
     ring = [one.id for one in problem.obstacle_bodies].index("ring_0")
     tool = [number for number, body in enumerate(robot.bodies) if body.link == "link_7"]
 
     def asked(problem: PlanningProblem) -> set[int]:
-        found = obstacle_rows(problem, motion, sensitivity, 0.002)
+        required = ObstacleClearance().in_core(problem, problem.points, 0.002)
+        found = rows_of_motion(robot, required, motion)
         at, numbers = np.divmod(found.names, len(robot.bodies) * others)
         return set(at[np.isin(numbers, np.array(tool) * others + ring)].tolist())
 
-    tips = [arm(robot, q)[-1] for q in looked_at(problem, motion, sensitivity).bodies.q]
+    tips = [arm(robot, q)[-1] for q in looked_at(problem, motion)[1]]
     ways = [np.linalg.norm(tip - tips[0]) for tip in tips]
     first = int(np.flatnonzero(np.array(ways) > 0.09)[0])
     assert asked(problem) == {

@@ -12,17 +12,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import random_obstacles, random_robot, random_solid
-from reference_distance_rows import obstacle_rows
+from core_rows import EACH, CoreRows, obstacle_distances_of_core, rows_of_motion
 from scipy.spatial.transform import Rotation
 from test_body_clearance import random_motion
-from test_body_distances import bodies_along, configurations, every_row
+from test_body_distances import configurations, every_row
 from test_clearance_by_hand import reaching_out
 from test_core_bodies import require_near
 from test_limits_by_hand import POSTURE
-from test_search_keeps_both_ways import POINTS, motion_of, sensitivity_of
+from test_search_keeps_both_ways import POINTS, motion_of
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import obstacles_of
 from ff_planner_ros.planning.distance import search_certificate
 from ff_planner_ros.planning.distance.bodies import placed_bodies
@@ -40,7 +39,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.problem.problem import ObstacleBody
-from ff_planner_ros.planning.requirements.requirement import Rows
+from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.collision.solids import Solid
@@ -57,19 +56,16 @@ def pose_of(one: ObstacleBody, time: float) -> pin.SE3:
 
 
 def core_rows(
-    robot: Robot, q: Array, times: Array, obstacles: tuple[ObstacleBody, ...], interest: float
-) -> tuple[Array, Array, Array]:
-    """Distances by the core, with their derivatives by base, joints and, last, the time."""
-    count = 6 + robot.joints
-    columns = np.zeros((len(q), count, count + 1))
-    columns[:, range(count), range(count)] = 1.0
-    return compiled.obstacle_rows(
-        bodies_along(robot, q, columns),
-        times,
-        obstacles_of(obstacles, float(times[-1])),
-        interest,
-        np.ones(len(times)),
-    )
+    robot: Robot,
+    q: Array,
+    times: Array,
+    obstacles: tuple[ObstacleBody, ...],
+    interest: float,
+    lasting: bool = False,
+) -> CoreRows:
+    """Distances by the core."""
+    of = obstacles_of(obstacles, float(times[-1])), len(obstacles)
+    return obstacle_distances_of_core(robot, q, times, *of, interest, lasting)
 
 
 def exact_distance(
@@ -111,7 +107,7 @@ def test_random_solids_are_as_far_apart_as_coal_says(
         )
         q = configurations(robot, 1, case)
         q[0, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-        distances, _, names = core_rows(robot, q, np.zeros(1), obstacles, FAR)
+        distances, _, names, *_ = core_rows(robot, q, np.zeros(1), obstacles, FAR)
         poses, rows = seen_from_chaser(q, np.zeros(1), obstacles), every_row(1, 4, 5)
         placed = placed_bodies(robot, q[:, 7:])
         checked = obstacle_distances(robot, placed, poses, obstacles, rows).distance
@@ -160,7 +156,7 @@ def test_solids_that_touch_or_are_deep_in_each_other_have_their_depths() -> None
         poses = seen_from_chaser(q, np.zeros(1), one)
         found = obstacle_distances(robot, placed_bodies(robot, q[:, 7:]), poses, one, rows)
         assert found.distance[0] == pytest.approx(truth, abs=2e-6), (solid.kind, place)
-        distances, _, _ = core_rows(robot, q, np.zeros(1), one, FAR)
+        distances = core_rows(robot, q, np.zeros(1), one, FAR).values
         assert distances[0] == pytest.approx(truth, abs=2e-8), (solid.kind, place)
 
 
@@ -196,7 +192,7 @@ def test_derivatives_by_base_joints_and_time_are_those_of_differences(
     robot = with_bodies(replace(robot, bodies=(), pairs=()) if lines else robot)
     q, times = configurations(robot, 5, seed), np.linspace(0.0, 4.0, 5)
     obstacles = random_obstacles(rng, q[2, :3], 12)
-    _, jacobian, names = core_rows(robot, q, times, obstacles, FAR)
+    _, jacobian, names, _, by_x = core_rows(robot, q, times, obstacles, FAR, lasting=True)
     shape = 5, len(robot.bodies), len(obstacles)
     assert len(names) == np.prod(shape)
     rows, step = np.unravel_index(names, shape), 1e-6
@@ -214,8 +210,19 @@ def test_derivatives_by_base_joints_and_time_are_those_of_differences(
         later, before = (measured(np.array(end), 0.0) for end in ends)
         differences.append((later - before) / (2 * step))
     differences.append((measured(q, step) - measured(q, -step)) / (2 * step))
+
+    def off_from(by_base_joints_and_time: Array) -> Array:
+        """How far the derivatives of each row are off, for a way of one by each variable."""
+        at, (by_q, by_time) = rows[0], np.split(by_base_joints_and_time, [-1], axis=1)
+        expected = np.einsum("rj,rjx->rx", by_q, by_x[at])
+        expected[:, -1] += by_time[:, 0] * (times / times[-1])[at]  # of the duration
+        ways = np.maximum(
+            np.linalg.norm(by_x[at], axis=1), np.append(np.zeros(EACH * robot.joints), 1.0)
+        )
+        return (np.abs(expected - jacobian) / ways).max(axis=1)
+
     # Near an edge that is parallel to another a nearest point jumps, and Coal is exact to 1e-8.
-    off = np.abs(np.array(differences).T - jacobian).max(axis=1)
+    off = off_from(np.array(differences).T)
     smooth = off < 0.02
     assert smooth.mean() > 0.97
     assert np.median(off) < 1e-5
@@ -230,7 +237,7 @@ def test_derivatives_by_base_joints_and_time_are_those_of_differences(
         ]
     )
     far = found.distance > 0.01
-    assert np.quantile(np.abs(of_coal - jacobian)[far].max(axis=1), 0.97) < 1e-3
+    assert np.quantile(off_from(of_coal)[far], 0.97) < 1e-3
 
 
 class Certified(NamedTuple):
@@ -318,8 +325,8 @@ def test_interest_and_spheres_around_leave_nothing_out_that_is_near() -> None:
     robot, rng = random_robot(5), np.random.default_rng(5)
     q, times = configurations(robot, 4, 5), np.linspace(0.0, 3.0, 4)
     obstacles = random_obstacles(rng, q[1, :3], 25)
-    everything, jacobian, names = core_rows(robot, q, times, obstacles, FAR)
-    near, of_near, near_names = core_rows(robot, q, times, obstacles, 0.3)
+    everything, jacobian, names, *_ = core_rows(robot, q, times, obstacles, FAR)
+    near, of_near, near_names, *_ = core_rows(robot, q, times, obstacles, 0.3)
     chosen = np.flatnonzero(everything < 0.3)
     assert 10 < len(chosen) < len(everything)
     assert set(near_names.tolist()) == set(names[chosen].tolist())
@@ -337,8 +344,8 @@ def test_what_flies_past_is_near_in_the_middle_of_its_way(turning: float) -> Non
     ahead, rate = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, turning])
     begin, turn = q[0, :3] - 10.0 * ahead, np.array([0.0, 0.0, 0.0, 1.0])
     cube = ObstacleBody("cube", Solid("box", np.full(3, 0.8)), begin, turn, ahead, rate)
-    everything, _, names = core_rows(robot, q, times, (cube,), FAR)
-    _, _, near = core_rows(robot, q, times, (cube,), 0.3)
+    everything, _, names, *_ = core_rows(robot, q, times, (cube,), FAR)
+    near = core_rows(robot, q, times, (cube,), 0.3).names
     at = near // len(robot.bodies)
     assert 0 < at.min() <= at.max() < len(times) - 1
     np.testing.assert_array_equal(near, names[everything < 0.3])
@@ -354,14 +361,13 @@ def test_how_deep_something_is_changes_with_time_as_it_moves_and_turns(seed: int
     solid = Solid("box", np.array([9.0, 8.0, 7.0]))
     wall = ObstacleBody("wall", solid, place, turn.as_quat(), moving, turning)
     motion = motion_of(np.tile(POSTURE, (POINTS, 1)), np.zeros((POINTS, 6)))
-    still = np.zeros((POINTS, 6, 2))
-    by_time = replace(sensitivity_of(still, still), goal_motion=np.zeros(0))
 
-    def rows_after(time: float) -> Rows:
+    def rows_after(time: float) -> CoreRows:
         rotations, positions = wall.poses(np.array([time]))
         attitude = pin.Quaternion(rotations[0]).coeffs()
         later = replace(wall, position=positions[0], quaternion_xyzw=attitude)
-        return obstacle_rows(replace(problem, obstacles=(later,)), motion, by_time, 0.0)
+        asked = ObstacleClearance().in_core(replace(problem, obstacles=(later,)), POINTS, 0.0)
+        return rows_of_motion(problem.robot, asked, motion, lasting=True)
 
     found, step = rows_after(0.0), 1e-4  # in a longer one, another corner may be the deepest
     assert (found.values < -1.0).all()

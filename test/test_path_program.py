@@ -15,6 +15,7 @@ import pinocchio as pin
 import pytest
 import reference_program
 import touching_problems
+from core_rows import rows_of_motion
 from reference_load_rows import accelerations_at_points
 from robots import CONFIG
 
@@ -280,10 +281,8 @@ def test_a_line_that_slides_out_of_nothing_keeps_its_own_room() -> None:
     assert len(segments(arm_points(problem.robot, q_start[None]))) < problem.robot.joints - 2
     (family, *_), *_ = path_families(problem, SETTINGS)
     motion = family.motion(next(family.first_guesses(problem.obstacles, 13, 0.0)), 50)
-    rows = reference_program.rows_of(
-        Clearance(), problem, motion, family.sensitivity(motion), margin
-    )
-    assert rows is not None
+    asked = Clearance().in_core(problem, len(motion.q), margin)
+    rows = rows_of_motion(problem.robot, asked, motion)
     at, pair = np.divmod(rows.names, problem.robot.joints * len(problem.spheres))
     joint, sphere = np.divmod(pair, len(problem.spheres))
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
+from reference_end_effector import acceleration_of, twist_derivative, twist_of
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
@@ -69,7 +70,7 @@ def test_the_end_conditions_hold_for_any_coefficients(
     coefficients = np.random.default_rng(seed).normal(scale=0.5, size=(6, 3))
     s = np.array([0.0, 1.0])
     position, orientation = path.pose(coefficients, s)
-    twist, acceleration = path.twist(coefficients, s), path.acceleration(coefficients, s)
+    twist, acceleration = twist_of(path, coefficients, s), acceleration_of(path, coefficients, s)
     # The hand's own speed takes it up to 0.1 * 600^2 m away between the ends: of terms of that
     # size the sixteenth digit is left.
     tolerance = max(1e-10, 4e-15 * float(np.abs(path.quintic).max()))
@@ -102,8 +103,8 @@ def test_an_approach_of_ten_minutes_ends_where_it_should_to_1e_10() -> None:
         for name, found in (
             ("position", position),
             ("rotation_ee_to_inertial", orientation),
-            ("twist", path.twist(np.ones((6, 3)), s)),
-            ("acceleration", path.acceleration(np.ones((6, 3)), s)),
+            ("twist", twist_of(path, np.ones((6, 3)), s)),
+            ("acceleration", acceleration_of(path, np.ones((6, 3)), s)),
         ):
             expected = np.array([getattr(end, name) for end in ends])
             np.testing.assert_allclose(
@@ -195,11 +196,11 @@ def test_twist_and_acceleration_are_the_rates_of_pose_and_twist(
     seconds = 2 * step * duration
     turn = [pin.log3(b @ a.T) for a, b in zip(r_behind, r_ahead, strict=True)]
     twist = np.concatenate([p_ahead - p_behind, np.array(turn)], axis=1) / seconds
-    found = path.twist(coefficients, TIMES)
+    found = twist_of(path, coefficients, TIMES)
     np.testing.assert_allclose(found, twist, rtol=0.0, atol=1e-7 * np.abs(twist).max())
-    ahead, behind = (path.twist(coefficients, TIMES + aside) for aside in (step, -step))
+    ahead, behind = (twist_of(path, coefficients, TIMES + aside) for aside in (step, -step))
     acceleration = (ahead - behind) / seconds
-    found = path.acceleration(coefficients, TIMES)
+    found = acceleration_of(path, coefficients, TIMES)
     np.testing.assert_allclose(
         found, acceleration, rtol=0.0, atol=1e-7 * np.abs(acceleration).max()
     )
@@ -221,11 +222,11 @@ def test_the_twist_s_derivative_is_that_of_differences(reading: str, duration: f
     path = end_effector_polynomial(*random_ends(reading, 6), duration)
     coefficients = np.random.default_rng(6).normal(scale=0.3, size=18)
     step = 1e-5
-    found = path.twist_derivative(coefficients.reshape(6, 3), TIMES)
+    found = twist_derivative(path, coefficients.reshape(6, 3), TIMES)
     assert found.shape == (len(TIMES), 6, 18)
     for k, aside in enumerate(step * np.eye(18)):
         ahead, behind = (
-            path.twist((coefficients + sign * aside).reshape(6, 3), TIMES) for sign in (1, -1)
+            twist_of(path, (coefficients + sign * aside).reshape(6, 3), TIMES) for sign in (1, -1)
         )
         expected = (ahead - behind) / (2 * step)
         error = np.abs(found[:, :, k] - expected).max() / np.abs(expected).max()
@@ -419,8 +420,8 @@ def test_paths_towards_another_end_keep_their_start_and_meet_it(seed: int) -> No
     for i, wanted in enumerate((start, beside)):
         assert positions[i] == pytest.approx(wanted.position, abs=1e-10)
         assert rotations[i] == pytest.approx(wanted.rotation_ee_to_inertial, abs=1e-10)
-        assert other.twist(coefficients, ends)[i] == pytest.approx(wanted.twist, abs=1e-9)
-        found = other.acceleration(coefficients, ends)[i]
+        assert twist_of(other, coefficients, ends)[i] == pytest.approx(wanted.twist, abs=1e-9)
+        found = acceleration_of(other, coefficients, ends)[i]
         assert found == pytest.approx(wanted.acceleration, abs=1e-8)
 
 

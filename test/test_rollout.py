@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 from oracle import golden
 from paper_equations import PaperTerms, paper_terms
+from reference_end_effector import twist_of
 from robots import ROBOTS, one_line_urdf, random_path, random_state
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -128,7 +129,7 @@ def paper_equations_of_motion(case: Case) -> tuple[Array, Callable[[float, Array
 
     def velocities(t: float, y: Array) -> Array:
         paper = terms_at(y)
-        twist = case.polynomial.twist(case.coefficients, np.array([t / DURATION]))[0]
+        twist = twist_of(case.polynomial, case.coefficients, np.array([t / DURATION]))[0]
         drift = np.linalg.solve(paper.H_ch, momentum)
         theta_dot = np.linalg.pinv(paper.J_D) @ (twist - paper.J_ch @ drift)  # (31)
         chaser = drift - np.linalg.solve(paper.H_ch, paper.H_m @ theta_dot)  # (27)
@@ -193,7 +194,7 @@ def test_halving_the_step_cuts_the_distance_from_the_wanted_path_sixteenfold(cas
 
 def test_the_end_effector_has_the_wanted_twist_at_every_point(case: Case) -> None:
     rollout = case.roll_out(points=21)
-    wanted = case.polynomial.twist(case.coefficients, np.linspace(0.0, 1.0, 21))
+    wanted = twist_of(case.polynomial, case.coefficients, np.linspace(0.0, 1.0, 21))
     model, tip, data = case.robot.model, case.robot.tip_frame_id, case.robot.model.createData()
     for i, (q, v) in enumerate(zip(rollout.q, rollout.v, strict=True)):
         pin.forwardKinematics(model, data, q, v)

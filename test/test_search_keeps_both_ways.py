@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from core_rows import CoreRows, rows_of_motion
 from handmade_plans import SETTINGS, STEP, Made, free_motion, unlimited
-from reference_distance_rows import looked_at, obstacle_rows, pair_rows, sphere_rows
 from reference_program import rows_of
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
@@ -34,12 +34,15 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
+from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
+from ff_planner_ros.planning.requirements.body_rows import times_looked_at
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.requirements.joints.torques import Torques
+from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
@@ -275,20 +278,25 @@ def test_of_what_begins_close_no_more_than_half_the_distance_is_asked(apart: flo
     obstacles = (rock, crate)
     asked = PlanningProblem(robot, start, anywhere, 1.0, POINTS, obstacles, Objective(1.0, 0.0))
     motion = motion_of(np.tile(posture, (POINTS, 1)), np.zeros((POINTS, 3)))
-    fixed = replace(
-        sensitivity_of(np.zeros((POINTS, 3, 2)), np.zeros((POINTS, 3, 2))),
-        q_half_way=np.zeros((POINTS - 1, 9, 2)),
-    )
-    room, times = max(apart, 0.0) / 2, looked_at(asked, motion, fixed).times
+    room, times = max(apart, 0.0) / 2, np.sort(times_looked_at(1.0, POINTS))
     assert times[-1] == 1.0
     # Where there is room for less than half of the margin, a quarter of the time makes it up.
     gained = MARGIN * np.minimum(4.0 * times, 1.0) ** 3 if room < MARGIN / 2 else 0.0 * times
-    with_time = replace(fixed, goal_motion=np.zeros(0))
-    later = obstacle_rows(asked, motion, with_time, MARGIN).jacobian[:, -1]
+
+    def rows(required: Requirement, lasting: bool = False) -> CoreRows:
+        kept = required.in_core(asked, POINTS, MARGIN)
+        assert kept is not None
+        return rows_of_motion(robot, kept, motion, lasting)
+
+    later = rows(ObstacleClearance(), lasting=True).jacobian[:, -1]
     assert (later < 0.0).all()
     assert later.min() == pytest.approx(-1e-12)
-    for rows, count in ((pair_rows, 1), (sphere_rows, 3), (obstacle_rows, 3)):
-        found = rows(asked, motion, fixed, MARGIN)
+    for required, count in (
+        (SelfClearance(), 1),
+        (BodyClearance(), 3),
+        (ObstacleClearance(), 3),
+    ):
+        found = rows(required)
         assert len(found.values) == len(times)
         more = gained[found.names // count] if count > 1 else 0.0
         left = apart - np.minimum(MARGIN, room + more)

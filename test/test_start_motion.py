@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from reference_end_effector import twist_of
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO, ROBOTS, random_path, random_state
 from shared_plans import planned
 
@@ -209,7 +210,7 @@ def test_momentum_and_the_end_effector_s_way_do_not_depend_on_null_space_motion(
     model, data, tip = paths.robot.model, paths.robot.model.createData(), paths.robot.tip_frame_id
     motion = paths.motion(x, 21)
     plain = replace(paths, null_space=None).motion(x, 21)
-    wanted = paths.polynomial.twist(x.reshape(6, 3), np.linspace(0.0, 1.0, 21))
+    wanted = twist_of(paths.polynomial, x.reshape(6, 3), np.linspace(0.0, 1.0, 21))
     assert np.abs(motion.v[0, 6:] - plain.v[0, 6:]).max() > 0.02
     for point, (q, v) in enumerate(zip(motion.q, motion.v, strict=True)):
         momentum = total_momentum(paths.robot, data, q, v)

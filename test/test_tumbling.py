@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import reference_clearance
 import yaml
-from reference_distance_rows import clearance_rows
+from core_rows import line_distances
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES, Frame
@@ -19,6 +19,7 @@ from test_any_frame import FRAMES, Frame
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.certificate import certified_clearance
@@ -321,11 +322,10 @@ def test_what_swings_by_between_first_and_last_point_is_not_overlooked() -> None
     times = np.linspace(0.0, 10.0, 50)
     shift = tip - np.array([5.2, 0.0, 0.0])
     (moved_sphere,) = attached(replace(body, position=shift))
-    q_rows, none = np.tile(q, (50, 1)), np.zeros((50, robot.model.nv, 1))
+    q_rows = np.tile(q, (50, 1))
     for seen, expected in ((times, True), (0.1 * times, False)):
-        distances, _, _ = clearance_rows(
-            robot, q_rows, none, seen, [moved_sphere], 0.2, quarter_way=False
-        )
+        in_core = spheres_of([moved_sphere], 10.0)
+        distances = line_distances(robot, q_rows, seen, in_core, 1, 0.2).values
         assert bool((distances < 0.2).any()) is expected
 
 
@@ -339,8 +339,8 @@ def test_the_core_sees_attached_where_they_are(kind: str) -> None:
     q[:, 7:] += rng.normal(scale=0.3, size=q[:, 7:].shape)
     v = 0.1 * rng.normal(size=(20, robot.model.nv))
     times = np.linspace(0.0, drawn.duration, 20)
-    none = np.zeros((20, robot.model.nv, 1))
-    found, _, names = clearance_rows(robot, q, none, times, own, 100.0, quarter_way=False)
+    in_core = spheres_of(own, drawn.duration)
+    found, _, names, *_ = line_distances(robot, q, times, in_core, len(own), 100.0)
     positions = arm_points(robot, q)
     expected = clearances(positions, times, np.arange(robot.joints), own).distance
     numbers = np.arange(expected.size).reshape(expected.shape)[:, segments(positions)]

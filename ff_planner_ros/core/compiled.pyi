@@ -79,15 +79,6 @@ def end_effector_motion(
         `Motion` and `Sensitivity`.
     """
 
-def end_effector_twist(
-    path: EndEffectorPolynomial, x: Array, s: Array
-) -> tuple[Array, Array, Array]:
-    """Return twists, accelerations and d twist / dx of the path at normalised times s.
-
-    Returns:
-        Inertial axes. Shapes (times, 6), (times, 6) and (times, 6, 18).
-    """
-
 def arm_points_with_derivatives(
     chain: Chain, q: Array, q_sensitivity: Array
 ) -> tuple[Array, Array]:
@@ -129,23 +120,6 @@ class CubicMotion:
         times: Array,  # shape (points,) [s]
     ) -> None: ...
 
-def clearances(
-    chain: Chain,
-    q: Array,
-    q_sensitivity: Array,
-    times: Array,
-    spheres: Spheres,
-    interest: float,
-    quarter_way: bool,
-    times_by_last: Array = ...,
-) -> tuple[Array, Array, Indices]:
-    """Return distances of lines from spheres that are below `interest`, as rows.
-
-    Returns:
-        Distances, shape (rows,) [m]; their derivatives, (rows, variables); and their names:
-        configuration times the number of pairs, plus pair, spheres running fastest.
-    """
-
 def held_momenta(
     chain: Chain,
     q: Array,
@@ -178,14 +152,6 @@ def smallest_singular_values(
     Returns:
         Shapes (points,) and (points, joints).
     """
-
-def joint_path(
-    v: Array, by_x: Array, step: float, slow: float, smoothing: float
-) -> tuple[float, Array, Array]:
-    """Return J_L of Eq. (44), gradient and Gauss-Newton Hessian; slow: as of `JointPath`."""
-
-def chaser_euler(q: Array, by_x: Array, rotation_chaser_to_base: Array) -> tuple[Array, Array]:
-    """Return Euler angles, shape (points, 3), and their derivatives, (points, 3, variables)."""
 
 def certified_clearance(
     motion: CubicMotion, ways: Array, spheres: Spheres, gap: float, part: float
@@ -290,49 +256,6 @@ class Bodies:
         pairs: Indices,  # shape (pairs, 2)
     ) -> None: ...
 
-class BodiesAlong:
-    """Where the bodies of a robot are along a path, in order of time."""
-
-    def __init__(
-        self,
-        chain: Chain,
-        bodies: Bodies,
-        q: Array,  # shape (points, 7 + joints)
-        q_sensitivity: Array,  # in the tangent space; shape (points, 6 + joints, variables)
-        q_half_way: Array = ...,  # to each of these points; like q, or empty
-        q_half_way_sensitivity: Array = ...,  # likewise
-        # And where they are at a quarter and at three quarters of all intervals but the one to the
-        # first of these points, by the parabola through both ends and the middle.
-        quarter_way: bool = ...,
-    ) -> None: ...
-    @property
-    def q(self) -> Array:
-        """All configurations. Shape (configurations, 7 + joints)."""
-    @property
-    def tips(self) -> Array:
-        """Where the end effector is there, inertial frame. Shape (configurations, 3) [m]."""
-
-    @property
-    def q_sensitivity(self) -> Array:
-        """Derivatives of all of them. Shape (configurations, 6 + joints, variables)."""
-
-def pair_rows(along: BodiesAlong, interest: float) -> tuple[Array, Array, Indices]:
-    """Return the distances of pairs of bodies that are below the interest [m].
-
-    Returns:
-        Distances, of what is in each other the negative depth; their derivatives (rows, variables);
-        and their names: configuration, then pair.
-    """
-
-def sphere_rows(
-    along: BodiesAlong,
-    times: Array,
-    spheres: Spheres,
-    interest: float,
-    times_by_last: Array = ...,
-) -> tuple[Array, Array, Indices]:
-    """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""
-
 class TumblingBody:
     """A body that turns freely; the arguments are those of `Attached`."""
 
@@ -361,15 +284,6 @@ class Obstacles:
     """Several of them."""
 
     def __init__(self, obstacles: Sequence[Obstacle]) -> None: ...
-
-def obstacle_rows(
-    along: BodiesAlong,
-    times: Array,
-    obstacles: Obstacles,
-    interest: float,
-    times_by_last: Array = ...,
-) -> tuple[Array, Array, Indices]:
-    """Return likewise those of bodies from obstacles; names: configuration, body, then obstacle."""
 
 def certified_pair_distance(
     motion: CubicMotion,
@@ -411,66 +325,6 @@ def certified_obstacle_distance(
     part: float,
 ) -> float:
     """Return likewise what `least_obstacle_distance` certifies; ways: (points - 1, bodies)."""
-
-def limit_rows(
-    values: Array, by_x: Array, lower: Array, upper: Array, interest: Array
-) -> tuple[Array, Array, Indices]:
-    """Return the rows of `planning.requirements.requirement.within`."""
-
-def position_rows(
-    q: Array,
-    v: Array,
-    q_by_x: Array,
-    v_by_x: Array,
-    step: float,
-    has_duration: bool,
-    lower: Array,
-    upper: Array,
-    interest: Array,
-) -> tuple[Array, Array, Indices]:
-    """Return rows of joint positions: `limit_rows` at all points but the first, then at turns.
-
-    Between two points the search takes the cubic through both positions and velocities.
-
-    Args:
-        q: Configurations, and derivatives in their tangent space, as of `Motion` and `Sensitivity`.
-        step: Time from point to point [s].
-        has_duration: Whether the last variable is the duration.
-        lower: Limits of the joints. Shape (joints,).
-        interest: What is left to a limit is a row where it is below. Shape (joints,).
-
-    Returns:
-        What is left, its derivatives, shape (rows, variables), and names: by side, point and joint,
-        and below zero where the row is that of a turn, by side, interval and joint.
-    """
-
-def rate_rows(
-    q: Array,
-    v: Array,
-    q_by_x: Array,
-    v_by_x: Array,
-    step: float,
-    has_duration: bool,
-    lower: Array,
-    upper: Array,
-    interest: Array,
-) -> tuple[Array, Array, Indices]:
-    """Return likewise the rows of joint rates, at points and where joints are fastest."""
-
-def stop_rows(
-    q: Array,
-    v: Array,
-    q_by_x: Array,
-    v_by_x: Array,
-    jerk: float,
-    lower: Array,
-    upper: Array,
-    interest: Array,
-) -> tuple[Array, Array, Indices]:
-    """Return likewise the rows of positions where joints stop by a jerk after the last point.
-
-    The names are numbers by side, the lower one first, and joint.
-    """
 
 class WorkingSet:
     """What a step keeps with equality."""
@@ -585,8 +439,8 @@ class PathObjective:
     def __init__(
         self,
         joint_path: float,  # weight
-        slow: float,  # as of `joint_path`
-        smoothing: float,  # likewise
+        slow: float,  # rate of one more joint, that rounds the kink where all stop [rad/s]
+        smoothing: float,  # weight of smooth rates in the joint path
         shares: Array,  # of velocities in the joint path; shape (6 + joints,), or empty: all are 1
         attitude: float,  # weight
         rotation_chaser_to_base: Array,  # shape (3, 3)

@@ -25,7 +25,6 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
-from ff_planner_ros.core import compiled
 from ff_planner_ros.robot.quaternion import canonical_quaternion, quaternion_from_rotation
 from ff_planner_ros.robot.rotation import (
     euler_from_rotation,
@@ -98,22 +97,6 @@ class EndEffectorPolynomial:
         value, _, _ = self.components(coefficients, s)
         rotation = self.rotation_outer @ rotation_from_euler(value[:, 3:]) @ self.rotation_inner
         return value[:, :3], rotation
-
-    def twist(self, coefficients: Array, s: Array) -> Array:
-        """Return linear and angular velocities in the inertial frame. Shape (times, 6)."""
-        return self._twist(coefficients, s)[0]
-
-    def acceleration(self, coefficients: Array, s: Array) -> Array:
-        """Return linear and angular accelerations in the inertial frame. Shape (times, 6)."""
-        return self._twist(coefficients, s)[1]
-
-    def twist_derivative(self, coefficients: Array, s: Array) -> Array:
-        """Return d twist / d coefficients, these flattened. Shape (times, 6, 18)."""
-        return self._twist(coefficients, s)[2]
-
-    def _twist(self, coefficients: Array, s: Array) -> tuple[Array, Array, Array]:
-        path = compiled.EndEffectorPolynomial(self.duration, self.quintic, self.rotation_outer)
-        return compiled.end_effector_twist(path, coefficients.ravel(), s)
 
     def near(self, positions: Array, rotations_ee_to_inertial: Array) -> Array:
         """Return the coefficients, shape (18,), of the path that fits a motion best.

@@ -1,0 +1,201 @@
+"""Rows of the compiled core at configurations that a test chooses.
+
+The core has rows of paths alone. Joints that rest have derivatives drawn at random, those of the
+base follow, and the path is corrected to the configurations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.conversions import bodies_of, chain_of
+from ff_planner_ros.planning.paths.path_family import Motion
+from ff_planner_ros.robot.model import Robot
+
+EACH = 2  # variables of a joint
+NO_OBJECTIVE = compiled.PathObjective(0.0, 0.0, 0.0, np.empty(0), 0.0, np.eye(3), 0.0)
+
+
+class CoreRows(NamedTuple):
+    """Rows, and the configurations that they are of."""
+
+    values: Array
+    jacobian: Array
+    names: Indices
+    q: Array  # at all points but the first, then half-way; shape (configurations, 7 + joints)
+    q_by_x: Array  # shape (configurations, 6 + joints, variables)
+
+
+def resting_paths(robot: Robot, points: int, lasting: bool) -> compiled.PathsOnGrid:
+    """Return paths of joints that rest at zero for x = 0; lasting: the duration is a variable."""
+    rng, half = np.random.default_rng(points), 2 * points - 1
+    still = np.zeros((half, robot.joints))
+    moved = still if lasting else np.empty(0)
+    free = rng.normal(size=(2, half, EACH))
+    positions, rates = (compiled.SplineRows(rows, still, moved) for rows in free)
+    # Without points that bound a joint, it has rows at points and where it turns between them.
+    hull = positions if lasting else compiled.SplineRows(free[0, :0], still[:0])
+    zero, turn = np.zeros(3), np.eye(3)
+    start = compiled.Start(zero, turn, zero, np.zeros(6), str(robot.base))
+    target = compiled.Target(
+        zero, turn, np.zeros(6), np.zeros(6), "free", np.eye(3)[0], np.eye(3)[1:]
+    )
+    by_duration = np.zeros((3, 6)) if lasting else np.empty(0)
+    rows = positions, rates, rates, hull, hull
+    return compiled.joint_splines(
+        chain_of(robot), start, target, False, 1.0, *rows, target_by_duration=by_duration
+    )
+
+
+def rows_along(
+    robot: Robot,
+    requirements: Sequence[compiled.PathRequirement],
+    q: Array,
+    q_half_way: Array,
+    v: Array | None = None,
+    lasting: bool = False,
+    aside: Array | None = None,
+) -> CoreRows:
+    """Return the rows of one or more requirements of a motion.
+
+    Args:
+        q: At the points. Shape (points, 7 + joints).
+        q_half_way: Between them. Shape (points - 1, 7 + joints).
+        v: Tangent velocities at the points; None: it rests.
+        lasting: Whether the last variable is the duration, by which no configuration changes.
+        aside: By what the variables are aside of those of the motion; None: nothing.
+    """
+    paths = resting_paths(robot, len(q), lasting)
+    x = np.zeros(EACH * robot.joints)
+    begun = compiled.PathProgram(paths, 1.0, NO_OBJECTIVE, []).at(x)
+    steps, half_way = (
+        np.array([pin.difference(robot.model, *at) for at in zip(of, to, strict=True)])
+        for of, to in ((begun.q, q), (begun.q_half_way, q_half_way))
+    )
+    correction = compiled.Correction(
+        steps, np.zeros(steps.shape) if v is None else v - begun.v, half_way
+    )
+    seen = list[tuple[Array, Array]]()
+
+    def look(motion: compiled.MotionOfPath) -> None:
+        of_q, of_half_way = motion.q_by_x[1:], motion.q_half_way_by_x
+        where = np.concatenate([motion.q[1:], motion.q_half_way])
+        seen.append((where, np.concatenate([of_q, of_half_way])))
+
+    asked = [*((0, one) for one in requirements), (1, look)]
+    found = compiled.PathProgram(paths, 1.0, NO_OBJECTIVE, asked, correction).at(
+        x if aside is None else aside
+    )
+    names = found.names - compiled.NAMES_EACH // 2
+    return CoreRows(found.constraints, found.constraints_jacobian, names, *seen[0])
+
+
+def rows_of_motion(
+    robot: Robot,
+    requirements: Sequence[compiled.PathRequirement],
+    motion: Motion,
+    lasting: bool = False,
+) -> CoreRows:
+    """Return likewise those of a motion that the planner might have."""
+    return rows_along(robot, requirements, motion.q, motion.q_half_way, motion.v, lasting)
+
+
+def no_margins(pairs: int) -> compiled.Margins:
+    """Return margins of zero: what is left are the distances."""
+    return compiled.Margins(0.0, np.zeros(pairs), 0.5, 0.25)
+
+
+def line_distances(
+    robot: Robot,
+    q: Array,
+    times: Array,
+    spheres: compiled.Spheres,
+    count: int,
+    interest: float,
+    quarter_way: bool = False,
+    lasting: bool = False,
+) -> CoreRows:
+    """Return distances of lines from spheres that are below the interest [m].
+
+    Args:
+        q: At all points but the first, then half-way.
+        times: Of these and, if they are looked at, of quarters [s].
+        count: Of spheres.
+    """
+    points, half_way = np.split(q, 2)
+    asked = compiled.lines_clear_of_spheres(
+        spheres, no_margins(robot.joints * count), times, interest, quarter_way
+    )
+    at_points = np.concatenate([points[:1], points])
+    return rows_along(robot, [asked], at_points, half_way, lasting=lasting)
+
+
+def pair_distances_of_core(robot: Robot, q: Array, interest: float) -> CoreRows:
+    """Return distances of pairs of bodies that are below the interest [m]; q: in order of time."""
+    asked = compiled.pairs_apart(
+        bodies_of(robot), np.zeros(len(robot.pairs)), interest, False, None
+    )
+    return _in_order_of_time(robot, asked, q, len(robot.pairs))
+
+
+def sphere_distances_of_core(
+    robot: Robot,
+    q: Array,
+    times: Array,
+    spheres: compiled.Spheres,
+    count: int,
+    interest: float,
+    lasting: bool = False,
+) -> CoreRows:
+    """Return likewise those of bodies from spheres; lasting: as of `rows_along`."""
+    pairs = len(robot.bodies) * count
+    asked = compiled.bodies_clear_of_spheres(
+        bodies_of(robot), spheres, no_margins(pairs), _even(times), interest, False, None
+    )
+    return _in_order_of_time(robot, asked, q, pairs, lasting)
+
+
+def obstacle_distances_of_core(
+    robot: Robot,
+    q: Array,
+    times: Array,
+    obstacles: compiled.Obstacles,
+    count: int,
+    interest: float,
+    lasting: bool = False,
+) -> CoreRows:
+    """Return likewise those of bodies from obstacles."""
+    pairs = len(robot.bodies) * count
+    asked = compiled.bodies_clear_of_obstacles(
+        bodies_of(robot), obstacles, no_margins(pairs), _even(times), interest, False, None
+    )
+    return _in_order_of_time(robot, asked, q, pairs, lasting)
+
+
+def _even(rows: Array) -> Array:
+    """Return rows for points and what is half-way before each: one more if there is an odd one."""
+    return np.concatenate([rows, rows[-1:]]) if len(rows) % 2 else rows
+
+
+def _in_order_of_time(
+    robot: Robot,
+    asked: compiled.PathRequirement,
+    q: Array,
+    pairs: int,
+    lasting: bool = False,
+) -> CoreRows:
+    every = _even(q)
+    half_way, points = every[::2], every[1::2]
+    at_points = np.concatenate([points[:1], points])
+    found = rows_along(robot, [asked], at_points, half_way, lasting=lasting)
+    # Points came first there.
+    order = np.argsort(np.append(np.arange(len(points)) + 0.5, np.arange(len(points))))
+    chosen = found.names < len(q) * pairs
+    rows = (part[chosen] for part in found[:3])
+    return CoreRows(*rows, *(part[order][: len(q)] for part in found[3:]))
