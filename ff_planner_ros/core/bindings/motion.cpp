@@ -82,23 +82,37 @@ py::tuple smallest_singular_values(const Chain& chain, const Array& joints,
   return py::make_tuple(result(values, {at.rows()}, "values"), result(by_joints, "by_joints"));
 }
 
-// Returns angular momenta and torques of a base that does not turn.
+// Returns angular momenta and torques of a base that does not turn, and the derivatives of both.
 py::tuple held_momenta(const Chain& chain, const Array& q, const Array& v,
-                       const Array& accelerations) {
-  const py::ssize_t n = chain.joints(), xyz = 3;
+                       const Array& accelerations, const Array& dq, const Array& dv,
+                       const Array& d_accelerations) {
+  const py::ssize_t n = chain.joints(), size = 6 + n;
   const Rows of_q = rows(q, "q", {kAny, 7 + n});
   const py::ssize_t points = of_q.rows();
-  const Rows of_v = rows(v, "v", {points, 6 + n});
+  const Rows of_v = rows(v, "v", {points, size});
   const Rows accelerated = rows(accelerations, "accelerations", {points, n});
+  const Rows by_q = rows(dq, "q_by_x", {points, size, kAny});
+  const py::ssize_t variables = by_q.cols(), xyz = 3;
+  const Rows by_v = rows(dv, "v_by_x", {points, size, variables});
+  const Rows by_a = rows(d_accelerations, "accelerations_by_x", {points, n, variables});
   Array momenta({points, xyz}), torques({points, xyz});
+  Array momenta_by({points, xyz, variables}), torques_by({points, xyz, variables});
   RowsToFill momentum = rows_to_fill(momenta), torque = rows_to_fill(torques);
+  RowsToFill momentum_by = rows_to_fill(momenta_by), torque_by = rows_to_fill(torques_by);
   for (py::ssize_t i = 0; i < points; ++i) {
     const HeldMomentum at(Posture(chain, of_q.row(i).tail(n)), of_v.row(i).tail(n),
                           accelerated.row(i));
+    const auto joints = by_q.middleRows(size * i + 6, n), rates = by_v.middleRows(size * i + 6, n);
     momentum.row(i) = at.momentum;
     torque.row(i) = at.torque;
+    momentum_by.middleRows<3>(3 * i).noalias() =
+        at.momentum_by_joints * joints + at.momentum_by_rates * rates;
+    torque_by.middleRows<3>(3 * i).noalias() = at.torque_by_joints * joints +
+                                               at.torque_by_rates * rates +
+                                               at.momentum_by_rates * by_a.middleRows(n * i, n);
   }
-  return py::make_tuple(result(momenta, "momenta"), result(torques, "torques"));
+  return py::make_tuple(result(momenta, "momenta"), result(momenta_by, "d momenta / dx"),
+                        result(torques, "torques"), result(torques_by, "d torques / dx"));
 }
 
 Start start(const Array& position, const Array& rotation, const Array& center,
@@ -293,7 +307,8 @@ void bind_motion(py::module_& m) {
   m.def("smallest_singular_values", &smallest_singular_values, py::arg("chain"), py::arg("joints"),
         py::arg("rows"), py::arg("interest") = std::numeric_limits<double>::infinity());
   m.def("held_momenta", &held_momenta, py::arg("chain"), py::arg("q"), py::arg("v"),
-        py::arg("accelerations"));
+        py::arg("accelerations"), py::arg("q_by_x"), py::arg("v_by_x"),
+        py::arg("accelerations_by_x"));
   py::class_<Start>(m, "Start")
       .def(py::init(&start), py::arg("position"), py::arg("rotation"), py::arg("center"),
            py::arg("momentum"), py::arg("base"));
