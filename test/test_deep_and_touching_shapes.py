@@ -252,3 +252,28 @@ def test_a_sphere_in_a_cylinder_leaves_by_the_nearest_face_be_it_an_end(
             assert checked[way].distance[0] == pytest.approx(truth, abs=1e-9), way
             assert checked[way].normal[0] == pytest.approx(sign * turn @ out, abs=1e-7), way
         assert between(first, second) == pytest.approx(truth, abs=1e-9)
+
+
+def test_a_thin_plate_deep_in_a_long_tube_leaves_by_its_shortest_way_wherever_both_are() -> None:
+    """Rounding tears the polytope of such a pair: it was 5.4 m deep, or never measured at all."""
+    tube, plate = (
+        Solid("cylinder", np.array([0.18, 7.29])),
+        Solid("box", np.array([2.844, 1.422, 0.005])),
+    )
+    turn = Rotation.from_quat([0.81172742, -0.14495924, -0.42384348, -0.37475609])
+    place = np.array([1.34642741, 0.63792895, 0.299795])
+    truth, _ = signed_distance(
+        Placed(tube, np.eye(3), np.zeros(3)), Placed(plate, turn.as_matrix(), place)
+    )
+    assert truth == pytest.approx(-0.0714, abs=1e-4)
+    rng, robot = np.random.default_rng(1), random_robot(1)
+    q = configurations(robot, 1, 1)
+    q[0, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    for number in range(200):
+        frame, at = Rotation.random(rng=rng), rng.normal(size=3)
+        placement = pin.SE3(frame.as_matrix(), at)
+        body = Body("tube", "bus", 1, tube.geometry, placement, tube.center, tube.radius)
+        alone = replace(robot, bodies=(body,), pairs=())
+        seen = ObstacleBody("plate", plate, at + frame.apply(place), (frame * turn).as_quat())
+        rows = core_rows(alone, q, np.zeros(1), (seen,), FAR)
+        assert rows.values[0] == pytest.approx(truth, abs=EXACT), number

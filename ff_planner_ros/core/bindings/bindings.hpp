@@ -7,6 +7,7 @@ extern const char kSourcesDigest[];
 
 namespace ff {
 
+void bind_kinematics(pybind11::module_& m);
 void bind_motion(pybind11::module_& m);
 void bind_collision(pybind11::module_& m);
 void bind_requirements(pybind11::module_& m);

@@ -143,6 +143,7 @@ void bind_optimisation(py::module_& m) {
 PYBIND11_MODULE(compiled, m) {
   m.doc() = "Numerics of the search, compiled.";
   m.attr("SOURCES_DIGEST") = pybind11::str(kSourcesDigest);
+  ff::bind_kinematics(m);
   ff::bind_motion(m);
   ff::bind_collision(m);
   ff::bind_requirements(m);

@@ -232,7 +232,6 @@ void bind_program(py::module_& m) {
   bind_motion_of_path(m);
   py::class_<Correction>(m, "Correction")
       .def(py::init(&correction), py::arg("q"), py::arg("v"), py::arg("q_half_way"));
-  py::class_<PathsOnGrid, Paths>(m, "PathsOnGrid");
   py::class_<PathObjective>(m, "PathObjective")
       .def(py::init(&path_objective), py::arg("joint_path"), py::arg("slow"), py::arg("smoothing"),
            py::arg("shares"), py::arg("attitude"), py::arg("rotation_chaser_to_base"),

@@ -150,8 +150,8 @@ class GrowingPolytope {
            within[2] * points_[k].on_first;
   }
 
-  // Replaces the faces that a point is outside of; false if it is outside of all, as only rounding
-  // makes it.
+  // Replaces the faces that a point is outside of; false if it is outside of all, or if the surface
+  // is torn and its faces multiply, as only rounding makes them.
   bool grow(const DifferencePoint& by) {
     std::vector<std::array<int, 2>> rim;
     const auto seen = [&](const Face& face) {
@@ -170,7 +170,8 @@ class GrowingPolytope {
     const int added = static_cast<int>(points_.size());
     points_.push_back(by);
     for (const auto& [from, to] : rim) add_face(from, to, added);
-    return !rim.empty();
+    // A closed surface has fewer than two faces a point.
+    return !rim.empty() && faces_.size() <= 4 * points_.size();
   }
 
   const Support& support_;
