@@ -7,6 +7,7 @@ import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
 from shared_plans import planned
 
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
@@ -291,3 +292,12 @@ def test_a_search_that_is_ended_answers_with_the_shortest_plan():
     with pytest.raises(OutOfTime) as end:
         plan(problem, SETTINGS, Patience(needed - 5))
     assert "whether there is a plan is not known" in end.value.refusal.constraint
+
+
+def test_a_chaser_that_wheels_hold_has_the_shortest_plan_as_that_of_least_attitude() -> None:
+    held = load_scenario(share_directory() / "config" / "scenarios" / "lemur_wheels.yaml")
+    shortest, least = (
+        plan(replace(held, objective=objective), SETTINGS) for objective in (LENGTH, ATTITUDE)
+    )
+    assert least.metrics.max_chaser_euler == 0.0
+    assert np.array_equal(least.trajectory.joint_positions, shortest.trajectory.joint_positions)

@@ -85,9 +85,7 @@ def core() -> str:
         return "built, installed without its sources"
     # A core of earlier versions has no digest.
     if getattr(compiled, "SOURCES_DIGEST", None) != digest:
-        return (
-            "built of other sources: `python setup.py build_ext --inplace` builds it anew"
-        )
+        return "built of other sources: `python setup.py build_ext --inplace` builds it anew"
     return "built of the sources beside it"
 
 

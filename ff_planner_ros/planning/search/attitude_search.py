@@ -128,6 +128,8 @@ class AttitudeSearch:
         Raises:
             OutOfTime: By the watch.
         """
+        if weighted_sum(self.asked, self.shortest.metrics) == 0.0:
+            return self._with_effort()  # nothing costs less: wheels hold the chaser
         guesses = chain(self.seeds, self.solver.initial_guesses())
         random, is_papers = np.random.default_rng(0), self._grids()[0].directions is not None
         solver, threads = self.solver, self.solver.settings.threads
