@@ -64,7 +64,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
     def ours(group: str) -> EntryPoints:  # and none that this environment has, as Drake
         return EntryPoints(one for one in entry_points(group=group) if one.name in NAMES)
 
-    monkeypatch.setattr(plug_ins, "entry_points", ours)
+    monkeypatch.setattr(plug_ins, "_entry_points", ours)
     return installed
 
 

@@ -54,7 +54,7 @@ def test_verify_executes_a_plan_in_drake_by_the_declared_entry_point(monkeypatch
     project = Path(__file__).resolve().parents[1] / "pyproject.toml"
     declared = tomllib.loads(project.read_text())["project"]["entry-points"][ENGINES]
     found = EntryPoints(EntryPoint(name, value, ENGINES) for name, value in declared.items())
-    monkeypatch.setattr(plug_ins, "entry_points", lambda group: found.select(group=group))
+    monkeypatch.setattr(plug_ins, "_entry_points", lambda group: found.select(group=group))
     assert main(["verify", str(LEMUR_SCENARIO)]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     (drake,) = [row for row in rows if row[:1] == ["Drake"]]
