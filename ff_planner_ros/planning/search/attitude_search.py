@@ -139,8 +139,7 @@ class AttitudeSearch:
             for number, one in enumerate(rounds_of(solver.settings.search, self._attitude_share)):
                 if number == 1 and self._is_minor and not self._is_more_in_sight():
                     break
-                glance = number == 0 and not self._is_minor
-                self._race(list(islice(guesses, one.guesses)), glance)
+                self._race(list(islice(guesses, one.guesses)), number == 0 and not self._is_minor)
                 self._hop(random, one.hops * (HOPS_OF_PAPERS_PATHS if is_papers else 1))
                 self._refine()
                 if number == 0 and self.best is self.shortest:
