@@ -201,6 +201,27 @@ def test_until_the_next_plan_begins_the_one_before_it_says_where_the_system_is(
     assert "where run.1 says" in str(refused)
 
 
+@pytest.mark.parametrize("knot", range(25, 45))
+def test_a_handover_exactly_at_a_point_of_the_running_plan_has_that_point_once(
+    running: PublishedPlan, knot: int
+) -> None:
+    """Seen from any moment before: there is no interval of no length, whose rates were nonsense."""
+    told = np.rint(running.trajectory.time * NANOSECONDS).astype(int)
+    start_ns = BEGUN + int(told[knot])
+    rng = np.random.default_rng(knot)
+    for measured_ns in start_ns - rng.integers(NANOSECONDS // 4, NANOSECONDS, 20):
+        last = later_plan(running, (start_ns - NOW) / NANOSECONDS)
+        assert last.start_ns == start_ns
+        measured = snapshot(running, int(measured_ns))
+        found = continued_plan(last, measured, start_ns + NANOSECONDS, ALLOWED).motion
+        assert np.diff(found.time).min() > 1e-3
+        at = (start_ns - int(measured_ns)) / NANOSECONDS
+        for time in np.array([[at], [at + 1e-4]]):
+            there, wanted = found.at(time), last.motion(int(measured_ns)).at(time)
+            np.testing.assert_allclose(there[0], wanted[0], atol=1e-9)
+            np.testing.assert_allclose(there[1], wanted[1], atol=1e-7)
+
+
 def test_a_plan_that_has_not_begun_by_the_handover_is_not_joined(
     running: PublishedPlan,
 ) -> None:

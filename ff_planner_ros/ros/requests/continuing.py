@@ -17,6 +17,8 @@ from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.outputs.prediction import tracking_error
 
 _FIELD = "replan_active"
+# Two times are one if they are no further apart [s]: a quintic needs an interval of some length.
+_ONE_TIME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,7 @@ def _joints(running: PublishedPlan, published: PublishedPlan, since_ns: int) -> 
     if running is published:
         return last
     first = running.motion(since_ns)
-    until = first.time < last.time[0]
+    until = first.time < last.time[0] - _ONE_TIME
     return JointMotion(
         **{
             item.name: np.concatenate([getattr(first, item.name)[until], getattr(last, item.name)])
