@@ -32,7 +32,16 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import SEARCHING, Watch
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.objective import Objective
-from ff_planner_ros.planning.problem.problem import Parametrisation, Posture, Sphere, lasting
+from ff_planner_ros.planning.problem.problem import (
+    Approach,
+    DurationRange,
+    Limits,
+    Parametrisation,
+    Posture,
+    Sphere,
+    Target,
+    lasting,
+)
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
@@ -49,6 +58,7 @@ from ff_planner_ros.report.run_page import save_page
 from ff_planner_ros.report.run_report import report_of_answer
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.urdf.payload import Payload
 from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_in
 from ff_planner_ros.ros.messages.to_messages import request_message, status_message
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
@@ -443,6 +453,94 @@ def test_a_request_has_for_a_phase_what_a_scenario_has(task: PlanningTask) -> No
     with pytest.raises(InvalidInput) as refused:
         phases_in(request, task.problem.robot, load_parameters(), None)
     assert refused.value.field == "then[0].points"
+
+
+# Another value of each field of a phase that ends at a pose; goals have tests of their own.
+OTHERWISE: dict[str, Any] = {
+    "duration": DurationRange(1.5, 2.5),
+    "target": Posture(0.1 * np.arange(7.0), 0.01 * np.arange(7.0)),
+    "objective": Objective(0.5, 0.25, 0.125),
+    "limits": Limits(True, 0.5, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7), True, 0.6, 2.0, 3.0, 4.0),
+    "points": 31,
+    "parametrisation": Parametrisation.JOINT_SPLINE,
+    "approach": Approach(np.array([0.0, 0.6, 0.8]), 0.3, 0.4),
+    "camera": Camera("link_3", np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.6, 0.8]), 0.5, 0.2),
+    "allowed_collisions": ("link_5/passing",),
+    "contact_distance": 0.07,
+    "payload": Payload("end_effector", 3.0, np.diag([1.0, 2.0, 2.5]), np.array([0.1, 0.2, 0.3])),
+    "effort": 5,
+}
+PASSING = Sphere("passing", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.1, 0.2, 0.0]))
+
+
+@pytest.fixture(scope="module")
+def three(task: PlanningTask) -> PlanningTask:
+    """A capture among an obstacle, then two phases that end at a pose."""
+    problem = replace(task.problem, obstacles=(*task.problem.obstacles, PASSING))
+    pose = problem.target.position, problem.target.quaternion_xyzw
+    there = Phase(2.0, target=Target(*pose), allowed_collisions=("link_7/passing",))
+    return replace(task, problem=problem, then=(there, there))
+
+
+def test_each_field_of_a_phase_has_another_value_here() -> None:
+    assert OTHERWISE.keys() == {item.name for item in fields(Phase)} - {"target_body"}
+
+
+@pytest.mark.parametrize("posture", [Posture(0.1 * np.arange(7.0)), Posture(at_rest=True)])
+def test_a_request_for_a_goal_of_the_joints_says_what_may_touch_there(
+    three: PlanningTask, posture: Posture
+) -> None:
+    """Of the first phase as of later ones."""
+    contacts: dict[str, Any] = {
+        "allowed_collisions": ("link_7/passing",),
+        "contact_distance": 0.07,
+    }
+    free = replace(three.problem, target_body=None, obstacles=(PASSING,), allowed_collisions=())
+    request = request_message(replace(free, posture=posture, **contacts), "inertial")
+    request.then = [phase_message(Phase(2.0, target=posture, **contacts), (), "inertial")]
+    for goal in (request.goal, request.then[0].goal):
+        (told,) = goal.allowed_collisions
+        assert (list(told.pairs), told.distance) == (["link_7/passing"], 0.07)
+
+
+@pytest.mark.parametrize("name", OTHERWISE)
+def test_each_field_of_a_later_phase_is_in_digests_files_and_requests(
+    three: PlanningTask, name: str, tmp_path: Path
+) -> None:
+    """Of the third phase alone: the second keeps its own, and what it leaves out the first's."""
+    second, third = three.then
+    changed = replace(three, then=(second, replace(third, **{name: OTHERWISE[name]})))
+    assert changed.digest != three.digest
+    write_scenario(changed, tmp_path / "written.yaml")
+    again = load_task(tmp_path / "written.yaml", DEFAULTS)
+    assert digest_of(again.then[0]) == digest_of(second)
+    assert digest_of(again.then[1]) == digest_of(changed.then[1])
+    found = phase_of(request_message(three.problem, "inertial"), changed.then[1], three)
+    assert digest_of(found) == digest_of(changed.then[1])
+
+
+@pytest.mark.parametrize(
+    "name", sorted(OTHERWISE.keys() - {"duration", "target", "payload", "effort"})
+)
+def test_each_field_of_a_phase_is_that_of_its_problem_and_of_no_other(
+    three: PlanningTask, plan: Plan, name: str
+) -> None:
+    inherited = ("objective", "limits", "points", "parametrisation")
+    second, third = (replace(one, **dict.fromkeys(inherited)) for one in three.then)
+    for number in (0, 1):
+        then = [second, third]
+        then[number] = replace(then[number], **{name: OTHERWISE[name]})
+        one, of_phases = replace(three, then=tuple(then)), list[Any]()
+        for phase in (plan.phases[0], replace(plan.phases[1], duration=2.0)):
+            one = following(one, phase)
+            of_phases.append(getattr(one.problem, name))
+        usual = getattr(three.problem if name in inherited else second, name)
+        expected = [usual, usual]
+        expected[number] = OTHERWISE[name]
+        # What a phase leaves out is as in the phase before.
+        if number == 0 and name in inherited:
+            expected[1] = OTHERWISE[name]
+        assert [*map(digest_of, of_phases)] == [*map(digest_of, expected)]
 
 
 @pytest.mark.ci

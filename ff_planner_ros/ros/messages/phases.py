@@ -112,7 +112,7 @@ def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str)
     if phase.target_body is not None:
         message.goal.kind = Goal.CAPTURE
     if isinstance(phase.target, Posture):
-        message.goal = goal_of_joints(phase.target, joint_names)
+        message.goal = goal_of_joints(message.goal, phase.target, joint_names)
     if phase.payload is not None:
         message.payload = [payload_message(phase.payload)]
     return message

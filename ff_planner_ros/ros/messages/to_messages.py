@@ -76,7 +76,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanReques
     if problem.target_body is not None:
         request.goal.kind = Goal.CAPTURE
     if problem.posture is not None:
-        request.goal = goal_of_joints(problem.posture, problem.robot.joint_names)
+        request.goal = goal_of_joints(request.goal, problem.posture, problem.robot.joint_names)
     return request
 
 
@@ -87,14 +87,15 @@ def payload_message(payload: Payload) -> PayloadMessage:
     return message
 
 
-def goal_of_joints(posture: Posture, joint_names: Sequence[str]) -> Goal:
-    """Write a joint goal, or the goal at rest, as a message."""
+def goal_of_joints(goal: Goal, posture: Posture, joint_names: Sequence[str]) -> Goal:
+    """Write a joint goal, or the goal at rest, as a message, with what may touch at a goal."""
+    may_touch = goal.allowed_collisions
     if posture.positions is None:
-        return Goal(kind=Goal.AT_REST)
+        return Goal(kind=Goal.AT_REST, allowed_collisions=may_touch)
     joints = JointState(name=list(joint_names), position=posture.positions.tolist())
     if posture.velocities is not None:
         joints.velocity = posture.velocities.tolist()
-    return Goal(kind=Goal.JOINTS, joints=joints)
+    return Goal(kind=Goal.JOINTS, joints=joints, allowed_collisions=may_touch)
 
 
 def state_message(
