@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import robots
+from handmade_plans import made, resting
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import state_at, to_trajectory
-from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Draws, Uncertainty, directions, draws
 from ff_planner_ros.planning.robust.base_spread import (
     TrackedMotion,
@@ -23,6 +25,14 @@ from ff_planner_ros.planning.robust.base_spread import (
     torques_by_errors,
     tracked_motion,
 )
+from ff_planner_ros.planning.robust.margins import (
+    ATTITUDE,
+    ROTATION,
+    margins,
+    rotated_since_start,
+    turned_from_start,
+)
+from ff_planner_ros.planning.robust.nearness import nearness
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.dynamics import accelerations
@@ -41,17 +51,41 @@ WRONG = Uncertainty(
 PLANAR = robots.CONFIG / "scenarios/planar_capture.yaml"
 
 
-@pytest.fixture(scope="module", params=["lemur", "planar"])
-def motion(
+class Tracked(NamedTuple):
+    """A motion that a controller tracks, and the plan that it is of."""
+
+    motion: TrackedMotion
+    plan: Trajectory
+
+
+@pytest.fixture(scope="module", params=["lemur", "planar", "turned"])
+def tracked(
     request: pytest.FixtureRequest, lemur_capture: PlanningProblem, lemur_plan: Plan
-) -> Iterator[TrackedMotion]:
-    """A plan of a free chaser that tumbles, and one on a table."""
-    if request.param == "lemur":
-        yield tracked_motion(lemur_capture.robot, lemur_plan.trajectory)
-        return
-    problem = load_scenario(PLANAR)
-    made = plan(problem, load_parameters().planner)
-    yield tracked_motion(problem.robot, made.trajectory)
+) -> Tracked:
+    """A plan of a free chaser that tumbles, one on a table, and one of a robot that is turned.
+
+    In any attitude at the start, off the origin and drifting; the chaser's axes and its centre of
+    mass are not those of the base.
+    """
+    robot, planned = lemur_capture.robot, lemur_plan.trajectory
+    if request.param == "planar":
+        problem = load_scenario(PLANAR)
+        robot = problem.robot
+        planned = plan(problem, load_parameters().planner).trajectory
+    elif request.param == "turned":
+        robot = robot_from_urdf_text(robots.random_urdf(4, 1), "bus", "tool")
+        rng = np.random.default_rng(2)
+        still = resting(rng.uniform(-1.0, 1.0, 4))
+        swung = still.bulging(0, 2, 0.005).stepping(2, 3, 0.01).swelling(3, 8, 0.005)
+        place, turned = np.array([3.0, -2.0, 5.0]), Rotation.from_rotvec([0.4, 2.0, -1.0])
+        twist = np.array([0.3, -0.1, 0.2, 0.05, -0.04, 0.06])
+        planned = made(robot, swung, twist, place, turned).plan.trajectory
+    return Tracked(tracked_motion(robot, planned), planned)
+
+
+@pytest.fixture(scope="module")
+def motion(tracked: Tracked) -> TrackedMotion:
+    return tracked.motion
 
 
 def along_each_error(motion: TrackedMotion, step: float) -> Draws:
@@ -94,6 +128,63 @@ def test_a_system_as_modelled_does_what_the_plan_says(motion: TrackedMotion) -> 
     assert exact.positions[:, 0] == pytest.approx(motion.q[:, :3], abs=1e-7)
     assert exact.rotations[:, 0] == pytest.approx(turns, abs=1e-6)
     assert exact.twists[:, 0] == pytest.approx(motion.half_v[::2, :6], abs=1e-7)
+
+
+def test_the_frame_of_the_motion_moves_with_the_system_s_centre_of_mass(tracked: Tracked) -> None:
+    """Where the plan has the chaser, and in which attitude, seen from there and without a turn."""
+    motion, planned = tracked
+    q, robot = motion.q[motion.at_points], motion.robot
+    turned = Rotation.from_quat(q[:, 3:7])
+    origin = motion.origin + planned.time[:, None] * motion.velocity
+    chaser = origin + q[:, :3] + turned.apply(np.array(robot.position_chaser_in_base))
+    assert chaser == pytest.approx(planned.chaser_positions, abs=1e-5)
+    attitudes = turned * Rotation.from_matrix(np.array(robot.rotation_chaser_to_base))
+    off = attitudes.inv() * Rotation.from_quat(planned.chaser_quaternions_xyzw)
+    assert off.magnitude().max() < 1e-5
+    data = robot.model.createData()
+    centers = [pin.centerOfMass(robot.model, data, at).copy() for at in q]
+    assert np.abs(centers)[:, [row for row in robot.base.rows if row < 3]].max() < 1e-9
+
+
+def test_margins_of_the_chasers_turn_are_those_since_its_first_attitude(
+    motion: TrackedMotion,
+) -> None:
+    """And change as the finite differences of runs, by scipy's rotations."""
+    step, of = 1e-3, directions(motion.robot, WRONG)
+    limits = Limits(chaser_attitude=3.0, chaser_rotation=3.0)
+    spread, nowhere = base_spread(motion, of), Scene()
+    near = nearness(motion.robot, motion.q, motion.time, nowhere)
+    told = {one.kind: one for one in margins(motion, nowhere, near, limits, of, spread)}
+    runs = tracked_runs(motion, along_each_error(motion, step))
+    to_base = motion.robot.rotation_chaser_to_base
+    first = Rotation.from_quat(motion.q[0, 3:7]).as_matrix() @ to_base
+
+    def since(rotations: Array) -> tuple[Array, Array]:
+        """Euler angles, then the angle, of base attitudes. Shapes (..., 3) and (...)."""
+        turned = Rotation.from_matrix((first.T @ rotations @ to_base).reshape(-1, 3, 3))
+        shape = rotations.shape[:-2]
+        euler = turned.as_euler("xyz").reshape(*shape, 3)
+        return euler, turned.magnitude().reshape(shape)
+
+    planned = since(Rotation.from_quat(motion.q[:, 3:7]).as_matrix())
+    euler, angles = since(runs.rotations)
+    assert turned_from_start(motion, runs.rotations) == pytest.approx(euler, abs=1e-9)
+    assert rotated_since_start(motion, runs.rotations) == pytest.approx(angles, abs=1e-7)
+    found, count = told[ATTITUDE], len(motion.time)
+    assert found.values.reshape(2, count, 3) == pytest.approx(
+        np.stack([3.0 - planned[0], 3.0 + planned[0]]), abs=1e-9
+    )
+    expected = np.moveaxis(difference(euler, step, axis=1), 1, -1)
+    by_errors = found.by_errors.reshape(2, count, 3, -1)
+    scale = np.abs(expected).max()
+    assert by_errors[1] == pytest.approx(expected, abs=1e-4 * scale)
+    assert by_errors[0] == pytest.approx(-expected, abs=1e-4 * scale)
+    found = told[ROTATION]
+    assert found.values == pytest.approx(3.0 - planned[1], abs=1e-7)
+    # At the start there is no axis; near to it runs turn to all sides.
+    turns = planned[1] > 0.05 * planned[1].max()
+    expected = np.moveaxis(difference(angles, step, axis=1), 1, -1)[turns]
+    assert -found.by_errors[turns] == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 
 def test_small_motions_of_the_base_are_the_finite_differences_of_runs(
