@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from bodied_robots import tumbling_spheres
 from robots import random_state
 from test_core import FREE, PLANAR, chain_robot
 
@@ -19,7 +20,7 @@ from ff_planner_ros.planning.distance.certificate import (
 )
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
 from ff_planner_ros.planning.problem.problem import Sphere
-from ff_planner_ros.problems import tumbling
+from ff_planner_ros.problems import tumbling as captures
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 
@@ -69,7 +70,7 @@ def test_no_point_of_the_arm_moves_or_bends_more_than_its_bound(name: str, size:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_attached_sphere_accelerates_more_than_its_bound(seed: int) -> None:
-    drawn = tumbling.problem("fast tumbling", seed)
+    drawn = captures.problem("fast tumbling", seed)
     attached = [sphere for sphere in drawn.obstacles if sphere.body is not None]
     times = np.linspace(0.0, 60.0, 60_001)
     places = centers_at(times, attached)
@@ -83,12 +84,14 @@ def test_no_attached_sphere_accelerates_more_than_its_bound(seed: int) -> None:
 
 @pytest.mark.parametrize("name", ["free2", "free7", "planar3"])
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("pace", [1.0, 4.0])
 def test_the_certificate_is_below_what_many_moments_show_and_near_to_it(
-    name: str, seed: int
+    name: str, seed: int, pace: float
 ) -> None:
-    """Large steps, spheres that move, that are grazed, pierced and small."""
+    """Steps of up to eight seconds, spheres that move, tumble, are grazed, pierced and small."""
     robot, rng = chain_robot(name), np.random.default_rng(seed)
     q, v, times = drawn_motion(robot, rng, 0.3)
+    v, times = v / pace, pace * times
     steps = np.diff(times)
     part, along = between(robot, q, cubics_between(robot, q, v, steps))
     moments = (times[:-1, None] + part * steps[:, None]).ravel()
@@ -103,7 +106,8 @@ def test_the_certificate_is_below_what_many_moments_show_and_near_to_it(
         )
         for k, (place, away) in enumerate(zip(nearest, (0.01, 0.2, 1.0, 3.0), strict=True))
     ]
-    for chosen in (spheres, spheres[1:], spheres[2:], spheres[3:]):
+    tumbling = list(tumbling_spheres(rng, nearest[0], 3))
+    for chosen in (spheres, spheres[1:], spheres[2:], spheres[3:], tumbling, tumbling[:1]):
         found = certified_clearance(robot, q, v, times, chosen)
         distance = clearances(positions, moments, segments(positions), chosen).distance
         true = float(distance.min())
