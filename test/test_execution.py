@@ -61,6 +61,16 @@ class World:
     def controller(self) -> Any:
         return self.execution.controller
 
+    @property
+    def lead(self) -> float:
+        """How long before its start a plan is handed over [s]."""
+        return LEAD if self.controller else 0.0
+
+    @property
+    def wakes(self) -> float:
+        """When the timer looks next."""
+        return self.now + float(self.timer.timer_period_ns) / NANOSECONDS
+
     def publish(self, plan_id: str, start: float, goal: float) -> None:
         trajectory = JointTrajectory(joint_names=[plan_id])  # by which it is known
         times = (round(time * NANOSECONDS) for time in (start, goal))
@@ -127,6 +137,48 @@ def test_however_late_the_clock_is_looked_at_things_are_told_in_their_order(
         *(("run.1", STARTED), ("run.1", AT_GOAL)),
         *(("run.2", STARTED), ("run.2", AT_GOAL)),
     ]
+
+
+@pytest.mark.parametrize("hand_over", ["topic", "action"])
+def test_a_plan_that_begins_before_the_one_published_before_it_leaves_that_no_turn(
+    hand_over: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A controller drops what it has for what it is sent; of the first nothing is heard again."""
+    world = World(hand_over, monkeypatch)
+    world.publish("run.1", start=5.0, goal=15.0)
+    assert world.wakes == pytest.approx(5.0 - world.lead)
+    world.publish("run.2", start=3.0, goal=9.0)
+    assert world.wakes == pytest.approx(3.0 - world.lead)
+    if hand_over == "action":
+        world.look(3.0 - world.lead)
+        assert world.wakes == pytest.approx(5.0 - world.lead)
+        ((sent, accepted, ended),) = world.controller.sent
+        assert sent == "run.2"
+        accepted()
+        assert world.wakes == pytest.approx(3.0)
+    world.look(3.0)
+    assert world.events[2:] == [("run.1", SUPERSEDED), ("run.2", STARTED)]
+    assert world.heard[2].successor == "run.2"
+    for now in (5.0 - world.lead, 5.0, 9.0):
+        world.look(now)
+    if hand_over == "action":
+        ended(Ended("done", succeeded=True))
+        assert len(world.controller.sent) == 1
+    assert world.events[4:] == [("run.2", AT_GOAL)]
+    assert not world.lost
+
+
+def test_of_two_plans_that_wait_each_is_handed_over_in_its_own_time(by_action: World) -> None:
+    by_action.publish("run.1", start=1.0, goal=2.0)
+    by_action.publish("run.2", start=3.0, goal=4.0)
+    by_action.look(1.0)
+    _, accepted, ended = by_action.controller.sent[0]
+    accepted()
+    by_action.look(1.1)
+    assert by_action.wakes == pytest.approx(3.0 - LEAD)
+    ended(Ended("done", succeeded=True))
+    by_action.look(3.0 - LEAD)
+    assert [sent for sent, *_ in by_action.controller.sent] == ["run.1", "run.2"]
 
 
 @pytest.mark.law("NODE-20")
