@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -15,7 +15,7 @@ import pytest
 import yaml
 from ff_planner_msgs.msg import PlanRequest
 from recorded_requests import only_request
-from robots import CONFIG, random_state
+from robots import CONFIG, random_state, random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
@@ -28,12 +28,15 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload, with_payload
+from ff_planner_ros.robot.wheels import Wheels
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import (
@@ -244,6 +247,42 @@ def test_a_plan_that_waits_is_compared_with_where_the_robot_goes_with_its_payloa
         )
         with refused:
             require_same_start(made, start_differences(made, (), node))
+
+
+# Of a robot, what a payload changes; the rest is as it was.
+OF_PAYLOAD = {"model", "urdf", "drawn_urdf", "tip_frame_id", "notes", "payload"}
+OF_SHAPES = {"bodies", "pairs", "may_touch"}
+OWN_WHEELS = Wheels(np.vstack([np.eye(3), np.ones(3)]), (1.0, 2.0, 3.0, 4.0), (0.5,))
+# URDF, links and how it is loaded.
+TAKING: dict[str, tuple[str, dict[str, Any]]] = {
+    "own weight of slides": (random_urdf(5, 3, (1, 4)), {"slide_weight": 7.5}),
+    "slides locked": (random_urdf(5, 3, (1, 4)), {"slide_weight": 0.0}),
+    "joint locked elsewhere": (random_urdf(5, 3), {"held_at": {"joint_2": 0.3}}),
+    "own wheels": (random_urdf(6, 3), {"base": Base.ATTITUDE_HELD, "wheels": OWN_WHEELS}),
+    "lines beside shapes": (random_urdf(5, 3), {"geometry": Geometry.LINES}),
+}
+
+
+@pytest.mark.parametrize("case", TAKING)
+def test_a_robot_that_takes_a_payload_is_in_all_else_what_it_was(case: str) -> None:
+    urdf, given = TAKING[case]
+    bare = robot_from_urdf_text(urdf, "bus", "tool", **given)
+    took = with_payload(bare, Payload("tool", 3.0, np.diag([1.0, 2.0, 2.5])))
+    assert took.slide_weight == bare.slide_weight
+    for name in {item.name for item in fields(Robot)} - OF_PAYLOAD - OF_SHAPES:
+        before, after = getattr(bare, name), getattr(took, name)
+        if name == "wheels":
+            assert digest_of(before) == digest_of(after)
+        elif isinstance(before, np.ndarray):
+            np.testing.assert_array_equal(before, after, err_msg=name)
+        else:
+            assert before == after, name
+    assert took.bodies == bare.bodies == ()
+    # What it holds is the only thing that moves otherwise.
+    for joint in range(1, bare.model.njoints - 1):
+        np.testing.assert_array_equal(
+            bare.model.inertias[joint].matrix(), took.model.inertias[joint].matrix()
+        )
 
 
 FAULTS: dict[str, tuple[dict[str, Any], Status, str, str]] = {

@@ -5,31 +5,49 @@ from __future__ import annotations
 import math
 import os
 import pickle
+import re
 import subprocess
 import sys
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from enum import StrEnum
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from drawn_plans import drawn_plan
+from robots import CONFIG, LEMUR_URDF, random_urdf
 
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.declared import declare
+from ff_planner_ros.common.forms import a_number
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress, Watch
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
     Limits,
     Objective,
     ObstacleBody,
+    Orientation,
+    Parametrisation,
     PlanningProblem,
+    Posture,
     Sphere,
+    with_capture_target,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.problem.target_body import AttachedSphere
+from ff_planner_ros.planning.requirements.requirement import Requirement
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.digest import canonical, digest_of
+from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import (
     PlanningTask,
@@ -37,8 +55,12 @@ from ff_planner_ros.planning.task.task import (
     perform,
     without_search,
 )
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
+from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.payload import Payload
+from ff_planner_ros.robot.wheels import Wheels
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute
 from ff_planner_ros.simulation.feed_forward import feed_forward
@@ -234,6 +256,166 @@ def test_a_first_guess_that_is_none_is_refused(
 ) -> None:
     with pytest.raises(InvalidInput, match="first_guess"):
         PlanningTask(lemur_capture, settings, first_guess=guess)
+
+
+@dataclass(frozen=True)
+class Kept(Requirement):
+    """A requirement of somebody else."""
+
+    name: ClassVar[str] = "kept"
+    distance: float = declare(a_number(), "a number")
+
+
+def with_everything(settings: PlannerSettings, goal: str) -> PlanningTask:
+    """A task in which nothing has its default: of a body that is captured, a pose or a posture."""
+    task = load_task(CONFIG / "scenarios/whole_capture.yaml", Defaults(settings))
+    problem, robot = task.problem, task.problem.robot
+    rates = 0.1 * np.arange(1.0, 8.0)
+    passing = Sphere("passing", [9.0, 0.5, 1.0], 0.1, [0.1, 0.2, 0.3])
+    box = Solid("box", np.array([0.5, 0.3, 0.2]))
+    turning = ObstacleBody("turning", box, [-9.0, 0.5, 1.0], [0.5] * 4, [0.1, 0.2, 0.3], [0.1] * 3)
+    along = Approach(np.array([0.0, 0.6, 0.8]), 0.3, 0.4)
+    camera = Camera("link_7", np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.6, 0.8]), 0.5, 0.2)
+    body = problem.target_body
+    assert body is not None
+    ball = AttachedSphere("ball", np.array([0.1, 9.0, 0.2]), 0.1)
+    problem = replace(problem, allowed_collisions=())
+    problem = with_capture_target(replace(body, obstacles=(*body.obstacles[:2], ball)), problem)
+    goals: dict[str, dict[str, Any]] = {
+        "body": {},
+        "pose": {"target_body": None, "obstacles": ()},
+        "posture": {
+            "target_body": None,
+            "obstacles": (),
+            "posture": Posture(0.1 * np.ones(7), 0.01 * np.ones(7)),
+        },
+    }
+    if goal != "body":
+        free_axis = {"orientation": Orientation.ABOUT_AXIS, "free_axis_in_ee": [0.0, 0.6, 0.8]}
+        still = dict.fromkeys(("angular_velocity", "angular_acceleration"), np.zeros(3))
+        goals[goal]["target"] = replace(problem.target, **free_axis, **still)
+    problem = replace(problem, **goals[goal])
+    problem = replace(
+        problem,
+        obstacles=(*problem.obstacles, passing, turning),
+        start=replace(problem.start, joint_accelerations=0.01 * rates),
+        limits=Limits(True, 0.5, tuple(rates.tolist()), True, 0.6, 20.0, 30.0, 0.4),
+        objective=Objective(1.0, 0.5, 0.2, 0.1),
+        duration_range=DurationRange(0.5 * problem.duration, 2.0 * problem.duration, [0.1] * 3),
+        parametrisation=Parametrisation.JOINT_SPLINE,
+        approach=along if problem.posture is None else None,
+        camera=camera if problem.posture is None else None,
+        allowed_collisions=("link_7/passing",),
+        contact_distance=0.07,
+        requirements=(Kept(0.3),),
+    )
+    held = Payload("end_effector", 3.0, np.diag([1.0, 2.0, 2.5]), np.array([0.1, 0.2, 0.3]))
+    then = (
+        Phase(2.0, target=problem.target, approach=along, camera=camera, payload=held, effort=5),
+        Phase(DurationRange(1.0, 2.0), target=Posture(0.1 * np.ones(7), 0.01 * np.ones(7))),
+        Phase(3.0, target_body=body, allowed_collisions=("link_7/passing",), contact_distance=0.07),
+    )
+    running = joint_motion(drawn_plan(robot, seed=1).trajectory, -1.0)
+    robust = replace(settings.robust, sigmas=3.0)
+    return PlanningTask(
+        problem,
+        replace(settings, robust=robust, capture_turn_rate_tolerance=0.01),
+        ahead=0.5,
+        running=running,
+        running_goal=7.0,
+        end_behaviour=EndBehaviour.STOP_JOINTS,
+        tail=2.0,
+        controller=Controller(robot.joint_names, False, True, 0.01),
+        first_guess=np.arange(1.0, 19.0),
+        effort=7,
+        then=then,
+    )
+
+
+def altered(value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield a copy for each number, word and part below a value with that alone changed."""
+    if is_dataclass(value) and not isinstance(value, Robot):
+        kept = {item.name: getattr(value, item.name) for item in fields(value)}
+        for name, part in kept.items():
+            for place, other in altered(part):
+                one = object.__new__(type(value))  # whatever the class allows
+                for each, as_it_is in (kept | {name: other}).items():
+                    object.__setattr__(one, each, as_it_is)
+                yield f".{name}{place}", one
+    elif isinstance(value, tuple | list):
+        for number, entry in enumerate(value):
+            for place, other in altered(entry):
+                yield f"[{number}]{place}", (*value[:number], other, *value[number + 1 :])
+        if value:
+            yield " without the last", tuple(value[:-1])
+    else:
+        yield from otherwise(value)
+
+
+def otherwise(value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield other numbers, words and entries of an array than a value's."""
+    match value:
+        case np.ndarray():
+            places = list(np.ndindex(value.shape))
+            for place in places if len(places) < 10 else (places[0], places[-1]):
+                other = value.copy()
+                other[place] += 0.25
+                yield str(list(place)), other
+        case StrEnum():
+            yield "", next(one for one in type(value) if one is not value)
+        case bool():
+            yield "", not value
+        case str():
+            yield "", f"{value} too"
+        case int() | float():
+            yield "", value + 1
+
+
+# Of an obstacle that is fixed to a body.
+FOLLOWS_FROM_BODY = (
+    r"\.problem\.obstacles\[(\d)\]\.(body|center|position|quaternion|velocity|angular|place).*"
+)
+
+
+@pytest.mark.parametrize("goal", ["body", "pose", "posture"])
+def test_nothing_that_a_plan_depends_on_is_left_out_of_the_digest(
+    settings: PlannerSettings, goal: str
+) -> None:
+    """Each number and word of a task alone; what is fixed to a body follows from the body.
+
+    The volume that a hull adds is a note, and the number of processes changes no plan.
+    """
+    task = with_everything(settings, goal)
+    fixed = {k for k, one in enumerate(task.problem.obstacles) if one.body is not None}
+    digests, same = {task.digest: ""}, list[str]()
+    for place, other in altered(task):
+        digest = other.digest
+        if digest == task.digest:
+            same.append(place)
+            continue
+        twin = digests.setdefault(digest, place)
+        assert twin == place or ".obstacles" in place, (twin, place)
+    for place in (one for one in same if not one.endswith((".hull_added", ".threads"))):
+        number = re.fullmatch(FOLLOWS_FROM_BODY, place)
+        follows = number is not None and int(number[1]) in fixed
+        assert follows or (goal != "pose" and place.startswith(".problem.target.")), place
+    assert len(digests) > 300
+
+
+def test_nothing_of_a_robot_that_a_plan_depends_on_is_left_out_of_its_digest() -> None:
+    wheels = Wheels(np.vstack([np.eye(3), np.ones(3)]), (1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0))
+    held = robot_from_urdf_text(random_urdf(6, 1), "bus", "tool", Base.ATTITUDE_HELD, wheels=wheels)
+    sliding = robot_from_urdf_text(random_urdf(4, 1, (2,)), "bus", "tool", slide_weight=2.0)
+    shaped = load_robot(LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.SHAPES)
+    for robot, names in (
+        (held, ("base", "wheels", "urdf", "base_link", "tip_link")),
+        (sliding, ("joint_weights",)),
+        (shaped, ("geometry", "pairs")),
+    ):
+        for name in names:
+            for place, other in altered(getattr(robot, name)):
+                changed = replace(robot, **{name: other})
+                assert digest_of(changed) != digest_of(robot), (name, place)
 
 
 def test_zeros_of_either_sign_are_one_to_a_digest() -> None:
