@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -527,6 +527,51 @@ def test_no_derivative_of_angular_momentum_exceeds_its_bound(
         found = np.array([np.linalg.norm(rows, axis=2).max(axis=1) for rows in every])
         assert (found <= bounds).all(), seed
         assert (bounds.max(axis=1) < 1e3 * found.max(axis=1)).all(), seed
+
+
+def swinging(chaser: float, arm: float) -> Robot:
+    """An arm of one link that turns about z, each body's mass [kg] as told.
+
+    The chaser's centre of mass is 1 m behind the base link, the joint 0.5 m before it, the link's
+    centre of mass 0.3 m beyond; its largest moment of inertia is that about z, 5 kg m2.
+    """
+
+    def link(name: str, mass: float, x: float, moments: Sequence[float]) -> str:
+        inertia = " ".join(f'i{2 * axis}="{of}"' for axis, of in zip("xyz", moments, strict=True))
+        return (
+            f'<link name="{name}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>'
+            f'<inertia {inertia} ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+
+    bodies = link("chaser", chaser, -1.0, (3.0, 3.0, 3.0)), link("tool", arm, 0.3, (2.0, 4.0, 5.0))
+    limit = '<limit lower="-3" upper="3" velocity="9" effort="9"/>'
+    joint = (
+        '<joint name="joint" type="revolute"><parent link="chaser"/><child link="tool"/>'
+        f'<origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>{limit}</joint>'
+    )
+    text = f'<robot name="swing">{"".join(bodies)}{joint}</robot>'
+    return robot_from_urdf_text(text, "chaser", "tool", Base.ATTITUDE_HELD)
+
+
+@pytest.mark.parametrize(("chaser", "arm"), [(200.0, 5.0), (10.0, 10.0), (2.0, 300.0)])
+def test_bounds_of_momentum_are_sums_of_moduli_however_heavy_the_arm(
+    chaser: float, arm: float
+) -> None:
+    """Of spin, each centre of mass and the whole one, by hand; and no posture has more of it."""
+    robot, rate = swinging(chaser, arm), 0.7
+    largest = np.array([3.0, rate, 0.0, 0.0, 0.0])[:, None, None]
+    bounds = angular_momentum_bounds(robot, largest)[:, 0]
+    spin, speed, total = 5.0 * rate, 0.3 * rate, chaser + arm
+    by_whole = (chaser * 1.0 + arm * 0.8) * arm * speed / total
+    assert bounds[0] == pytest.approx(spin + arm * 0.8 * speed + by_whole, rel=1e-12)
+    turned = np.linspace(-3.0, 3.0, 61)
+    q, v = np.zeros((61, 8)), np.zeros((61, 7))
+    q[:, 6], q[:, 7], v[:, 6] = 1.0, turned, rate
+    momenta, rates = angular_momenta(robot, q, v, np.zeros((61, 1)))
+    apart = chaser * arm / total * speed * (1.5 * np.cos(turned) + 0.3)
+    assert momenta[:, 2] == pytest.approx(spin + apart, rel=1e-9)
+    assert np.abs(momenta).max() <= bounds[0]
+    assert np.abs(rates).max() <= bounds[1]
 
 
 @pytest.mark.law("PLAN-15")
