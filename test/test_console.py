@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from threading import Event
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 import viser
+from ff_planner_msgs.msg import PublishedPlan
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
@@ -19,10 +21,13 @@ from ff_planner_ros.analysis.drawing.obstacle_surfaces import placed
 from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
 from ff_planner_ros.analysis.nearest import nearest
 from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.console import search
 from ff_planner_ros.console.changes import GOAL, lasting_for, movable, moved, weighted
 from ff_planner_ros.console.entries import Entry, entry_of, in_words, table_of
 from ff_planner_ros.console.faults import place_of_fault
+from ff_planner_ros.console.live.link import Link
+from ff_planner_ros.console.live.plans import Plans, _Known
 from ff_planner_ros.console.page import Page
 from ff_planner_ros.console.parts import CHASER, TARGET, Part, obstacle_parts, robot_parts
 from ff_planner_ros.console.search import Answer, Search
@@ -33,8 +38,11 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Objective, Sphere
+from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 
 SCENARIOS = share_directory() / "config" / "scenarios"
 
@@ -413,3 +421,25 @@ def test_a_defect_ends_a_search_with_words(
     assert answers[0].error is not None
     assert answers[0].error.status is Status.INTERNAL_ERROR
     assert "ZeroDivisionError" in str(answers[0].error)
+
+
+@pytest.mark.parametrize("previous", ["run.1", "", "run.0"])
+def test_a_console_knows_which_plan_runs_until_the_next_one_begins(
+    capture: PlanningTask, plan: Plan, previous: str
+) -> None:
+    """That which the node says, if it was the last one; of two that it published none else."""
+    link = SimpleNamespace(published=None, now_ns=lambda: 0, parameters=load_parameters())
+    plans, made = Plans(cast(Link, link), lambda _: None), dict[str, MadePlan]()
+    scene = scene_of(capture.problem)
+    for plan_id, start, before in (("run.1", 9.0, ""), ("run.2", 5.0, previous)):
+        start_ns = round(start * NANOSECONDS)
+        told = capture.problem.robot, scene, load_parameters(), before
+        made[plan_id] = MadePlan(plan_id, plan, start_ns, "none", *told)
+        plans._known[plan_id] = _Known(
+            Entry(plan_id, capture, plan, plan_id=plan_id), made[plan_id]
+        )
+        plans.published(PublishedPlan(plan_id=plan_id, start_time=time_message(start_ns)))
+    found: Any = link.published
+    assert (found.plan_id, found.start_ns) == ("run.2", 5 * NANOSECONDS)
+    assert (found.before is not None) == (previous == "run.1")
+    assert found.at(4 * NANOSECONDS) is None

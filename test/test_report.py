@@ -575,6 +575,28 @@ def test_a_plan_is_measured_until_the_next_one_takes_the_arm_over(
     assert second.plan.deviations.time[-1] == pytest.approx(6.0, abs=1e-6)
 
 
+def test_a_plan_is_measured_until_any_later_one_takes_the_arm_over_however_early(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    """Three plans, of which the last one begins before the second, which then never begins."""
+    run = Run(tmp_path / "run", lemur_capture)
+    with run.bag:
+        for number, (start, asked) in enumerate(((5, 0), (11, 1), (8, 2)), start=1):
+            answer = run.answer(lemur_plan, f"run.{number}", T0 + start * SECOND)
+            run.service(answer, T0 + asked * SECOND)
+        run.states(lemur_plan.trajectory, T0 + 5 * SECOND)
+    first, second, third = (one.plan for one in report_of_bag(tmp_path / "run", 20).requests)
+    assert first is not None
+    assert second is not None
+    assert third is not None
+    assert first.deviations is not None
+    assert third.deviations is not None
+    assert first.deviations.time[-1] == pytest.approx(3.0, abs=10 / 49)
+    assert first.deviations.time[-1] <= 3.0
+    assert second.deviations is None
+    assert third.deviations.time[-1] == pytest.approx(7.0, abs=1e-6)
+
+
 def test_a_plan_that_was_only_asked_for_is_measured_once_it_was_published(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
