@@ -63,7 +63,7 @@ from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_
 from ff_planner_ros.ros.messages.to_messages import request_message, status_message
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 from ff_planner_ros.ros.outputs.prediction import predicted_relative_pose, predicted_target
-from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.offline_bag import record_answer, require_recordable
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
@@ -541,6 +541,22 @@ def test_each_field_of_a_phase_is_that_of_its_problem_and_of_no_other(
         if number == 0 and name in inherited:
             expected[1] = OTHERWISE[name]
         assert [*map(digest_of, of_phases)] == [*map(digest_of, expected)]
+
+
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("name", ["linear_acceleration", "angular_acceleration"])
+def test_what_no_request_holds_of_a_later_goal_is_in_no_bag(
+    three: PlanningTask, number: int, name: str
+) -> None:
+    """Its replay would be of another goal."""
+    require_recordable(three)
+    then = list(three.then)
+    target = then[number].target
+    assert isinstance(target, Target)
+    then[number] = replace(then[number], target=replace(target, **{name: [0.0, 0.01, 0.0]}))
+    with pytest.raises(InvalidInput, match="a request to the node cannot ask for it") as refused:
+        require_recordable(replace(three, then=tuple(then)))
+    assert refused.value.field == f"phases[{number + 1}].target.{name}"
 
 
 @pytest.mark.ci

@@ -24,6 +24,8 @@ from ff_planner_ros.common.yaml_file import MOST_BYTES
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER
+from ff_planner_ros.planning.problem.posture import Posture
+from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.task.captured import captured_in
@@ -153,14 +155,21 @@ def require_recordable(task: PlanningTask) -> None:
     Raises:
         InvalidInput: A field of the task has no place in a request.
     """
-    target, captured = task.problem.target, task.problem.target_body is not None
-    window = task.problem.duration_range
+    problem, window = task.problem, task.problem.duration_range
+    targets: dict[str, Target | Posture | None] = {
+        "target": None if problem.target_body is not None else problem.target
+    }
+    targets |= {f"phases[{k}].target": one.target for k, one in enumerate(task.then, 1)}
     for field, given in (
         ("running", task.running is not None),
         ("running_goal", task.running_goal is not None),
         ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
-        ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
-        ("target.angular_acceleration", not captured and target.angular_acceleration.any()),
+        *(
+            (f"{name}.{acceleration}", getattr(target, acceleration).any())
+            for name, target in targets.items()
+            for acceleration in ("linear_acceleration", "angular_acceleration")
+            if isinstance(target, Target)
+        ),
         (
             "phases.target_body",
             len({id(one) for one in captured_bodies(task) if one is not None}) > 1,
