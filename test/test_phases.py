@@ -28,7 +28,7 @@ from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime,
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.motion import from_trajectory
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan, RobustReport, WheelMotion
 from ff_planner_ros.planning.motion.watch import SEARCHING, Watch
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.objective import Objective
@@ -317,6 +317,51 @@ def test_the_whole_is_one_motion_with_the_worst_of_all_phases(plan: Plan) -> Non
     metrics = whole(replace(plan, then=(replace(stop, metrics=near), stow))).metrics
     assert metrics.min_self_clearance_pair == "a/b"
     assert metrics.min_self_clearance_time == pytest.approx(ends[0] + 0.25)
+
+
+def test_nothing_that_phases_tell_is_lost_in_the_whole(plan: Plan) -> None:
+    """Wheels, notes, margins and rates too, which few plans have."""
+    rng, phases = np.random.default_rng(0), list[Plan]()
+    for number, one in enumerate(plan.phases):
+        loads = WheelMotion(*rng.normal(size=(2, len(one.trajectory.time), 3)))
+        margins = RobustReport(
+            sigmas=3.0,
+            least_sigmas=5.0 - number,
+            rounds=number,
+            plain_joint_path_length=1.0 + number,
+            clearance=(("bus", 0.01 * number), (f"rock {number}", 0.02)),
+            chaser_attitude=0.03 * (2 - number),
+            torques=(("joint_1", 0.4 + number),),
+            corridor=0.05 * number,
+            chaser_rotation=0.06,
+            deviations=(("mass", 0.01),),
+        )
+        said = {"notes": ("of all", f"of {number}"), "turn_rate_at_rest": 0.1 * number}
+        phases.append(replace(one, wheels=loads, robust=margins, effort=7 + number, **said))
+    told = whole(replace(phases[0], then=tuple(phases[1:])))
+    assert told.wheels is not None
+    for name in ("momenta", "torques"):
+        parts = [getattr(one.wheels, name)[k > 0 :] for k, one in enumerate(phases)]
+        np.testing.assert_array_equal(getattr(told.wheels, name), np.concatenate(parts))
+    assert len(told.wheels.momenta) == len(told.trajectory.time)
+    assert told.notes == ("of all", "of 0", "of 1", "of 2")
+    assert told.turn_rate_at_rest == pytest.approx(0.2)
+    assert (told.joint_names, told.effort, told.then) == (plan.joint_names, 7, ())
+    assert told.duration == pytest.approx(sum(one.duration or 0.0 for one in phases))
+    assert told.robust == RobustReport(
+        sigmas=3.0,
+        least_sigmas=3.0,
+        rounds=3,
+        plain_joint_path_length=6.0,
+        clearance=(("bus", 0.02), ("rock 0", 0.02), ("rock 1", 0.02), ("rock 2", 0.02)),
+        chaser_attitude=0.06,
+        torques=(("joint_1", 2.4),),
+        corridor=0.1,
+        chaser_rotation=0.06,
+        deviations=(("mass", 0.01),),
+    )
+    longer = told.metrics.joint_path_length - 6.0
+    assert f"smallest margin 3.00 sigmas, 3 required; joint path {longer:+.4f} rad" in told.message
 
 
 def payload_poses(task: PlanningTask, plan: Plan) -> tuple[Array, Array, Array]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from itertools import chain
 
 import numpy as np
 
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.motion.plan import Plan, RobustReport, SolverReport
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.target_body import TargetBody
@@ -43,6 +44,7 @@ def whole(plan: Plan) -> Plan:
         metrics=_metrics([one.metrics for one in phases], begins),
         solver=_solver([one.solver for one in phases]),
         duration=begins[-1] + (phases[-1].duration or 0.0),
+        robust=_robust([one.robust for one in phases if one.robust is not None]),
         wheels=wheels,
         effort=plan.effort,
         notes=tuple(dict.fromkeys(note for one in phases for note in one.notes)),
@@ -89,6 +91,30 @@ def _metrics(each: Sequence[Metrics], begins: Sequence[float]) -> Metrics:
         found[f"{name}_pair"] = getattr(each[worst], f"{name}_pair")
         found[f"{name}_time"] = begins[worst] + getattr(each[worst], f"{name}_time")
     return Metrics(**found)
+
+
+def _robust(each: Sequence[RobustReport]) -> RobustReport | None:
+    """Return the largest back-off of all phases, and their price; None: it was not asked for."""
+    if not each:
+        return None
+
+    def largest(name: str) -> tuple[tuple[str, float], ...]:
+        found: dict[str, float] = {}
+        for of, amount in chain.from_iterable(getattr(one, name) for one in each):
+            found[of] = max(amount, found.get(of, 0.0))
+        return tuple(found.items())
+
+    return replace(
+        each[0],
+        least_sigmas=min(one.least_sigmas for one in each),
+        rounds=sum(one.rounds for one in each),
+        plain_joint_path_length=sum(one.plain_joint_path_length for one in each),
+        clearance=largest("clearance"),
+        chaser_attitude=max(one.chaser_attitude for one in each),
+        torques=largest("torques"),
+        corridor=max(one.corridor for one in each),
+        chaser_rotation=max(one.chaser_rotation for one in each),
+    )
 
 
 def _solver(each: Sequence[SolverReport]) -> SolverReport:
