@@ -67,6 +67,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Robot, SystemState, Array, Imp
     robot = arm(request.param)
     state = random_state(robot, rng)
     twist = rng.normal(scale=0.3, size=6)
+    state = replace(state, joint_accelerations=rng.normal(scale=0.1, size=robot.joints))
     return robot, state, twist, impact(robot, INERTIA, state, twist)
 
 
@@ -91,6 +92,19 @@ def test_it_solves_the_equations_of_both_bodies(
     np.testing.assert_allclose(after, solved[:n], atol=1e-9)
     np.testing.assert_allclose(found.twist_body_in_ee, solved[n : n + 6], atol=1e-9)
     np.testing.assert_allclose(found.impulse_in_ee, -solved[n + 6 :], atol=1e-9)
+
+
+def test_in_the_moment_of_a_contact_nothing_but_velocities_changes(
+    case: tuple[Robot, SystemState, Array, Impact],
+) -> None:
+    _, state, _, found = case
+    for name in ("position_chaser_in_inertial", "joint_positions", "joint_accelerations"):
+        before, after = getattr(state, name), getattr(found.after, name)
+        np.testing.assert_allclose(after, before, atol=1e-12, err_msg=name)
+    turns = [one.quaternion_chaser_to_inertial_xyzw for one in (state, found.after)]
+    assert abs(turns[0] @ turns[1]) == pytest.approx(1.0, abs=1e-12)
+    moved = found.after.joint_velocities - state.joint_velocities
+    assert np.abs(moved).min() > 0.0
 
 
 def test_momentum_stays_and_energy_does_not_grow(

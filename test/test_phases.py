@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.plans import read_plans
+from ff_planner_ros.bag.robot_plans import asked_phases
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
@@ -560,8 +561,14 @@ def test_each_field_of_a_later_phase_is_in_digests_files_and_requests(
     again = load_task(tmp_path / "written.yaml", DEFAULTS)
     assert digest_of(again.then[0]) == digest_of(second)
     assert digest_of(again.then[1]) == digest_of(changed.then[1])
-    found = phase_of(request_message(three.problem, "inertial"), changed.then[1], three)
+    request = request_message(three.problem, "inertial")
+    found = phase_of(request, changed.then[1], three)
     assert digest_of(found) == digest_of(changed.then[1])
+    # As a bag's reader has it, which takes of a phase what its scene and robot depend on.
+    _, asked = asked_phases(request)
+    for kept in ("approach", "camera", "allowed_collisions", "contact_distance"):
+        assert digest_of([getattr(asked.scene, kept)]) == digest_of([getattr(found, kept)]), kept
+    assert digest_of([asked.payload]) == digest_of([found.payload])
 
 
 @pytest.mark.parametrize(
