@@ -118,9 +118,11 @@ def test_a_field_of_another_type_is_refused_by_name(definition: str, body: bytes
     ("name", "encoding", "text", "reason"),
     [
         ("a/msg/B", "protobuf", b"", "its definition is in 'protobuf'; known are ros2msg and ros2"),
-        ("a/msg/B", "ros2msg", b"int32[ x", "its definition cannot be read"),
-        ("a/msg/B", "ros2idl", b"\xff\xfe", "its definition cannot be read"),
-        ("a/msg/B", "ros2idl", b"module a { };", "its definition cannot be read"),
+        ("a/msg/B", "ros2msg", b"int8 y\nint32[ x", "cannot be read: 'int32\\[ x' is not under"),
+        ("a/msg/B", "ros2msg", b"Foo x\n", "it holds the type 'a/msg/Foo', and does not define it"),
+        ("a/msg/B", "ros2msg", b"B x\n", "cannot be read: a type contains itself"),
+        ("a/msg/B", "ros2idl", b"\xff\xfe", "cannot be read: it is no definition of a message"),
+        ("a/msg/B", "ros2idl", b"module a { };", "cannot be read: '};' is not understood"),
         ("a/msg/B\nimport os", "ros2msg", b"int32 x", "is no name of a message type"),
     ],
 )
@@ -129,6 +131,22 @@ def test_a_definition_that_is_none_is_refused(
 ) -> None:
     with pytest.raises(BagError, match=reason):
         decoder(name, encoding, text)
+
+
+@pytest.mark.parametrize("line_end", ["\r\n", "\r"])
+@pytest.mark.parametrize("encoding", ["ros2msg", "ros2idl"])
+def test_lines_of_a_definition_may_end_as_on_any_system(encoding: str, line_end: str) -> None:
+    """In a comment as well, which ends with its line."""
+    bar = "=" * 80
+    text = {
+        "ros2msg": f"Part part  # of another type\nuint8 y\n{bar}\nMSG: a/Part\nint32 x\n",
+        "ros2idl": f"{bar}\nIDL: a/msg/B\nmodule a {{ module msg {{  // ours\nstruct B {{\n"
+        f"a::msg::Part part;\nuint8 y;\n}}; }}; }};\n{bar}\nIDL: a/msg/Part\n"
+        "module a { module msg {\nstruct Part {\nint32 x;\n}; }; };\n",
+    }[encoding]
+    cdr = b"\x00\x01\x00\x00\x05\x00\x00\x00\x07"
+    told = decoder("a/msg/B", encoding, text.replace("\n", line_end).encode())(cdr)
+    assert (told.part.x, told.y) == (5, 7)
 
 
 @pytest.mark.parametrize("cdr", [b"", b"\x00\x01", b"\x00\x01\x00\x00\xff\xff\xff\xff", bytes(40)])

@@ -10,12 +10,17 @@ from typing import Any
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from ff_planner_ros.common.shown import LONGEST_VALUE, printable, quoted
 from ff_planner_ros.errors import BagError
 
 Decoder = Callable[[bytes], Any]
 ENCODINGS = ("ros2msg", "ros2idl")  # of definitions, in the words of MCAP
 
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/([a-z]+/)?[A-Za-z]\w*")  # it becomes the name of a class
+# Other systems end lines with CR LF or with CR, which the parser takes for characters of a line.
+_LINE_END = re.compile(r"\r\n?")
+# What the parser says: the whole text in one line, where it stopped, and the text from there on.
+_UNPARSED = re.compile(r"Could not parse:\n.*\n\d+\n(?P<rest>.*)", re.DOTALL)
 _IDL_HEADING = re.compile(r"={80}\nIDL: \S*\n")
 # Nothing is decoded by them, and rosbags reads each for milliseconds.
 _IDL_CONSTANTS = re.compile(r"module \w+_Constants \{\n[^{}]*\};\n")
@@ -39,7 +44,7 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
         raise BagError(f"{name!a} is no name of a message type")
     if len(definition) > _LONGEST:
         raise BagError(f"its definition is longer than {_LONGEST} bytes")
-    text = definition.decode(errors="replace")
+    text = _LINE_END.sub("\n", definition.decode(errors="replace"))
     try:
         if encoding == "ros2msg":
             types = get_types_from_msg(text, name)
@@ -58,7 +63,7 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     except BagError:
         raise
     except Exception as error:  # the parser has no one error for all that a text can be
-        raise BagError(f"its definition cannot be read: {type(error).__name__}") from None
+        raise BagError(f"its definition cannot be read: {_what_is_wrong(error)}") from None
 
     def decode(cdr: bytes) -> Any:
         try:
@@ -67,6 +72,19 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
             raise BagError(f"a message does not fit its definition: {error}") from None
 
     return decode
+
+
+def _what_is_wrong(error: Exception) -> str:
+    """Return in words what is wrong with a definition that the parser gave up."""
+    if isinstance(error, KeyError):
+        return f"it holds the type {error.args[0]!a}, and does not define it"
+    if isinstance(error, RecursionError):
+        return "a type contains itself"
+    found = _UNPARSED.match(str(error))
+    if found is None:
+        return printable(str(error), LONGEST_VALUE) or "it is no definition of a message"
+    line = found["rest"].partition("\n")[0].strip()
+    return f"{quoted(line)} is not understood" if line else "it is no definition of a message"
 
 
 def _require_moderate(types: Mapping[str, Any]) -> None:
