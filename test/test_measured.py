@@ -106,6 +106,12 @@ def joint_states(robot: Robot, time: float) -> tuple[str, JointState]:
     return "/joint_states", message
 
 
+def gripper_states(time: float) -> tuple[str, JointState]:
+    message = JointState(name=["finger_l", "finger_r"], position=[0.01, 0.01])
+    message.header.stamp = time_message(BEGIN + round(time * NANOSECONDS))
+    return "/joint_states", message
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_odometry_is_paired_with_the_joint_states_nearest_to_it_before_or_after(
     lemur: Robot, tmp_path: Path, seed: int
@@ -115,6 +121,8 @@ def test_odometry_is_paired_with_the_joint_states_nearest_to_it_before_or_after(
     chasers = [draw.randrange(1000) / 1000 for _ in range(12)]
     arms = [draw.randrange(1000) / 1000 for _ in range(25)]
     messages = [odometry(t) for t in chasers] + [joint_states(lemur, t) for t in arms]
+    # Of a gripper, whose publisher has the arm's times
+    messages += [gripper_states(t) for t in chasers + arms]
     draw.shuffle(messages)
     (one,) = filled(tmp_path / "bag", lemur, "odometry", messages, window(0.0, 1.0))
     unpaired = 0

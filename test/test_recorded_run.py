@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,12 @@ import pytest
 import yaml
 from answers import answer_of, received, sent
 from ff_planner_msgs.msg import Obstacle, ObstacleArray, PlanAnswer, PlanRequest
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from ros_processes import FRAME, Scene
+from sensor_msgs.msg import JointState
 from shape_msgs.msg import SolidPrimitive
 from std_msgs.msg import Header
 
@@ -23,11 +26,15 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.values import value_of
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.ros.inputs.input_topics import MEMORY
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import answer_of_error, time_message
 from ff_planner_ros.ros.requests.reading import Provenance
 from ff_planner_ros.runs.recorded_run import RecordedRun, recorded_run
@@ -299,6 +306,60 @@ def _hatch() -> Obstacle:
     body = Obstacle(id="hatch")
     body.primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.1, 0.2, 0.3])]
     return body
+
+
+@pytest.mark.parametrize("with_stamp", [True, False])
+@pytest.mark.parametrize("offset_ns", [-1, 1])
+def test_joint_states_of_a_gripper_with_the_stamp_of_the_arm_s_are_not_taken_for_them(
+    world: World, lemur_capture: PlanningProblem, lemur_plan: Plan, offset_ns: int, with_stamp: bool
+) -> None:
+    """As of two broadcasters of one update cycle; there are more of the gripper's than are kept."""
+    world.set_parameters({"state_source": "odometry", "odometry": {"child_frame_id": "imu"}})
+    stamp, start = time_message(START), lemur_capture.start
+    header = Header(frame_id=FRAME, stamp=stamp)
+    odometry = Odometry(header=header, child_frame_id="imu")
+    world.put("/odometry", "nav_msgs/msg/Odometry", odometry, START)
+    arm = JointState(
+        header=Header(stamp=stamp),
+        name=list(lemur_capture.robot.joint_names),
+        position=start.joint_positions.tolist(),
+        velocity=start.joint_velocities.tolist(),
+    )
+    gripper = JointState(header=Header(stamp=stamp), name=["finger_l", "finger_r"])
+    world.put("/joint_states", "sensor_msgs/msg/JointState", arm, START)
+    for number in range(MEMORY):
+        at_ns = START + offset_ns * (number + 1)
+        world.put("/joint_states", "sensor_msgs/msg/JointState", gripper, at_ns)
+    asked_ns = START + 2 * MEMORY
+    answer = answer_of(lemur_plan, start_ns=asked_ns)
+    Provenance(asked_ns, START, "odometry", joint_states_stamp_ns=START if with_stamp else 0).tell(
+        answer
+    )
+    world.ask(asked_ns, answer).start_state = []
+    (request,) = world.run().requests
+    measured = request.read_request().task.problem.start.joint_positions
+    assert measured.tolist() == start.joint_positions.tolist()
+
+
+def test_a_gripper_s_joint_states_explain_a_refusal_where_there_are_no_other(
+    world: World, lemur_capture: PlanningProblem
+) -> None:
+    world.set_parameters({"state_source": "odometry", "odometry": {"child_frame_id": "imu"}})
+    header = Header(frame_id=FRAME, stamp=time_message(START))
+    odometry = Odometry(header=header, child_frame_id="imu")
+    gripper = JointState(header=header, name=["finger"])
+    sensor = replace(load_parameters().odometry, child_frame_id="imu")
+    states = StateInput(lemur_capture.robot, FRAME, "odometry", sensor)
+    for name, message in (("odometry", odometry), ("joint_states", gripper)):
+        world.put(f"/{name}", type_name(type(message)), message, START)
+        states.callbacks()[name](message)
+    with pytest.raises(InvalidInput, match="finger") as refusal:
+        states.snapshot(START, 1.0, 1.0)
+    answer = answer_of_error(refusal.value, "run.1", 0.0)
+    Provenance(START).tell(answer)
+    world.ask(START, answer).start_state = []
+    (request,) = world.run().requests
+    assert replay(request).verdict is Verdict.IDENTICAL
 
 
 def test_inputs_are_found_whatever_their_topics_are_called(

@@ -28,6 +28,7 @@ from ff_planner_ros.ros.messages.from_odometry import (
     chaser_from_odometry,
     joints_from_joint_state,
 )
+from ff_planner_ros.ros.messages.joint_names import names_a_joint_of
 from ff_planner_ros.runs.recorded_inputs import input_topic
 
 # Per plan, evenly in time: each takes a tenth of a millisecond, and a curve shows 400 of them.
@@ -80,7 +81,8 @@ def _measure_apart(
 ) -> None:
     """Fill windows with states from odometry and the joint states nearest in time."""
     kept = _kept(bag, ODOMETRY, windows)
-    for window, chasers, arms in zip(windows, kept, _nearest(bag, windows, kept), strict=True):
+    nearest = _nearest(bag, robot, windows, kept)
+    for window, chasers, arms in zip(windows, kept, nearest, strict=True):
         for (stamp_ns, odometry), (apart_ns, joint_states) in zip(chasers, arms, strict=True):
             try:
                 if joint_states is None or not is_pair(
@@ -114,7 +116,7 @@ def _kept(bag: Bag, topic: InputTopic, windows: Sequence[Window]) -> list[list[S
 
 
 def _nearest(
-    bag: Bag, windows: Sequence[Window], kept: Sequence[Sequence[Stamped]]
+    bag: Bag, robot: Robot, windows: Sequence[Window], kept: Sequence[Sequence[Stamped]]
 ) -> list[list[tuple[int, Message | None]]]:
     """Return the joint states nearest to each message kept, and how far they are apart [ns].
 
@@ -124,7 +126,10 @@ def _nearest(
     # Between two messages kept, only the first and the last joint states can be the nearest.
     first: list[dict[int, Stamped]] = [{} for _ in windows]
     last: list[dict[int, Stamped]] = [{} for _ in windows]
+    is_of_arm = names_a_joint_of(robot)
     for number, stamp_ns, message in _stamped(bag, JOINT_STATES, windows):
+        if not is_of_arm(message.cdr):
+            continue
         gap = bisect_left(stamps[number], stamp_ns)
         if gap not in first[number] or stamp_ns <= first[number][gap][0]:
             first[number][gap] = stamp_ns, message

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TypeAlias
 
 from ff_planner_ros.bag.reader import Bag, Message
@@ -56,13 +57,20 @@ def input_topic(bag: Bag, name: str, namespace: str) -> str:
     raise BagError(f"{wanted} is not in the bag: {found}")
 
 
-def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> list[Heard]:
+def heard(
+    bag: Bag,
+    topics: Mapping[str, str],
+    moments: Sequence[Moment],
+    is_for_node: Mapping[str, Callable[[bytes], bool]] = MappingProxyType({}),
+) -> list[Heard]:
     """Return the messages that the node had heard at each moment, as far as the bag has them.
 
     Args:
         bag: An open bag, which is read once.
         topics: Names of topics, by input.
         moments: In any order.
+        is_for_node: By input, whether a message with these bytes is for the node, which takes the
+            last other one as the reason for a refusal alone; without an entry: all are.
 
     Raises:
         BagError: The disk fails.
@@ -71,31 +79,40 @@ def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> lis
     named = {topic: name for name, topic in topics.items()}
     first: dict[str, Message] = {}
     recent = {name: deque[Message](maxlen=INPUT_TOPICS[name].memory) for name in topics}
+    other = {name: deque[Message](maxlen=1) for name in topics}
     wanted = {item for moment in moments for item in moment.stamps_ns.items()}
     stamped: dict[tuple[str, int], list[Message]] = {}
     waiting = sorted(range(len(moments)), key=lambda i: moments[i].logged_ns, reverse=True)
     for message in bag.messages(*named) if named else ():
         while waiting and moments[waiting[-1]].logged_ns < message.log_time_ns:
             i = waiting.pop()
-            _take_recent(answers[i], moments[i], recent)
+            _take_recent(answers[i], moments[i], recent, other)
         name = named[message.topic]
+        if name in is_for_node and not is_for_node[name](message.cdr):
+            other[name].append(message)
+            continue
         first.setdefault(name, message)
         recent[name].append(message)
         key = (name, header_stamp(message.cdr))
         if key in wanted:
             stamped.setdefault(key, []).append(message)
     for i in waiting:
-        _take_recent(answers[i], moments[i], recent)
+        _take_recent(answers[i], moments[i], recent, other)
     for moment, answer in zip(moments, answers, strict=True):
         _take_stamped(answer, moment, stamped)
         _take_first(answer, moment, first)
     return answers
 
 
-def _take_recent(answer: Heard, moment: Moment, recent: Mapping[str, deque[Message]]) -> None:
+def _take_recent(
+    answer: Heard,
+    moment: Moment,
+    recent: Mapping[str, deque[Message]],
+    other: Mapping[str, deque[Message]],
+) -> None:
     for name in moment.inputs:
         if name in recent and name not in moment.stamps_ns:
-            answer[name] = list(recent[name])
+            answer[name] = list(recent[name] or other[name])
 
 
 def _take_stamped(

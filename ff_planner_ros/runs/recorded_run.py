@@ -17,9 +17,10 @@ from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.task.library import KnownGuess
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS
+from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, JOINT_STATES
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.messages.joint_names import names_a_joint_of
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
 from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
@@ -94,7 +95,8 @@ def recorded_run(bag: Bag) -> RecordedRun:
     topics, absent = _topics(bag, _namespace(node), moments)
     of_another = _of_another(provenance, namespaces)
     requests = []
-    for i, all_heard in enumerate(heard(bag, topics, moments)):
+    own = {JOINT_STATES.name: names_a_joint_of(robot)}
+    for i, all_heard in enumerate(heard(bag, topics, moments, own)):
         exchange, now_ns = found[i], times_ns[i]
         inputs, missing = None, of_another.get(exchange.namespace, "")
         try:

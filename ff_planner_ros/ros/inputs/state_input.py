@@ -8,7 +8,6 @@ even once the time of its stamp has come: the state was not measured then.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +32,7 @@ from ff_planner_ros.ros.messages.from_odometry import (
     chaser_from_odometry,
     joints_from_joint_state,
 )
+from ff_planner_ros.ros.messages.joint_names import names_a_joint_of
 
 Chaser = TypeVar("Chaser")
 Joints = TypeVar("Joints")
@@ -72,13 +72,7 @@ class StateInput:
         """
         self._source = source
         self._pairing_tolerance = odometry.pairing_tolerance
-        self._arm = frozenset(robot.joint_names)
-        # As serialised, in either order of bytes: its length, the zero at its end counted, and it.
-        self._arm_in_bytes = [
-            struct.pack(f"{order}I", len(name.encode()) + 1) + name.encode() + b"\0"
-            for name in robot.joint_names
-            for order in "<>"
-        ]
+        self._is_of_arm = names_a_joint_of(robot)
         self._states: TopicMemory[SystemState] = TopicMemory(
             CHASER_STATE,
             lambda message: state_from_message(message, CHASER_STATE.name, robot, inertial_frame),
@@ -183,11 +177,7 @@ class StateInput:
 
     def _keep_joints(self, message: JointState | bytes, number: int | None = None) -> None:
         # Messages of other joints, for example of a gripper, are not errors.
-        if isinstance(message, bytes):
-            is_of_arm = any(name in message for name in self._arm_in_bytes)
-        else:
-            is_of_arm = not self._arm.isdisjoint(message.name)
-        self._joints.keep(message, number, is_for_others=not is_of_arm)
+        self._joints.keep(message, number, is_for_others=not self._is_of_arm(message))
 
 
 def _stamp(heard: HeardMessage[Any]) -> int:

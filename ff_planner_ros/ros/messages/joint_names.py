@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import struct
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 
 if TYPE_CHECKING:
     from ff_planner_msgs.msg import Goal
+    from sensor_msgs.msg import JointState
 
 # Most names of joints in an error: more than any arm has would bury the message.
 _NAMES_SHOWN = 20
@@ -32,6 +34,27 @@ def turns_without_end(robot: Robot) -> Array:
     widest = np.minimum(-robot.lower_position_limits, robot.upper_position_limits)
     turns = ~robot.joint_slides.any(axis=1)
     return np.asarray(turns & (widest >= TURN_OF_CONTINUOUS))
+
+
+def names_a_joint_of(robot: Robot) -> Callable[[JointState | bytes], bool]:
+    """Return a function that tells if a JointState, serialised or not, names a planned joint.
+
+    Any other one, for example of a gripper, is not for the planner.
+    """
+    planned = frozenset(robot.joint_names)
+    # As serialised, in either order of bytes: its length, the zero at its end counted, and it.
+    in_bytes = [
+        struct.pack(f"{order}I", len(name.encode()) + 1) + name.encode() + b"\0"
+        for name in robot.joint_names
+        for order in "<>"
+    ]
+
+    def names_one(message: JointState | bytes) -> bool:
+        if isinstance(message, bytes):
+            return any(name in message for name in in_bytes)
+        return not planned.isdisjoint(message.name)
+
+    return names_one
 
 
 def posture_in(goal: Goal, robot: Robot) -> Posture | None:
