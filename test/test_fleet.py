@@ -11,18 +11,24 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
+from answers import received
+from ff_planner_msgs.msg import PlanRequest
 from scipy.stats import binom
 
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.plans import read_plans
+from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.report import fleet_page
 from ff_planner_ros.report.fleet import MEASURED, PERCENTILES, bags_below, read_fleet
+from ff_planner_ros.ros.messages.to_messages import time_message
 
 GOLDEN = Path(__file__).parent / "golden_bags"
 # Copies of each bag, which count once, and one more below.
 COPIES = {"offline_solved": 3, "node": 2, "offline_refused": 2}
 BROKEN = ("a_empty", "b_zero", "c_noise")
+EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +133,61 @@ def test_the_page_has_the_worst_runs_first_with_links_to_their_pages(
     assert places == sorted(places)
     for name in BROKEN:
         assert f"skipped: {name}" in text
+
+
+def killed(directory: Path, at_ns: int) -> None:
+    """Record a request whose answer never came."""
+    with BagWriter(directory, flush_interval=0.0) as bag:
+        bag.add_topic("/plan_trajectory/_service_event", EVENT, [])
+        asked = received(PlanRequest(), stamp=time_message(at_ns), sequence_number=1)
+        bag.write("/plan_trajectory/_service_event", encode(asked), at_ns, at_ns)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("others", [(), ("offline_solved",)])
+def test_runs_that_were_killed_before_their_first_answer_count_each(
+    others: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = tmp_path / "runs"
+    for number, name in enumerate(("a_first", "b_second"), 1):
+        killed(runs / name, number)
+    shutil.copytree(runs / "b_second", runs / "c_copy")
+    for name in others:
+        shutil.copytree(GOLDEN / name, runs / name)
+    assert main(["info", str(runs)]) == 0
+    assert main(["report", str(runs), "--output", str(tmp_path / "page.html")]) == 0
+    capsys.readouterr()
+    assert main(["info", str(runs), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["requests_by_status"] == {"no answer": 2} | dict.fromkeys(
+        ("SOLVED",) * len(others), 1
+    )
+    assert told["copies"] == {"c_copy": "b_second"}
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_bags_whose_names_look_the_same_are_two_and_each_has_its_page(tmp_path: Path) -> None:
+    for number, name in enumerate(("run\n", "run\t"), 1):
+        killed(tmp_path / "runs" / name, number)
+    fleet = read_fleet(tmp_path / "runs")
+    assert list(fleet.read) == ["run?", "run? (2)"]
+    assert [run.name for run in fleet.runs] == ["run?", "run? (2)"]
+    assert fleet_page.save_fleet_page(fleet, tmp_path / "page", 1) == []
+    assert len(list((tmp_path / "page_runs").iterdir())) == 2
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_reports_of_run_1_and_run_2_are_two_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("run.1", "run.2"):
+        killed(tmp_path / name, 1)
+        assert main(["report", name]) == 0
+    assert {page.name for page in tmp_path.glob("*.html")} == {
+        "run.1_report.html",
+        "run.2_report.html",
+    }
 
 
 def test_a_bag_itself_is_no_fleet_and_broken_ones_alone_are_an_error(

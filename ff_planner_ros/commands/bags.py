@@ -106,17 +106,20 @@ def report_run(options: Namespace) -> int:
         from ff_planner_ros.report.from_bag import report_of_bag
 
         report = report_of_bag(source, options.plans)
-    output = _page(options.output, source.resolve().stem)
+    output = _page(options.output, source)
     save_page(report, output)
     print_notes(report.notes)
     print(f"{output}  {report.counts}, {output.stat().st_size / 1e6:.1f} MB")
     return SOLVED
 
 
-def _page(output: Path | None, name: str) -> Path:
+def _page(output: Path | None, source: Path) -> Path:
     """Return the file of a report; `output` names it or its directory."""
     if output is not None and not output.is_dir():
         return output
+    source = source.resolve()
+    # A directory's name has no ending: run.1 and run.2 are two.
+    name = source.name if source.is_dir() else source.stem
     return (output or Path()) / f"{name}_report.html"
 
 
@@ -124,7 +127,7 @@ def _report_fleet(directory: Path, options: Namespace) -> int:
     from ff_planner_ros.report.fleet import read_fleet, success_words
     from ff_planner_ros.report.fleet_page import save_fleet_page
 
-    output = _page(options.output, directory.resolve().name)
+    output = _page(options.output, directory)
     fleet = read_fleet(directory)
     notes = save_fleet_page(fleet, output, options.plans)
     print_notes([*notes, *(f"skipped: {name}: {why}" for name, why in fleet.skipped)])

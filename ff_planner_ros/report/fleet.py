@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ T = TypeVar("T")
 _OF_BAGS = (".mcap", ".db3", ".zstd", ".bag")
 _METADATA = "metadata.yaml"
 NO_ANSWER = "no answer"
+_NO_PLAN = RecordedPlan("", "", 0, NO_ANSWER, "", 0, (), None, {})  # has the columns of a row
 _ALL = 10**9  # plans of a bag
 # So many bags or more are read by one process a core: to start one takes as long as to read a few.
 _FOR_PROCESSES = 24
@@ -55,7 +57,7 @@ class Fleet:
     """The answers in all bags of a directory."""
 
     directory: Path
-    read: tuple[str, ...]  # paths of bags below the directory
+    read: Mapping[str, Path]  # bags by name: their paths below the directory, as far as printable
     rows: tuple[Row, ...]  # one for each answer, or request without one
     skipped: tuple[tuple[str, str], ...]  # bags that cannot be read, and why
     copies: tuple[tuple[str, str], ...]  # bags that are copies, and of which bag
@@ -127,10 +129,11 @@ def read_fleet(directory: Path) -> Fleet:
         BagError: None of the bags can be read.
     """
     paths = bags_below(directory) or [directory]
-    read, rows, skipped, notes = list[str](), list[Row](), list[tuple[str, str]](), list[str]()
+    rows, skipped, notes = list[Row](), list[tuple[str, str]](), list[str]()
+    named, read = _named(directory, paths), dict[str, Path]()
     published, copies, seen = list[Row](), list[tuple[str, str]](), dict[str, str]()
     with progress_bar("reading bags", len(paths), unit="bags", per_unit=1) as advance:
-        for name, of_bag in _each(directory, paths):
+        for name, of_bag in _each(named):
             if isinstance(of_bag, str):
                 skipped.append((name, of_bag))
             elif of_bag.rows and (first := seen.setdefault(of_bag.told, name)) != name:
@@ -139,14 +142,14 @@ def read_fleet(directory: Path) -> Fleet:
                 rows += of_bag.rows
                 published += of_bag.publications
                 notes += [note for note in of_bag.notes if note not in notes]
-                read.append(name)
+                read[name] = named[name]
             advance(1)
     if not read:
         why = f"; the first: {skipped[0][1]}" if skipped else ""
         raise BagError(f"of the {len(paths)} bags in {directory} none can be read{why}")
     return Fleet(
         directory,
-        read=tuple(read),
+        read=read,
         rows=tuple(rows),
         skipped=tuple(skipped),
         copies=tuple(copies),
@@ -162,19 +165,24 @@ class _Bag:
     rows: list[Row]
     publications: list[Row]
     notes: list[str]
-
-    @property
-    def told(self) -> str:
-        """The text of all rows without the bag's name, equal for copies."""
-        return repr([{**row, "bag": ""} for row in self.rows])
+    told: str  # times of all requests, and all rows without the bag's name: equal for copies
 
 
-def _each(directory: Path, paths: Sequence[Path]) -> Iterator[tuple[str, _Bag | str]]:
-    """Yield the name of each bag with what it holds or why it is skipped, in the order of paths."""
-    names = [printable(str(p.relative_to(directory) if p != directory else p.name)) for p in paths]
-    yield from zip(
-        names, on_all_cores(_bag, len(paths) >= _FOR_PROCESSES, paths, names), strict=True
-    )
+def _named(directory: Path, paths: Sequence[Path]) -> dict[str, Path]:
+    """Return the bags by name; two names that look the same when printed get numbers."""
+    named = dict[str, Path]()
+    for path in paths:
+        inside = path.relative_to(directory) if path != directory else path.resolve().name
+        name = printable(str(inside))
+        others = (f"{name} ({number})" for number in itertools.count(2))
+        named[next(one for one in itertools.chain([name], others) if one not in named)] = path
+    return named
+
+
+def _each(named: Mapping[str, Path]) -> Iterator[tuple[str, _Bag | str]]:
+    """Yield the name of each bag with what it holds or why it is skipped, in their order."""
+    pays = len(named) >= _FOR_PROCESSES
+    yield from zip(named, on_all_cores(_bag, pays, named.values(), named), strict=True)
 
 
 def on_all_cores(work: Callable[..., T], pays: bool, *of_each: Iterable[Any]) -> Iterator[T]:
@@ -195,7 +203,8 @@ def _bag(path: Path, name: str) -> _Bag | str:
             asked, published = planning_exchanges(bag), publications(bag)
             notes += [f"{name}: {note}" for note in bag.notes]
         rows = list(_rows(path, name, asked, notes))
-        return _Bag(rows, [{"bag": name, **one.row()} for one in published], notes)
+        told = repr([[one.received_ns for one in asked], *({**row, "bag": ""} for row in rows)])
+        return _Bag(rows, [{"bag": name, **one.row()} for one in published], notes, told)
     except FfPlannerError as error:
         return str(error)
 
@@ -215,7 +224,7 @@ def _rows(
         off = measured.get(str(row["plan_id"]), (None, None, None))
         told = {"bag": name, "solved": row["status"] == "SOLVED", **row}
         yield told | dict(zip(MEASURED, off, strict=True))
-    empty = dict.fromkeys(rows[0] if rows else (), None) | dict.fromkeys(MEASURED)
+    empty = dict.fromkeys(_NO_PLAN.row()) | dict.fromkeys(MEASURED)
     for _ in range(unanswered):  # some recorders do not say which request it was
         yield {"bag": name, "solved": False} | empty | {"status": NO_ANSWER}
 

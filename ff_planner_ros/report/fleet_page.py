@@ -54,10 +54,10 @@ def save_fleet_page(fleet: Fleet, file: Path, most_plans: int) -> list[str]:
     if find_spec("ff_planner_msgs") is None:
         notes.append("without ROS no run gets a page of its own")
     else:
-        directory = file.with_suffix("")
+        directory = file.with_name(file.stem if file.suffix == ".html" else f"{file.name}_runs")
         directory.mkdir(exist_ok=True)
         worst = fleet.runs[:PAGES]
-        bags = [fleet.directory / run.name for run in worst]
+        bags = [fleet.read[run.name] for run in worst]
         files = [directory / f"{n:02d}_{bag.name}.html" for n, bag in enumerate(bags, start=1)]
         pays = len(worst) >= _FOR_PROCESSES
         with progress_bar("drawing runs", len(worst), unit="runs", per_unit=1) as advance:
