@@ -21,11 +21,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 from test_target_urdf import scenario_with_urdf, tetrahedron
 
-from ff_planner_ros.campaign.cases import Case, cases, require_sound
+from ff_planner_ros.campaign.cases import Case, cases, kinds_of_values, require_sound
 from ff_planner_ros.campaign.changes import Change, changed
+from ff_planner_ros.campaign.environment import meaning_of
 from ff_planner_ros.campaign.sources import Generated, content, task_of, written
 from ff_planner_ros.campaign.study import MethodOfStudy, load_study
-from ff_planner_ros.campaign.work import run_case, run_cases
+from ff_planner_ros.campaign.table import Writer, plan_schema, read_plans
+from ff_planner_ros.campaign.work import Outcome, run_case, run_cases
 from ff_planner_ros.errors import FfPlannerError, InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
@@ -40,6 +42,83 @@ OURS = MethodOfStudy("ours", "optimal", ())
 @pytest.fixture(scope="module")
 def defaults() -> Defaults:
     return Defaults(load_parameters().planner)
+
+
+MIXED: list[tuple[dict[str, Any], str]] = [
+    ({"grid": {"limits.velocity": ["none", 0.3]}}, "text"),
+    ({"grid": {"limits.acceleration": ["none", [0.5] * 7]}}, "text"),
+    (
+        {
+            "random": {
+                "count": 6,
+                "seed": 1,
+                "values": {"limits.velocity": {"choice": ["none", 0.3]}},
+            }
+        },
+        "text",
+    ),
+]
+
+
+@pytest.mark.parametrize(("variations", "kind"), MIXED)
+def test_a_quantity_of_mixed_kinds_has_a_row_for_each_case(
+    variations: dict[str, Any], kind: str, tmp_path: Path
+) -> None:
+    """A plan that waits to be written must not be lost by the value of another one."""
+    asked = study(tmp_path, variations=variations, methods=[{"name": "s", "method": "straight"}])
+    kinds = kinds_of_values(asked)
+    assert list(kinds.values()) == [kind]
+    out = tmp_path / "out"
+    out.mkdir()
+    writer = Writer(out, plan_schema(kinds))
+    rows = [run_case(case).row for case in cases(asked)]
+    writer.add([Outcome(row, []) for row in rows])
+    writer.flush()
+    (key,) = kinds
+    found = {row["id"]: json.loads(row[f"change.{key}"]) for row in read_plans(out).to_pylist()}
+    assert found == {row["id"]: json.loads(row["changes"])[key] for row in rows}
+
+
+@pytest.mark.parametrize("kind", ["number", "numbers"])
+def test_a_value_that_does_not_fit_its_column_is_left_out_of_it_alone(
+    kind: str, tmp_path: Path
+) -> None:
+    asked = study(tmp_path, methods=[{"name": "s", "method": "straight"}])
+    row = run_case(next(iter(cases(asked)))).row
+    out = tmp_path / "out"
+    out.mkdir()
+    writer = Writer(out, plan_schema({"duration": kind}))
+    values = {"number": 1.5, "numbers": [1.0, 2.0], "text": '"none"', "switch": "true"}
+    writer.add(
+        [
+            Outcome(row | {"id": f"{k:016x}", "change.duration": value}, [])
+            for k, value in enumerate(values.values())
+        ]
+    )
+    writer.flush()
+    found = [row["change.duration"] for row in read_plans(out).to_pylist()]
+    assert found == [value if name == kind else None for name, value in values.items()]
+
+
+def test_comments_and_docstrings_do_not_forbid_to_go_on_with_a_campaign(tmp_path: Path) -> None:
+    same = {
+        "py": (
+            '"""One."""\ndef f():\n    """Two."""\n    return 1\n',
+            "def f(): return 1  # one\n",
+        ),
+        "hpp": (
+            'int a = 1; // one "\nchar* b = "//";\n',
+            'int a = 1; /* two\n */\nchar* b = "//";\n',
+        ),
+        "yaml": ("a: 1  # one\n", "# two\na: 1\n"),
+    }
+    for ending, texts in same.items():
+        found = []
+        for number, text in enumerate((*texts, texts[0].replace("1", "2"))):
+            path = tmp_path / f"{number}.{ending}"
+            path.write_text(text, encoding="utf-8")
+            found.append("".join(meaning_of(path).split()))
+        assert found[0] == found[1] != found[2]
 
 
 def test_a_study_has_every_source_point_draw_and_method_once(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,17 +86,20 @@ def require_sound(study: Study) -> None:
     Raises:
         InvalidInput: They cannot; the error names the source.
     """
-    # Problems that are drawn all have the same keys: one of a kind and robot is enough.
-    first = {
-        getattr(s, "digest", (getattr(s, "kind", ""), getattr(s, "robot", ""))): s
-        for s in study.sources
-    }
-    for source in first.values():
+    for source in _one_of_each(study):
         for method in study.methods:
             point = tuple(axis[0] for axis in study.grid)
             _require_task(Case(0, source, study.defaults, point, method, False))
             if study.random.values:
                 _require_a_draw(study, source, point, method)
+
+
+def _one_of_each(study: Study) -> Collection[Source]:
+    """Return the sources; of drawn problems, which have the same keys, one of a kind and robot."""
+    return {
+        getattr(s, "digest", (getattr(s, "kind", ""), getattr(s, "robot", ""))): s
+        for s in study.sources
+    }.values()
 
 
 def _require_a_draw(
@@ -133,9 +136,14 @@ def kinds_of_values(study: Study) -> dict[str, str]:
             explicit[change.key] = {kind_of(one) for one in drawn.parameters}
         else:
             explicit[change.key] = set()
-    for case in itertools.islice(cases(study), 1):
+    open_keys = {key for key, kinds in explicit.items() if not kinds}
+    point = tuple(axis[0] for axis in study.grid)
+    for source in _one_of_each(study):
+        changes = (*point, *random_changes(study.random, 0))
+        case = Case(0, source, study.defaults, changes, study.methods[0], False)
         for key, value in case.scenario()[2].items():
-            explicit[key] = explicit[key] or {kind_of(value)}
+            if key in open_keys:
+                explicit[key].add(kind_of(value))
     return {key: kinds.pop() if len(kinds) == 1 else "text" for key, kinds in explicit.items()}
 
 

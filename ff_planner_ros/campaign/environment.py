@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib.metadata
 import platform
+import re
 from functools import cache
 from pathlib import Path
 
 from ff_planner_ros.common.share import PACKAGE, share_directory
+from ff_planner_ros.common.yaml_file import read_yaml
 
 _LIBRARIES = ("numpy", "pin", "scipy")
 _DIGITS = 8  # of the sources' hash
+# In C++; a text in quotes may hold what looks like one.
+_COMMENT = re.compile(r'(?P<text>"(\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', re.DOTALL)
 
 
 @cache
 def environment() -> dict[str, str]:
-    """Return versions by name; that of this package with a hash of its sources and parameters."""
+    """Return versions by name; that of this package with a hash of its code and parameters."""
     return {
         PACKAGE: f"{_version(PACKAGE)} (sources {_sources()})",
         "python": ".".join(platform.python_version_tuple()[:2]),
@@ -47,5 +52,20 @@ def _sources() -> str:
     files += sorted((share_directory() / "config").glob("*.yaml"))
     found = hashlib.sha256()
     for path in files:
-        found.update(f"{path.name}\0".encode() + path.read_bytes())
+        found.update(f"{path.name}\0{meaning_of(path)}\0".encode())
     return found.hexdigest()[:_DIGITS]
+
+
+def meaning_of(path: Path) -> str:
+    """Return a file of the sources as text without comments and docstrings, which plan nothing."""
+    if path.suffix == ".yaml":
+        return repr(read_yaml(path))
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        return _COMMENT.sub(lambda found: found["text"] or " ", text)
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+        if isinstance(node, documented) and ast.get_docstring(node, clean=False) is not None:
+            del node.body[0]
+    return ast.dump(tree)

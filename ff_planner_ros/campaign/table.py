@@ -17,6 +17,7 @@ import pyarrow
 import pyarrow.parquet
 
 from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.campaign.cases import kind_of
 from ff_planner_ros.campaign.part_file import (
     BEFORE_METRICS,
     CHANGE,
@@ -96,10 +97,23 @@ class Writer:
             if outcome.row["id"] in self.done:
                 continue
             self.done.add(outcome.row["id"])
-            self._rows.append(outcome.row)
+            self._rows.append({k: self._fitting(k, value) for k, value in outcome.row.items()})
             self._points += outcome.points
             new += 1
         return new
+
+    def _fitting(self, column: str, value: Any) -> Any:
+        """Return a value as its column holds it: one that does not fit must not cost other rows.
+
+        A varied value may be of another kind than those that the columns were made for; column
+        `changes` has it all the same.
+        """
+        if not column.startswith(CHANGE) or column not in self._schema.names:
+            return value
+        wanted = self._schema.field(column).type
+        if wanted == TEXT:
+            return value if isinstance(value, str) else json.dumps(value)
+        return value if wanted == KINDS[kind_of(value)] else None
 
     @property
     def waiting(self) -> int:
