@@ -24,13 +24,15 @@ from ff_planner_ros.campaign.study import Study
 from ff_planner_ros.campaign.table import Writer, plan_schema
 from ff_planner_ros.campaign.work import Outcome, run_case
 from ff_planner_ros.cli import main
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.metrics import METRICS
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.planning_task import PlanningTask
-from ff_planner_ros.report.statistics import grouped
+from ff_planner_ros.report.statistics import Group, grouped
 from ff_planner_ros.report.study.case import save_case
 from ff_planner_ros.report.study.columns import quantities, unit_of
+from ff_planner_ros.report.study.page import _verdict
 from ff_planner_ros.report.study.worst import worst_cases
 
 SPIN, TURN, DURATION = "chaser.angular_velocity", "turn.target.z", "duration"
@@ -299,3 +301,27 @@ def test_quantities_of_a_map_that_are_none_are_refused_by_name(
     told = capsys.readouterr().err
     assert re.search(said, told)
     assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("share", "digits", "shown"),
+    [
+        (0.0, 0, "0%"),
+        (1e-9, 0, "1%"),
+        (0.125, 1, "12.5%"),
+        (0.9966, 0, "99%"),
+        (9999 / 10_000, 1, "99.9%"),
+        (1.0 - 1e-12, 2, "99.99%"),
+        (1.0, 1, "100.0%"),
+    ],
+)
+def test_only_all_is_100_percent_and_only_none_is_0(share: float, digits: int, shown: str) -> None:
+    assert percent(share, digits) == shown
+
+
+def test_a_method_that_misses_one_case_of_many_does_not_solve_all() -> None:
+    rows = [
+        {"solved": k > 0, "status": "no_plan", "min_clearance": None, "solve_time": None}
+        for k in range(1000)
+    ]
+    assert "999 of 1000 cases are solved (99%)" in _verdict(Group("optimal", rows))

@@ -13,6 +13,7 @@ import numpy as np
 
 from ff_planner_benchmark.scorer.score import Score
 from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.shown import printable
 from ff_planner_ros.errors import InvalidInput, Status
 
@@ -117,7 +118,7 @@ def rows(done: Sequence[Result]) -> Iterator[tuple[str, ...]]:
             both = [(r.score, first[r.kind, r.index]) for r in solved]
             both = [(mine, other) for mine, other in both if other.solved]
             yield (
-                *(method, kind, f"{len(group)}", f"{len(solved) / len(group):.1%}"),
+                *(method, kind, f"{len(group)}", percent(len(solved) / len(group))),
                 f"{np.median(times):.2f}" if times else "-",
                 f"{np.quantile(times, 0.95):.2f}" if times else "-",
                 f"{1e3 * min(clear):.2f}" if clear else "-",

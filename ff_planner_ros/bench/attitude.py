@@ -14,6 +14,7 @@ import numpy as np
 from ff_planner_ros.bench.direct import Stop
 from ff_planner_ros.bench.exact import solve_by_slsqp
 from ff_planner_ros.bench.measurement import OBJECTIVES, Measurement, median, timed_plan
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import NoPlanFound, OutOfTime
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
@@ -160,8 +161,8 @@ def equal_time_measurement(count: int, ordinary: int, settings: PlannerSettings)
         "ordinary",
         f"{at:g}",
         f"{len(small)}",
-        f"{np.mean(has):.1%}",
-        f"{np.mean(better):.1%}",
+        percent(float(np.mean(has))),
+        percent(float(np.mean(better))),
     )
     tables = [
         Table("Least attitude after equal times", _TIMES_HEADER, rows),

@@ -14,6 +14,7 @@ from ff_planner_ros.baselines.beliefs import (
     zero_momentum,
 )
 from ff_planner_ros.bench.measurement import Measurement
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan
@@ -80,7 +81,7 @@ def _misses(group: Sequence[BeliefResult]) -> Iterator[str]:
         return
     miss = np.array([each.position_miss for each in planned], float) * 1e3
     turn = np.rad2deg(np.array([each.orientation_miss for each in planned], float))
-    yield f"{sum(each.collides for each in planned) / len(planned):.0%}"
+    yield percent(sum(each.collides for each in planned) / len(planned), 0)
     yield from (f"{np.median(miss):.1f}", f"{miss.max():.1f}")
     yield from (f"{np.median(turn):.2f}", f"{turn.max():.2f}")
 

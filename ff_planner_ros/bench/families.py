@@ -13,6 +13,7 @@ from ff_planner_ros.bench.measurement import (
     misses,
     timed_plan,
 )
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -89,7 +90,7 @@ def _rows(tried: Sequence[FamilyAttempt]) -> Iterator[tuple[str, ...]]:
             kind,
             objective,
             f"{len(papers)}",
-            *(f"{sum(each.solved for each in one) / len(one):.1%}" for one in (papers, splines)),
+            *(percent(sum(each.solved for each in one) / len(one)) for one in (papers, splines)),
             *(median([e.seconds for e in one if e.solved], 3) for one in (papers, splines)),
             *(median(ratios, 3) for ratios in (lengths, angles)),
         )

@@ -17,6 +17,7 @@ from ff_planner_ros.bench.measurement import (
     timed_plan,
     timed_plans,
 )
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.motion.motion import from_trajectory
@@ -114,8 +115,8 @@ def geometry_rows(tried: Sequence[GeometryAttempt]) -> Iterator[tuple[str, ...]]
             for one in (lines, shapes):
                 found = [each for each in one if each.solved]
                 touch = sum(bool(each.touches) for each in found)
-                cells.append(f"{len(found) / len(one):.1%}")
-                cells.append(f"{touch / len(found):.1%}" if found else "-")
+                cells.append(percent(len(found) / len(one)))
+                cells.append(percent(touch / len(found)) if found else "-")
             ratios = [
                 b.seconds / a.seconds
                 for a, b in zip(lines, shapes, strict=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.check.check import measure
@@ -111,7 +112,7 @@ def solved_and_times(attempts: Sequence[Attempt]) -> tuple[str, ...]:
     seconds = [each.seconds for each in attempts]
     return (
         f"{len(attempts)}",
-        f"{sum(each.solved for each in attempts) / len(attempts):.1%}",
+        percent(sum(each.solved for each in attempts) / len(attempts)),
         f"{np.median(seconds):.3f}",
         f"{np.quantile(seconds, 0.95):.3f}",
     )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.common.arrays import finite_number
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Trajectory
@@ -114,8 +115,8 @@ def print_monte_carlo(
             (
                 one.kind,
                 str(one.count),
-                f"{one.share:.2%}",
-                "{:.2%} to {:.2%}".format(*one.interval),
+                percent(one.share, 2),
+                " to ".join(percent(end, 2) for end in one.interval),
                 "" if one.linear is None else str(one.linear),
             )
             for one in found.violations

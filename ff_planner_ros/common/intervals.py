@@ -1,4 +1,4 @@
-"""The confidence interval of an observed rate, the same in every report."""
+"""Observed rates and their confidence intervals, the same in every report."""
 
 from __future__ import annotations
 
@@ -18,3 +18,10 @@ def exact_interval(count: int, total: int, confidence: float = CONFIDENCE) -> tu
     low = 0.0 if count == 0 else float(betaincinv(count, total - count + 1, outside))
     high = 1.0 if count == total else float(betaincinv(count + 1, total - count, 1.0 - outside))
     return low, high
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """Return a share in percent; only none is 0 %, and only all is 100 %."""
+    least = 10.0 ** -(digits + 2)
+    within = min(max(share, least), 1.0 - least) if 0.0 < share < 1.0 else share
+    return f"{within:.{digits}%}"

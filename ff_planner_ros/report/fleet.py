@@ -24,6 +24,7 @@ from ff_planner_ros.bag.plans import RecordedPlan, planning_exchanges, plans_of
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.publications import publications
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.errors import BagError, FfPlannerError
 from ff_planner_ros.report.statistics import Group, Rate, Row, grouped
 
@@ -315,5 +316,5 @@ def success_words(fleet: Fleet) -> str:
     if fleet.solved is None:
         return ""
     low, high = fleet.solved.interval
-    share = f"{fleet.solved.share:.1%}, 95 % interval {low:.1%} to {high:.1%}"
+    share = f"{percent(fleet.solved.share)}, 95 % interval {percent(low)} to {percent(high)}"
     return f": {fleet.solved.count} solved ({share})"

@@ -13,6 +13,7 @@ import numpy as np
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.campaign.run import CASES, VERSIONS
 from ff_planner_ros.campaign.table import below, digest_of, read_plans, read_versions
+from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.report.fleet import on_all_cores
 from ff_planner_ros.report.html import (
@@ -141,7 +142,8 @@ def _sections(
 def _verdict(group: Group) -> str:
     """Return the results of a method in a sentence."""
     solved = group.solved
-    words = f"{group.name}: {solved.count} of {solved.total} cases are solved ({solved.share:.0%})"
+    share = percent(solved.share, 0)
+    words = f"{group.name}: {solved.count} of {solved.total} cases are solved ({share})"
     if causes := group.causes.most_common(_MOST_TOLD):
         words += f"; refused: {', '.join(f'{count} {cause}' for cause, count in causes)}"
         words += " and others" if len(group.causes) > _MOST_TOLD else ""
@@ -176,9 +178,9 @@ def _cells(group: Group, drawn: bool) -> Iterator[str]:
     yield group.name
     yield str(group.solved.total)
     yield str(group.solved.count)
-    yield f"{group.solved.share:.1%}"
+    yield percent(group.solved.share)
     if drawn:
-        yield f"{low:.1%} to {high:.1%}"
+        yield f"{percent(low)} to {percent(high)}"
 
 
 def _by_source(rows: Sequence[Row]) -> Iterator[Element]:
@@ -209,10 +211,10 @@ def _refusals(methods: Sequence[Group]) -> Iterator[Element]:
         if 0 < impossible < group.solved.total:
             rest = Rate(group.solved.count, group.solved.total - impossible)
             low, high = rest.interval
-            sure = f" ({low:.1%} to {high:.1%})" if group.is_drawn else ""
+            sure = f" ({percent(low)} to {percent(high)})" if group.is_drawn else ""
             words = (
                 f"{group.name}: of the {rest.total} cases whose task is possible so far as is "
-                f"known at the start, {rest.count} are solved: {rest.share:.1%}{sure}."
+                f"known at the start, {rest.count} are solved: {percent(rest.share)}{sure}."
             )
             yield element("p", words)
 
