@@ -106,7 +106,7 @@ def _say_what_was_reached(seconds: float, flown: FlownPlan) -> None:
 def _say_how_the_search_goes(progress: PlanProgress) -> None:
     best = f"objective {progress.best_objective:.4f}" if progress.found else "no path yet"
     print(
-        f"{progress.phase:<10} {progress.elapsed:5.2f} s, {progress.effort} starts, {best}",
+        f"{progress.phase:<10} {progress.elapsed:5.2f} s, step {progress.effort}, {best}",
         flush=True,
     )
 

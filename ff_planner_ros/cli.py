@@ -6,13 +6,13 @@ import os
 import select
 import sys
 import warnings
-from argparse import ArgumentParser
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from traceback import extract_tb
 
-from ff_planner_ros.commands import BAD_INPUT, NO_PLAN
+from ff_planner_ros.commands import BAD_INPUT, INTERRUPTED, NO_PLAN
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.common.shown import in_log, shortened
 from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput, NoPlanFound
@@ -28,9 +28,9 @@ def main(
 ) -> int:
     """Run one command and return its exit code.
 
-    0: done; 2: bad input; 3: no plan found, or a plan that the simulation does not reproduce. An
-    unexpected exception is printed in one line and returns 2, too; `python -X dev -m
-    ff_planner_ros.cli` shows its traceback.
+    0: done; 2: bad input; 3: no plan found, or a plan that the simulation does not reproduce; 130:
+    interrupted. An unexpected exception is printed in one line and returns 2, too; `python -X dev
+    -m ff_planner_ros.cli` shows its traceback.
 
     Args:
         arguments: Without the program's name; None: those of the process.
@@ -49,6 +49,14 @@ def main(
     if rest and not of_ros:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
+    try:
+        return _run(parser, options)
+    except KeyboardInterrupt:
+        return _fail(parser.prog, "interrupted", INTERRUPTED)
+
+
+def _run(parser: ArgumentParser, options: Namespace) -> int:
+    """Run the command of the options; what it raises is an answer."""
     try:
         code = int(options.function(options))
         sys.stdout.flush()

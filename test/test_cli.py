@@ -411,6 +411,15 @@ def test_a_command_that_needs_ros_says_so_where_there_is_none(arguments):
     assert ".[ros]" in line
 
 
+def test_an_interrupted_command_ends_with_130_and_one_line(monkeypatch, capsys):
+    def load(_path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ff_planner_ros.commands.tasks.load_parameters", load)
+    assert main(["plan", str(CAPTURE)]) == 130
+    assert capsys.readouterr().err == "ff-planner: interrupted\n"
+
+
 def test_a_defect_is_told_in_one_line_with_its_place(monkeypatch, capsys):
     def load(_path):
         raise ZeroDivisionError("long\x1b[31m" * 1000)

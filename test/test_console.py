@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from threading import Event
 from types import SimpleNamespace
@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import placed
 from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
 from ff_planner_ros.analysis.nearest import nearest
+from ff_planner_ros.analysis.pareto_front import WEIGHTS
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.console import search
@@ -360,6 +361,47 @@ def test_a_page_plans_what_was_changed_and_goes_back_to_an_answer(page: Page) ->
     assert end == pytest.approx(changed.problem.target.position, abs=1e-5)
     page.choose("capture")
     assert page.task is first
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_what_is_changed_during_a_search_is_kept_and_can_be_planned(
+    page: Page, plan: Plan, many: bool
+) -> None:
+    """The answer of the search is in the table, where a click shows it."""
+    searches: list[tuple[PlanningTask, Callable[[Entry], None]]] = []
+
+    def begin(task: PlanningTask, _told: object, done: Callable[[Entry], None]) -> Any:
+        searches.append((task, done))
+        return SimpleNamespace()
+
+    page._begin = begin
+    asked = page.task
+    assert asked is not None
+    page.plan_front() if many else page.plan()
+    changed = lasting_for(asked, 1.5 * asked.problem.duration, 1.5 * asked.problem.duration)
+    page.change(changed)
+    for number, (task, done) in enumerate(searches):  # each of them begins the next one
+        done(Entry(f"plan {number}", task, plan, status="planned"))
+    assert len(searches) == (len(WEIGHTS) if many else 1)
+    assert page.task is changed
+    assert page._progress.content == "changed: not planned yet"
+    assert not page._undo.disabled
+    assert "plan 0" in [one.name for one in page.entries]
+    page.plan()
+    assert searches[-1][0] is changed
+    searches[-1][1](Entry("last", changed, plan, status="planned"))
+    assert page.chosen.name == "last"
+    assert page._undo.disabled
+
+
+def test_an_entry_that_comes_anew_leaves_what_is_changed(page: Page, plan: Plan) -> None:
+    assert page.task is not None
+    changed = weighted(page.task, 1.0, 2.0)
+    page.change(changed)
+    page.put(Entry("capture", page.chosen.task, plan, status="planned"))
+    assert page.task is changed
+    page.choose("capture")
+    assert page.chosen.plan is plan
 
 
 def test_a_page_tells_a_change_that_is_refused_and_keeps_the_task(page: Page) -> None:

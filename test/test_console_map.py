@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import viser
 from campaigns import study
 from chromium import NEEDS_CHROMIUM, OF_CONTRAST
 from test_console_colours import contrast
@@ -19,6 +20,7 @@ from ff_planner_ros.console.colours import CAUSES, TEXT
 from ff_planner_ros.console.serve import Served, serve
 from ff_planner_ros.console.study.cells import axis_of, plane
 from ff_planner_ros.console.study.open import StudyPage
+from ff_planner_ros.console.study.panel import StudyPanel
 from ff_planner_ros.console.study.picture import Case, heat_map
 from ff_planner_ros.report.study.columns import Column
 
@@ -72,6 +74,30 @@ def test_a_map_tells_median_and_refusal_and_clicks_go_through_a_cell() -> None:
 @pytest.mark.parametrize("cause", CAUSES)
 def test_words_in_a_refused_cell_can_be_read(cause: tuple[int, int, int]) -> None:
     assert contrast(TEXT, f"#{bytes(cause).hex()}") >= 4.5
+
+
+def test_a_map_of_cases_that_are_all_refused_unplanned_shows_their_causes() -> None:
+    """As where the start of every case is in collision: no case has a time or a metric."""
+    rows = {
+        f"case {k}": {
+            "solved": False,
+            "status": "collision",
+            "solve_time": None,
+            "message": "touching",
+            "method": "ours",
+            "source": "s",
+            "change.x": float(k % 2),
+            "change.y": float(k > 1),
+        }
+        for k in range(4)
+    }
+    server = viser.ViserServer(port=8950, verbose=False)
+    try:
+        panel = StudyPanel(server, rows)
+        panel.show("case 3")
+        assert panel._picture.content.count("refused: 301 COLLISION") == 2 * len(rows)
+    finally:
+        server.stop()
 
 
 @pytest.fixture(scope="module")

@@ -165,4 +165,7 @@ def figures_json(figures: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    main(bool(int(sys.argv[1])), int(sys.argv[2]), sys.argv[3], sys.argv[4])
+    try:
+        main(bool(int(sys.argv[1])), int(sys.argv[2]), sys.argv[3], sys.argv[4])
+    except KeyboardInterrupt:
+        sys.exit(130)

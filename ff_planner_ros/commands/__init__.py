@@ -4,7 +4,7 @@ import os
 
 from ff_planner_ros.common.process_environment import PLANNING
 
-SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3  # exit codes
+SOLVED, BAD_INPUT, NO_PLAN, INTERRUPTED = 0, 2, 3, 130  # exit codes
 
 for _name, _one in PLANNING.items():  # before a command loads the libraries
     os.environ.setdefault(_name, _one)

@@ -37,7 +37,8 @@ def command_parser() -> ArgumentParser:
     parser = ArgumentParser(
         prog="ff-planner",
         description="Trajectory planning for free-floating space manipulators.",
-        epilog="Exit code: 0 done, 2 bad input, 3 no plan found, or one that was not reproduced.",
+        epilog="Exit code: 0 done, 2 bad input, 3 no plan found, or one that was not reproduced, "
+        "130 interrupted.",
     )
     parser.add_argument(
         "--version", action=_Version, nargs=0, dest=SUPPRESS, help="print the version and end"

@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ff_planner_ros.commands import SOLVED
+from ff_planner_ros.commands import INTERRUPTED, SOLVED
 from ff_planner_ros.commands.options import Add, add_renamed
 from ff_planner_ros.commands.printed import print_table, write_json
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from ff_planner_msgs.msg import PlanRequest
 
 _REQUESTER = "ff-planner ask"
-_INTERRUPTED = 130  # exit code
 
 
 def add_ask(add: Add) -> None:
@@ -78,7 +77,7 @@ def ask_node(options: Namespace) -> int:
     try:
         answer = answer_of_node(request, patience, options.rest)
     except KeyboardInterrupt:
-        return _INTERRUPTED
+        return INTERRUPTED
     status, solve_time = Status(answer.status.code), answer.solver.solve_time
     if status is not Status.SOLVED:
         error = (NoPlanFound if status.is_no_plan else FfPlannerError)(

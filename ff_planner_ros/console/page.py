@@ -31,6 +31,7 @@ _STEPS = 200  # of the slider through time
 # Of the sliders: the largest weight, unless the task's is larger, and the durations beside it.
 _WEIGHT, _SHORTER, _LONGER = 10.0, 0.2, 3.0
 _HANDLE = "/handle"
+_CHANGED = "changed: not planned yet"
 
 
 class Page:
@@ -57,19 +58,13 @@ class Page:
         self.task: PlanningTask | None = None  # what will be planned
         self.search: Running | None = None  # None: no search runs
         self._next: list[tuple[Begin, PlanningTask]] = []  # planned after the search that runs
+        self._changed_since = False  # whether the task was changed while a search runs
         self.unlisted: Callable[[str], None] = lambda _: None  # called with a name without an entry
         self.shown: Callable[[Entry], None] = lambda _: None  # called with each entry that is shown
         self._scene = SceneView(server)
         self._curves = CurvesView(server)
         self._handle: viser.TransformControlsHandle | None = None
         gui = server.gui
-        gui.configure_theme(
-            control_width="large",
-            show_logo=False,
-            show_share_button=False,  # it would ask a server of others for a public address
-        )
-        gui.main_panel.dock_right()
-        gui.set_panel_label("ff-planner console")
         self._time = gui.add_slider("time [s]", 0.0, 1.0, 0.01, 0.0)
         self._near = gui.add_markdown("")
         with gui.add_folder("Task"):
@@ -146,11 +141,11 @@ class Page:
             self.entries[names.index(entry.name)] = entry
             if before is not self.chosen:
                 self._tabulate()
-            elif before.plan is entry.plan and before.task is entry.task:
-                self.chosen = entry  # its status alone is another: the scene stays
-                self._tabulate()
-            else:
+            elif self._undo.disabled and (before.plan, before.task) != (entry.plan, entry.task):
                 self._choose(entry)
+            else:  # its status alone is another, or a change is drawn: the scene stays
+                self.chosen = entry
+                self._tabulate()
 
     def go_to(self, time: float) -> None:
         """Show the plan at a time from its first point on [s]."""
@@ -165,9 +160,9 @@ class Page:
             is_elsewhere: Whether places or times have changed, so that the task is drawn again.
         """
         with self._lock:
-            self.task = task
+            self.task, self._changed_since = task, self.search is not None
             self._undo.disabled = False
-            self._progress.content = "changed: not planned yet"
+            self._progress.content = _CHANGED
             if is_elsewhere:
                 self._draw(Entry("changed", task))
 
@@ -211,14 +206,18 @@ class Page:
     def _done(self, entry: Entry) -> None:
         with self._lock:
             self.search = None
-            self._undo.disabled = True  # what was changed is what was planned
+            # What was changed before is what was planned.
+            self._undo.disabled = not self._changed_since
             self._cancel.disabled = True
             self.put(entry)
             if self._next:
                 self._plan_next(self._next)
+            elif self._changed_since:
+                self._changed_since = self._plan.disabled = self._front.disabled = False
+                self._progress.content = _CHANGED
 
     def _choose(self, entry: Entry) -> None:
-        self.chosen, self.task = entry, entry.task
+        self.chosen, self.task, self._changed_since = entry, entry.task, False
         self._undo.disabled = True
         self._progress.content = ""
         _set(self._choice, entry.name)

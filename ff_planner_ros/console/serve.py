@@ -43,6 +43,13 @@ def serve(page_on: Callable[[viser.ViserServer], Page], host: str, port: int) ->
     with redirect_stdout(StringIO()), access.guarding():
         server = _Server(host=host, port=port, label=_LABEL, verbose=False)
     access.port = server.get_port()
+    server.gui.configure_theme(
+        control_width="large",
+        show_logo=False,
+        show_share_button=False,  # it would ask a server of others for a public address
+    )
+    server.gui.main_panel.dock_right()
+    server.gui.set_panel_label(_LABEL)
     page = page_on(server)
     access.choose = page.choose
     at = f"[{host}]" if ":" in host else host

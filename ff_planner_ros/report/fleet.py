@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import os
+import signal
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -193,7 +194,9 @@ def on_all_cores(work: Callable[..., T], pays: bool, *of_each: Iterable[Any]) ->
         yield from map(work, *of_each)
         return
     # Not forked: Matplotlib's and ROS's threads may be there.
-    with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    ignore = (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for this process
+    with ProcessPoolExecutor(cores, context, signal.signal, ignore) as pool:
         yield from pool.map(work, *of_each)
 
 

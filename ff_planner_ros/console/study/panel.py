@@ -34,7 +34,9 @@ class StudyPanel:
         """
         self._names, self._rows = list(rows), list(rows.values())
         self._lock, self._shown = RLock(), ""
-        varied, measured = quantities(self._rows), metrics(self._rows)
+        varied = quantities(self._rows)
+        # Of cases that are all refused unplanned nothing is measured: the map shows their causes.
+        measured = metrics(self._rows) or [Column("cause", "cause", [None] * len(self._rows))]
         if len(varied) < 2:
             allowed = "a map needs two quantities that were varied"
             raise InvalidInput(Status.UNSUPPORTED, "varied", len(varied), allowed)
