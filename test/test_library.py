@@ -206,6 +206,18 @@ def test_a_file_that_is_no_library_is_named(library: Library, tmp_path: Path) ->
         load_library(tmp_path)
 
 
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e308, -1.1e100])
+@pytest.mark.parametrize("name", ["place", "coefficients"])
+def test_numbers_of_a_library_that_no_task_takes_are_those_of_the_library(
+    name: str, number: float, tmp_path: Path
+) -> None:
+    """They were refused as `first_guess`, which nobody had given."""
+    plan = replace(StoredPlan("kind", np.zeros(3), np.ones(36)), **{name: np.array([0.0, number])})
+    save_library([plan], tmp_path)
+    with pytest.raises(InvalidInput, match=rf"--library is .*its {name}s? are no list of numbers"):
+        load_library(tmp_path, "--library")
+
+
 def test_the_command_plans_from_the_nearest_plan(
     library: Library, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

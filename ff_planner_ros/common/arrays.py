@@ -17,7 +17,7 @@ Indices: TypeAlias = NDArray[np.intp]
 # was never normalised, and normalising it silently would hide the fault.
 QUATERNION_NORM_TOLERANCE = 1e-3
 # Larger numbers are refused: the square of a length would soon be infinite.
-_LARGEST = 1e100
+LARGEST = 1e100
 # A shorter vector is a rounded zero; one that is of unit length within the second stays as it is.
 SHORTEST_DIRECTION, _UNIT = 1e-6, 1e-12
 # Of the search for what a quaternion was normalised from: relative steps, and how many.
@@ -55,10 +55,10 @@ def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
         raise InvalidInput(
             Status.WRONG_SIZE, field, values, f"it must have {size} entries, not {vector.size}"
         )
-    if not np.abs(vector).max(initial=0.0) <= _LARGEST:
+    if not np.abs(vector).max(initial=0.0) <= LARGEST:
         if not np.isfinite(vector).all():
             raise InvalidInput(Status.NOT_FINITE, field, values, "every entry must be finite")
-        allowed = f"no entry may be larger than {_LARGEST:g}"
+        allowed = f"no entry may be larger than {LARGEST:g}"
         raise InvalidInput(Status.OUT_OF_RANGE, field, values, allowed)
     return vector
 
@@ -71,7 +71,7 @@ def finite_number(field: str, value: float, *, above: float | None = None) -> fl
     """
     if isinstance(value, float) and not math.isfinite(value):
         raise InvalidInput(Status.NOT_FINITE, field, value, "it must be finite")
-    is_sound = isinstance(value, float) and abs(value) <= _LARGEST
+    is_sound = isinstance(value, float) and abs(value) <= LARGEST
     number = float(value if is_sound else finite_vector(field, [value], 1)[0])
     if above is not None and number <= above:
         raise InvalidInput(Status.OUT_OF_RANGE, field, number, f"it must be greater than {above:g}")

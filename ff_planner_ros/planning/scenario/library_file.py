@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import LARGEST, Array
 from ff_planner_ros.common.shown import LONGEST_VALUE, shortened, shown
 from ff_planner_ros.common.text_file import read_bytes
 from ff_planner_ros.errors import InvalidInput, Status
@@ -114,8 +114,9 @@ def _flat(name: str, rows: list[Array]) -> dict[str, Array]:
 
 def _parts(name: str, flat: Array, ends: Array, count: int) -> list[Array]:
     """Return rows that `_flat` has written one after the other."""
-    if flat.dtype.kind not in "fiu" or flat.ndim != 1 or not np.isfinite(flat).all():
-        raise ValueError(f"its {name} are no list of finite numbers")
+    is_list = flat.dtype.kind in "fiu" and flat.ndim == 1
+    if not is_list or not np.abs(flat).max(initial=0.0) <= LARGEST:
+        raise ValueError(f"its {name} are no list of numbers up to {LARGEST:g}")
     if ends.dtype.kind not in "iu" or ends.shape != (count,):
         raise ValueError(f"its {name} are not those of {count} plans")
     ends = ends.astype(np.int64)
