@@ -16,6 +16,7 @@ from ff_planner_ros.parameters.robot import (
     RobotParameters,
     locked_joints_of,
 )
+from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS, checked_urdf
 from ff_planner_ros.simulation.engine import Engine
@@ -90,6 +91,11 @@ def test_a_joint_that_turns_without_end_is_planned() -> None:
     assert limits in after
     without = before + joint + after.replace(limits, "", 1)
     assert robot_from_urdf_text(without, "chaser", "end_effector").joints == 7
+    # As recorded it still is; a joint with as wide limits of its own is not.
+    again = robot_from_urdf_text(robot.drawn_urdf, "chaser", "end_effector")
+    assert again.continuous == robot.continuous == (False, False, True, *4 * [False])
+    assert digest_of(again) == digest_of(robot)
+    assert not any(robot_from_urdf_text(robot.urdf, "chaser", "end_effector").continuous)
 
 
 def test_a_joint_to_be_held_that_is_not_there_is_refused() -> None:

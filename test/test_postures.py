@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from robots import CONFIG, LEMUR_SCENARIO
+from robots import CONFIG, LEMUR_SCENARIO, LEMUR_URDF
 from scipy.optimize import linprog
 
 from ff_planner_ros.analysis.drawing.figures import plot_plan
@@ -45,7 +45,8 @@ from ff_planner_ros.planning.search.planner import NOBODY
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import captured, joint_goals
-from ff_planner_ros.robot.model import Base
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.model import Base, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momenta
 from ff_planner_ros.simulation.verification import verify
 
@@ -86,6 +87,71 @@ def test_the_joints_are_where_they_shall_be_and_nothing_pushes_the_system(
     np.testing.assert_allclose(momenta - momenta[0], 0.0, atol=1e-6)
     assert verify(robot, motion).passed
     assert plan.family == "joint_spline"
+
+
+def endless(problem: PlanningProblem, turns: int) -> PlanningProblem:
+    """Return the problem with a continuous joint 3 that has counted so many turns."""
+    text = LEMUR_URDF.read_text().replace(
+        '<joint name="joint_3" type="revolute">', '<joint name="joint_3" type="continuous">'
+    )
+    robot = robot_from_urdf_text(text, "chaser", "end_effector", geometry=Geometry.LINES)
+    by, goal = turns * 2.0 * np.pi * (np.arange(7) == 2), problem.posture
+    start = replace(problem.start, joint_positions=problem.start.joint_positions + by)
+    if goal is not None and goal.positions is not None:
+        goal = replace(goal, positions=goal.positions + by)
+    return replace(problem, robot=robot, start=start, posture=goal)
+
+
+@pytest.mark.parametrize("posture", [None, Posture(FOLDED), Posture(at_rest=True)])
+def test_a_plan_is_the_same_whatever_turn_a_continuous_joint_has_counted(
+    posture: Posture | None,
+) -> None:
+    """It goes on from the measured positions, on which a controller goes on, too."""
+    plain = endless(replace(load_scenario(LEMUR_SCENARIO), posture=posture), 0)
+    first = perform(PlanningTask(plain, SETTINGS))
+    for turns in (-3, 2, 400):
+        problem = endless(replace(load_scenario(LEMUR_SCENARIO), posture=posture), turns)
+        plan = perform(PlanningTask(problem, SETTINGS))
+        motion, by = plan.trajectory, turns * 2.0 * np.pi * (np.arange(7) == 2)
+        np.testing.assert_allclose(
+            motion.joint_positions[0], problem.start.joint_positions, rtol=0.0, atol=1e-9
+        )
+        np.testing.assert_allclose(
+            motion.joint_positions - by, first.trajectory.joint_positions, rtol=0.0, atol=1e-5
+        )
+        assert plan.metrics.min_joint_margin == pytest.approx(
+            first.metrics.min_joint_margin, abs=1e-5
+        )
+        assert verify(problem.robot, motion).passed
+
+
+def test_a_goal_further_round_than_two_turns_meets_a_bound_that_is_not_the_urdfs() -> None:
+    far = Posture(FOLDED + 7.0 * np.pi * (np.arange(7) == 2))
+    with pytest.raises(InvalidInput, match=r"joint_3.*the planner's: the joint is continuous"):
+        replace(endless(asking(Posture(FOLDED)), 0), posture=far)
+    with pytest.raises(InvalidInput) as refused:
+        asking(far)  # whose joint has limits
+    assert "planner" not in str(refused.value)
+    # An angle that has no digits left for a plan.
+    with pytest.raises(InvalidInput, match=r"joints\.position.joint_3.*the planner's"):
+        perform(PlanningTask(endless(asking(Posture(at_rest=True)), 10**9), SETTINGS))
+
+
+def test_a_joint_that_goes_the_long_way_round_is_told_in_the_answer() -> None:
+    problem = endless(asking(Posture(FOLDED)), 0)
+    start = np.where(np.arange(7) == 2, 3.0, problem.start.joint_positions)
+    at = replace(problem.start, joint_positions=start)
+    goal = Posture(np.where(np.arange(7) == 2, -3.0, FOLDED))
+    plan = perform(PlanningTask(replace(problem, start=at, posture=goal, duration=60.0), SETTINGS))
+    assert plan.trajectory.joint_positions[-1, 2] == pytest.approx(-3.0)
+    words = "joint_3 turns by 6 rad to -3 rad, and 3.283 rad, the same posture, is 0.283 rad away"
+    assert plan.notes == (words,)
+    assert words in plan.message
+    # The joint that has limits may not be there, and the short way has no note.
+    assert not any(
+        "the same posture" in note
+        for note in perform(PlanningTask(asking(Posture(FOLDED)), SETTINGS)).notes
+    )
 
 
 def test_the_answer_tells_how_all_turns_together_at_rest(solved: tuple[PlanningTask, Plan]) -> None:

@@ -23,7 +23,6 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import plan_message
@@ -399,8 +398,7 @@ def test_a_continuous_joint_is_where_it_was_a_turn_ago(world: World) -> None:
     sound, robot = world.state, world.problem.robot
     world.state = _moved("joint_positions", -2.0 * np.pi * JOINT)(sound)
     assert world.ask().code == Status.STATE_MOVED
-    widest = np.where(JOINT > 0.0, TURN_OF_CONTINUOUS, robot.upper_position_limits)
-    endless = replace(robot, lower_position_limits=-widest, upper_position_limits=widest)
+    endless = replace(robot, continuous=tuple((JOINT > 0.0).tolist()))
     world.problem = replace(world.problem, robot=endless)
     world.state = _moved("joint_positions", (0.03 - 2.0 * np.pi) * JOINT)(sound)
     refused = world.ask()

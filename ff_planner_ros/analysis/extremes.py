@@ -32,7 +32,7 @@ from ff_planner_ros.planning.problem.obstacles import (
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.requirements.clearance import link_name
 from ff_planner_ros.robot.collision.lines import with_bodies
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import about, configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -198,6 +198,7 @@ def joint_extremes(
     """
     (lowest, highest), position_times = _extremes(motion, 0)
     rates, rate_times = _extremes(motion, 1)
+    robot = about(robot, motion.joint_positions[0])
     margins = np.stack(
         [lowest - robot.lower_position_limits, robot.upper_position_limits - highest]
     )

@@ -177,7 +177,8 @@ def _joint_limits(robot: Robot, joint: int) -> str:
         torque = torque.replace("torque", "force")
         return f"{lower:7.3f} to {upper:6.3f} m, {rate:6.3f} m/s, {torque}"
     lower, upper, rate = np.rad2deg([lower, upper, rate])
-    return f"{lower:7.1f} to {upper:6.1f} deg, {rate:6.1f} deg/s, {torque}"
+    turns = "continuous" if robot.continuous[joint] else f"{lower:7.1f} to {upper:6.1f} deg"
+    return f"{turns}, {rate:6.1f} deg/s, {torque}"
 
 
 def _body_rows(robot: Robot) -> list[tuple[str, str]]:

@@ -10,6 +10,8 @@ velocities.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,6 +20,11 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
+
+# Most turns that a continuous joint may have counted: beyond, its angle loses digits.
+_MOST_TURNS = 1e4
+_TURN = 2.0 * np.pi
 
 
 def eigen_quaternion(rotation: Array) -> Array:
@@ -71,4 +78,47 @@ def system_state(robot: Robot, q: Array, v: Array) -> SystemState:
         angular_velocity_chaser_in_inertial=omega,
         joint_positions=q[7:],
         joint_velocities=v[6:],
+    )
+
+
+def about(robot: Robot, joint_positions: Array) -> Robot:
+    """Return the robot with the bounds of continuous joints about the turn that they are in.
+
+    Postures a turn apart are one: a plan from either is the same motion.
+    """
+    counted = np.clip(np.rint(joint_positions / _TURN), -_MOST_TURNS, _MOST_TURNS)
+    turns = np.where(robot.continuous, counted, 0.0)
+    return robot if (turns == turns_of(robot)).all() else _about(robot, tuple(turns.tolist()))
+
+
+def turns_of(robot: Robot) -> Array:
+    """Return the turn that the bounds of each continuous joint are about; zero of others."""
+    middle = (robot.lower_position_limits + robot.upper_position_limits) / 2.0
+    return np.where(robot.continuous, np.rint(middle / _TURN), 0.0)
+
+
+def whole_turns(way: Array) -> Array:
+    """Return the whole turns in the ways of joints that turn [rad]; zero where not finite."""
+    return np.where(np.isfinite(way), _TURN * np.rint(way / _TURN), 0.0)
+
+
+def whose_limits(robot: Robot, joint: int) -> str:
+    """Return what to add to position limits in a message that are not those of the URDF."""
+    if not robot.continuous[joint]:
+        return ""
+    return ", the planner's: the joint is continuous, and may do two turns either way of the start"
+
+
+@lru_cache(maxsize=8)  # other caches know a robot by its identity
+def _about(robot: Robot, turns: Sequence[float]) -> Robot:
+    middle = _TURN * np.array(turns)
+    lower, upper = middle - TURN_OF_CONTINUOUS, middle + TURN_OF_CONTINUOUS
+    return replace(
+        robot,
+        lower_position_limits=frozen(
+            np.where(robot.continuous, lower, robot.lower_position_limits)
+        ),
+        upper_position_limits=frozen(
+            np.where(robot.continuous, upper, robot.upper_position_limits)
+        ),
     )

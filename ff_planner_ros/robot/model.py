@@ -22,7 +22,7 @@ from ff_planner_ros.robot.collision.whole_body import whole_body
 from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NOTHING_HELD, checked_urdf
-from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, as_revolute
 from ff_planner_ros.robot.wheels import Wheels
 
 if TYPE_CHECKING:
@@ -85,6 +85,8 @@ class Robot:
     # Limits of a prismatic joint are in m, m/s and N
     lower_position_limits: Array  # shape (joints,) [rad]
     upper_position_limits: Array  # shape (joints,) [rad]
+    # Joints that turn without end: positions a turn apart are one, and the limits are the planner's
+    continuous: tuple[bool, ...]
     velocity_limits: Array  # shape (joints,) [rad/s]
     # Infinite where the URDF says zero: exporters write zero for an unknown limit
     effort_limits: Array  # shape (joints,) [N m]
@@ -218,8 +220,9 @@ def robot_from_urdf_text(
         allowed = f"it must be 0, or from {SLIDE_WEIGHTS[0]:g} to {SLIDE_WEIGHTS[1]:g} rad/m"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.slide_weight", slide_weight, allowed)
     checked = checked_urdf(text, base_link, tip_link, held_at, holds_slides=not slide_weight)
+    urdf, endless = as_revolute(checked.xml)
     try:
-        model = _pinocchio_model(checked.xml)
+        model = _pinocchio_model(urdf)
     except (ValueError, RuntimeError) as error:
         raise InvalidInput(
             Status.BAD_ROBOT, "robot.urdf", "unreadable", f"Pinocchio says: {str(error)[:200]}"
@@ -234,7 +237,7 @@ def robot_from_urdf_text(
     whole = whole_body(model, checked.xml, text, geometry, srdf, directory)
     return Robot(
         model=model,
-        urdf=checked.xml,
+        urdf=urdf,
         drawn_urdf=whole.drawn_urdf,
         joint_names=tuple(model.names)[2:],
         base_link=checked.base_link,
@@ -246,6 +249,7 @@ def robot_from_urdf_text(
         joint_slides=frozen(slides),
         lower_position_limits=frozen(model.lowerPositionLimit[7:]),
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
+        continuous=tuple(name in endless for name in tuple(model.names)[2:]),
         velocity_limits=frozen(model.upperVelocityLimit[6:]),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
         joint_weights=frozen(np.where(slides.any(axis=1), slide_weight, 1.0)),

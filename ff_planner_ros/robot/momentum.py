@@ -196,6 +196,14 @@ def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
     return np.asarray(found, np.float64)
 
 
+def arm_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
+    """Return J_m of Eq. (30): end-effector twist per joint velocity on a base that stands still.
+
+    Axes, rows and shape are those of `generalised_jacobian`.
+    """
+    return _jacobian(robot, data, q)[robot.base.tip_rows, 6:]
+
+
 def generalised_jacobians(robot: Robot, q: Array, maps: Array | None = None) -> Array:
     """Return `generalised_jacobian` at each row of q. Shape (points, rows, joints).
 

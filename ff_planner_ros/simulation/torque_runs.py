@@ -20,6 +20,7 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, draws
 from ff_planner_ros.planning.robust.margins import CLEARANCE
 from ff_planner_ros.planning.robust.nearness import nearness
+from ff_planner_ros.robot.configuration import about
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.deviation import deviation
@@ -143,6 +144,7 @@ def _least(
     )
     q, _ = from_trajectory(robot, done)
     distance = nearness(robot, q, planned.time, scene).distance.min(initial=np.inf)
+    robot = about(robot, planned.joint_positions[0])
     below = q[:, 7:] - robot.lower_position_limits
     above = robot.upper_position_limits - q[:, 7:]
     return float(distance), float(np.minimum(below, above).min())

@@ -147,7 +147,8 @@ def clearance_panel(
 
 def joint_angles(robot: Robot) -> Quantity:
     """Return the joint positions with their limits [deg; prismatic: m]."""
-    lower, upper = robot.lower_position_limits, robot.upper_position_limits
+    lower = np.where(robot.continuous, -np.inf, robot.lower_position_limits)
+    upper = np.where(robot.continuous, np.inf, robot.upper_position_limits)
     title = "joint positions" if robot.joint_slides.any() else "joint angles"
     return _of_joints(robot, title, ("deg", "m"), "joint_positions", lower, upper)
 

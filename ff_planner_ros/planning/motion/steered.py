@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -10,8 +11,9 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.target import Target
+from ff_planner_ros.robot.configuration import turns_of
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import generalised_jacobian
+from ff_planner_ros.robot.momentum import arm_jacobian, generalised_jacobian
 
 # Postures that are tested: one of them is regular, if any is.
 _POSTURES = 8
@@ -21,18 +23,48 @@ _POSTURES = 8
 _LEAST_PART = 0.003
 
 
-def steered(robot: Robot, target: Target) -> int:
-    """Return how many of a target's conditions the joint velocities can meet at once: a rank."""
+def steered(robot: Robot, target: Target, chaser_moves: bool = True) -> int:
+    """Return how many of a target's conditions the joint velocities can meet at once: a rank.
+
+    Args:
+        chaser_moves: Else the rank is that of the arm on a base that stands still.
+    """
     axis = target.free_axis_in_ee
-    return _rank(robot, target.orientation, None if axis is None else tuple(axis.tolist()))
+    told = None if axis is None else tuple(axis.tolist())
+    return _rank(robot, target.orientation, told, chaser_moves)
+
+
+def why_not_steered(robot: Robot, target: Target) -> str:
+    """Return words on why an arm steers no more of a target: masses, joint limits, or its axes.
+
+    It is the masses if the arm steers more on a base that stands still, and the limits if it does
+    in postures beyond them.
+    """
+    met, alone = steered(robot, target), "on a base that stands still the arm could meet more"
+    turns = ~robot.joint_slides.any(axis=1)
+    lower = np.where(turns, -np.pi, robot.lower_position_limits)
+    upper = np.where(turns, np.pi, robot.upper_position_limits)
+    anywhere = replace(robot, lower_position_limits=lower, upper_position_limits=upper)
+    chaser, *links = (link.mass for link in robot.model.inertias[1:])
+    if steered(robot, target, chaser_moves=False) > met:
+        why = f"the chaser, {chaser:g} kg, is too light for the arm, {sum(links):.4g} kg: {alone}"
+    elif steered(anywhere, target) > met:
+        why = "the joints' position limits are too narrow: beyond them the arm could meet more"
+    elif steered(anywhere, target, chaser_moves=False) > met:
+        why = f"the joints' position limits are narrow and the chaser, {chaser:g} kg, is light"
+    else:
+        return f"and as its axes lie the arm meets no more than {met} of them at once"
+    return f"and the arm meets no more than {met} of them at once, for {why}"
 
 
 @lru_cache(maxsize=8)
-def _rank(robot: Robot, orientation: Orientation, axis: tuple[float, ...] | None) -> int:
+def _rank(
+    robot: Robot, orientation: Orientation, axis: tuple[float, ...] | None, chaser_moves: bool
+) -> int:
     data, most = robot.model.createData(), 0
     free_axis = None if axis is None else np.array(axis)
     for number in range(_POSTURES):
-        q, of_rates = _posture(robot, number)
+        q, of_rates = _posture(robot, number, chaser_moves)
         asked = twist_conditions(robot, data, orientation, free_axis, q) @ of_rates
         values = np.linalg.svd(asked, compute_uv=False)
         most = max(most, int((values > _LEAST_PART * values[0]).sum()))
@@ -42,14 +74,16 @@ def _rank(robot: Robot, orientation: Orientation, axis: tuple[float, ...] | None
 
 
 @lru_cache(maxsize=8 * _POSTURES)
-def _posture(robot: Robot, number: int) -> tuple[Array, Array]:
-    """Return a configuration and its generalised Jacobian, both parts scaled to unit norm."""
-    lowest = np.maximum(robot.lower_position_limits, -np.pi)
-    highest = np.minimum(robot.upper_position_limits, np.pi)
+def _posture(robot: Robot, number: int, chaser_moves: bool) -> tuple[Array, Array]:
+    """Return a configuration and its Jacobian, both parts scaled to unit norm."""
+    middle = 2.0 * np.pi * turns_of(robot)
+    lowest = np.maximum(robot.lower_position_limits, middle - np.pi)
+    highest = np.minimum(robot.upper_position_limits, middle + np.pi)
     drawn = np.random.default_rng(0).uniform(size=(_POSTURES, robot.joints))[number]
     joints = lowest + drawn * (np.maximum(lowest, highest) - lowest)
     q = np.concatenate([pin.neutral(robot.model)[:7], joints])
-    of_rates = generalised_jacobian(robot, robot.model.createData(), q)
+    jacobian = generalised_jacobian if chaser_moves else arm_jacobian
+    of_rates = jacobian(robot, robot.model.createData(), q)
     linear = sum(row < 3 for row in robot.base.tip_rows)
     for rows in (of_rates[:linear], of_rates[linear:]):
         rows /= max(float(np.linalg.norm(rows)), np.finfo(float).tiny)

@@ -16,7 +16,7 @@ from ff_planner_ros.common.forms import TRUTH, Schema, a_vector
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.target import Target
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import configuration, whose_limits
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -95,12 +95,13 @@ class Posture:
         ):
             for joint in np.flatnonzero((values < low) | (values > high)):
                 unit = robot.unit(int(joint)) + per_time
+                whose = "" if per_time else whose_limits(robot, int(joint))
                 value, least, largest = (float(one[joint]) for one in (values, low, high))
                 raise InvalidInput(
                     Status.OUT_OF_RANGE,
                     f"target.joints.{name}[{robot.joint_names[joint]}]",
                     f"{value!r} {unit}",
-                    f"the joint's limits are {least!r} to {largest!r} {unit}",
+                    f"the joint's limits are {least!r} to {largest!r} {unit}{whose}",
                 )
 
 

@@ -49,6 +49,7 @@ from ff_planner_ros.planning.problem.target import (
 )
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.problem.user_requirements import REQUIRED
+from ff_planner_ros.robot.configuration import about
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import MAX_TILT, on_the_table
 from ff_planner_ros.robot.state import SystemState
@@ -113,7 +114,7 @@ class PlanningProblem:
 
     FIRST: ClassVar[Sequence[str]] = ("target", "target_body")
 
-    robot: Robot
+    robot: Robot  # its continuous joints may do two turns either way of the start
     start: SystemState  # state at the first point of the plan
     # With a target body, its grasp: see `with_capture_target`
     target: Target = declare(
@@ -227,6 +228,7 @@ class PlanningProblem:
             allowed = f"it must be from {window.minimum:g} s to {window.maximum:g} s"
             raise InvalidInput(Status.OUT_OF_RANGE, "duration", self.duration, allowed)
         finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
+        object.__setattr__(self, "robot", about(self.robot, self.start.joint_positions))
         object.__setattr__(self, "limits", self.limits.of_joints(self.robot.joints))
         if self.robot.wheels is not None:
             object.__setattr__(self, "start", held(self.robot.wheels, self.start))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.robot.configuration import whole_turns
 
 # Of a hull's volume beyond its mesh's [%], and meshes that a note names.
 _MUCH, _MOST_TOLD = 10.0, 5
@@ -24,12 +27,29 @@ def hull_notes(bodies: Sequence[ObstacleBody]) -> tuple[str, ...]:
 
 
 def notes_on(problem: PlanningProblem) -> tuple[str, ...]:
-    """Return notes on meshes, and on requirements of plug-ins, which the core does not know."""
-    notes = hull_notes(problem.obstacle_bodies)
+    """Return notes on meshes, plug-ins, which the core does not know, and postures a turn away."""
+    notes = (*hull_notes(problem.obstacle_bodies), *_turn_notes(problem))
     slower = ", ".join(one.name for one in problem.requirements if one.concerns(problem))
     if slower:
         notes += (f"the search asks Python for the rows of {slower}, which makes it slower",)
     return notes
+
+
+def _turn_notes(problem: PlanningProblem) -> Iterator[str]:
+    """Yield a note on each joint that goes further round to its posture than it would have to."""
+    robot, posture = problem.robot, problem.posture
+    if posture is None or posture.positions is None:
+        return
+    way = posture.positions - problem.start.joint_positions
+    nearest = posture.positions - whole_turns(way)
+    within = robot.lower_position_limits <= nearest, nearest <= robot.upper_position_limits
+    for joint in np.flatnonzero((nearest != posture.positions) & np.logical_and(*within)).tolist():
+        if not robot.slides(joint):
+            yield (
+                f"{robot.joint_names[joint]} turns by {abs(way[joint]):.4g} rad to "
+                f"{posture.positions[joint]:.4g} rad, and {nearest[joint]:.4g} rad, the same "
+                f"posture, is {abs(way - whole_turns(way))[joint]:.3g} rad away"
+            )
 
 
 def with_notes(refused: NoPlanFound, notes: Sequence[str]) -> NoPlanFound:

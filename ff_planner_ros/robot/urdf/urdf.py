@@ -18,7 +18,7 @@ from ff_planner_ros.robot.urdf.urdf_faults import LARGEST, Faults, listed, short
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
-# Position limit of continuous joints, either way from zero [rad].
+# The planner's bound of continuous joints, either way from the turn of the start [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi
 
 # Shortest axis, which should be a unit vector; a shorter one is rounding.
@@ -240,8 +240,7 @@ def _check_limits(name: str, joint: Element, faults: Faults) -> None:
 
 
 def _limit_continuous(joint: Element) -> None:
-    """Make a continuous joint a revolute one, so that readers of the URDF see one kind."""
-    joint.set("type", "revolute")
+    """Give a continuous joint the planner's bound, which the format has none of."""
     limit = joint.find("limit")
     if limit is not None:
         limit.set("lower", repr(-TURN_OF_CONTINUOUS))

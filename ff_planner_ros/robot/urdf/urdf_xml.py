@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from typing import Any, NoReturn
 from xml.etree.ElementTree import Element, SubElement
 from xml.parsers import expat
@@ -170,3 +171,16 @@ class _Reader:
 
 def _refuse(value: str, allowed: str) -> NoReturn:
     raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", value, allowed)
+
+
+def as_revolute(xml: str) -> tuple[str, list[str]]:
+    """Return a URDF with continuous joints as revolute ones, and their names.
+
+    Pinocchio has two numbers for the position of a continuous joint.
+    """
+    robot = ElementTree.fromstring(xml)
+    endless = robot.findall("joint[@type='continuous']")
+    for joint in endless:
+        joint.set("type", "revolute")
+    told = ElementTree.tostring(robot, encoding="unicode") if endless else xml
+    return told, [joint.get("name", "") for joint in endless]

@@ -7,14 +7,11 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.arrays import finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 
 if TYPE_CHECKING:
     from ff_planner_msgs.msg import Goal
@@ -27,13 +24,6 @@ GOAL_JOINTS = {
     f"target.joints.{ours}": f"goal.joints.{theirs}"
     for ours, theirs in (("position", "position"), ("velocity", "velocity"))
 }
-
-
-def turns_without_end(robot: Robot) -> Array:
-    """Return which joints are continuous: positions a turn apart are equal. Shape (joints,)."""
-    widest = np.minimum(-robot.lower_position_limits, robot.upper_position_limits)
-    turns = ~robot.joint_slides.any(axis=1)
-    return np.asarray(turns & (widest >= TURN_OF_CONTINUOUS))
 
 
 def names_a_joint_of(robot: Robot) -> Callable[[JointState | bytes], bool]:

@@ -26,7 +26,6 @@ from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.robot.collision.solids import MESH
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.ros.messages.interfaces import DESCRIBE
-from ff_planner_ros.ros.messages.joint_names import turns_without_end
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 
 _MESSAGES = "ff_planner_msgs"
@@ -98,6 +97,7 @@ def _robot(robot: Robot, parameters: NodeParameters) -> RobotDescription:
     unlimited = np.full(robot.joints, math.inf)
     velocities = robot.velocity_limits if limits.joint_velocities else unlimited
     efforts = robot.effort_limits if limits.joint_torques else unlimited
+    lower, upper = robot.lower_position_limits, robot.upper_position_limits
     return RobotDescription(
         name=ElementTree.fromstring(robot.urdf).get("name", ""),
         model_hash=digest_of(robot),
@@ -107,9 +107,9 @@ def _robot(robot: Robot, parameters: NodeParameters) -> RobotDescription:
         geometry=str(robot.geometry),
         joint_names=list(robot.joint_names),
         prismatic=[robot.slides(joint) for joint in range(robot.joints)],
-        continuous=turns_without_end(robot).tolist(),
-        lower_position_limits=robot.lower_position_limits.tolist(),
-        upper_position_limits=robot.upper_position_limits.tolist(),
+        continuous=list(robot.continuous),
+        lower_position_limits=np.where(robot.continuous, -math.inf, lower).tolist(),
+        upper_position_limits=np.where(robot.continuous, math.inf, upper).tolist(),
         velocity_limits=velocities.tolist(),
         acceleration_limits=list(limits.joint_accelerations or unlimited.tolist()),
         effort_limits=efforts.tolist(),

@@ -19,9 +19,9 @@ from ff_planner_ros.parameters.published_plans import PublicationParameters
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.robot.configuration import whole_turns
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.messages.joint_names import turns_without_end
 from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
@@ -183,8 +183,7 @@ def _differences(
     yield "its angular velocity", "max_angular_velocity", turning, most, "rad/s"
     aside = state.joint_positions - motion.joint_positions[0]
     # A continuous joint is where it was a turn ago.
-    whole = 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
-    aside = aside - np.where(turns_without_end(robot) & np.isfinite(aside), whole, 0.0)
+    aside = aside - np.where(robot.continuous, whole_turns(aside), 0.0)
     rates = state.joint_velocities - motion.joint_velocities[0]
     for what, single, general, off, unit in (
         ("position", "joint_positions", "max_joint_position", aside, "rad"),

@@ -23,6 +23,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     eased,
 )
+from ff_planner_ros.robot.configuration import whose_limits
 from ff_planner_ros.robot.model import Robot
 
 # Between 50 points the quintics and the cubics that the search knows differ by less [rad].
@@ -57,7 +58,7 @@ class JointPositions(Requirement):
                     f"joints.position[{robot.joint_names[joint]}]",
                     f"{position:.6f} {robot.unit(joint)}",
                     f"it must be within the joint's limits [{lower:.6f}, {upper:.6f}] "
-                    f"{robot.unit(joint)}",
+                    f"{robot.unit(joint)}{whose_limits(robot, joint)}",
                 )
         _require_stops(problem)
 
@@ -113,7 +114,7 @@ class JointPositions(Requirement):
                     Status.LIMIT_VIOLATED,
                     f"joint {robot.joint_names[joint]} is {-distances[side, joint]:.3g} {unit} "
                     f"outside its limits [{lower[joint]:.4f}, {upper[joint]:.4f}] {unit} at "
-                    f"{samples.at(times[side, joint])}",
+                    f"{samples.at(times[side, joint])}{whose_limits(robot, int(joint))}",
                     advice,
                 )
                 return
@@ -132,7 +133,7 @@ def _runs_out(robot: Robot, joints: JointMotion, advice: tuple[str, ...]) -> Ite
             f"joint {robot.joint_names[joint]} moves at {joints.velocities[-1, joint]:.4f} "
             f"{unit}/s at the last point, {joints.positions[-1, joint]:.4f} {unit}, and cannot "
             f"stop before its limit of {(lower, upper)[side][joint]:.4f} {unit}: no other plan "
-            "can start there",
+            f"can start there{whose_limits(robot, int(joint))}",
             advice,
         )
 
@@ -170,7 +171,8 @@ def _require_stops(problem: PlanningProblem) -> None:
             Status.START_OUTSIDE_LIMITS,
             f"joints.velocity[{robot.joint_names[joint]}]",
             f"{rates[joint]:.6f} {unit}/s at {positions[joint]:.6f} {unit}",
-            f"no plan can stop the joint before its limit of {limits[side, joint]:.6f} {unit}",
+            f"no plan can stop the joint before its limit of {limits[side, joint]:.6f} {unit}"
+            f"{whose_limits(robot, joint)}",
         )
 
 
