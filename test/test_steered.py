@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -9,10 +11,12 @@ import pytest
 from planar_model import Body, planar_urdf
 from robots import CANADARM2_URDF, LEMUR_URDF, of_lines
 
-from ff_planner_ros.planning.motion.steered import steered
+from ff_planner_ros.planning.motion.steered import steered, why_not_steered
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.model import Base, robot_from_urdf_text
+
+MOMENTS = ("ixx", "iyy", "izz")
 
 
 @pytest.mark.parametrize("welded", list(combinations(range(1, 7), 2)))
@@ -74,3 +78,59 @@ def test_an_arm_that_bends_to_one_side_alone_is_steered_as_to_the_other(
     robot = robot_from_urdf_text(bent, "body_0", "tip", Base.PLANAR)
     target = Target(np.zeros(3), [0.0, 0.0, 0.0, 1.0], orientation=Orientation.FREE)
     assert steered(robot, target) == 2
+
+
+def _welded(text: str, numbers: tuple[int, ...]) -> str:
+    for number in numbers:
+        joint = f'<joint name="joint_{number}" type="revolute">'
+        assert joint in text
+        text = text.replace(joint, joint.replace("revolute", "fixed"))
+    return text
+
+
+def _with_a_light_chaser(text: str) -> str:
+    root = ElementTree.fromstring(text)
+    inertial = root.find("link[@name='chaser']/inertial")
+    assert inertial is not None
+    for part, values in (("mass", {"value": "0.1"}), ("inertia", dict.fromkeys(MOMENTS, "1e-5"))):
+        element = inertial.find(part)
+        assert element is not None
+        element.attrib.update(values)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _narrow(text: str) -> str:
+    """Keep all joints but two where the wrist's axes lie in a plane."""
+    root = ElementTree.fromstring(text)
+    for joint in root.findall("joint[@type='revolute']")[2:]:
+        limit = joint.find("limit")
+        assert limit is not None
+        limit.attrib.update(lower="-1e-5", upper="1e-5")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (_with_a_light_chaser, "the chaser, 0.1 kg, is too light for the arm"),
+        (_narrow, "the joints' position limits are too narrow"),
+        (lambda text: _welded(text, (1,)), "as its axes lie"),
+        (
+            lambda text: _narrow(_with_a_light_chaser(text)),
+            "narrow and the chaser, 0.1 kg, is light",
+        ),
+    ],
+)
+def test_an_arm_that_meets_too_few_conditions_is_told_which_of_axes_limits_and_masses_it_is(
+    change: Callable[[str], str], cause: str
+) -> None:
+    """Each is changed by itself, of an arm that meets all."""
+    six = _welded(of_lines(LEMUR_URDF), (3,))
+    robot, other = (
+        robot_from_urdf_text(text, "chaser", "end_effector") for text in (six, change(six))
+    )
+    target = Target(np.zeros(3), [0.0, 0.0, 0.0, 1.0])
+    assert steered(robot, target) == 6
+    assert steered(other, target) < 6
+    assert cause in why_not_steered(other, target)
+    assert f"no more than {steered(other, target)} of them" in why_not_steered(other, target)

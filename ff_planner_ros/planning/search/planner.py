@@ -13,7 +13,7 @@ from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.preconditions import require_plannable, require_time
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
-from ff_planner_ros.planning.motion.steered import steered
+from ff_planner_ros.planning.motion.steered import steered, why_not_steered
 from ff_planner_ros.planning.motion.watch import PassingOn, Watch
 from ff_planner_ros.planning.optimisation.objectives import plan_cost, weighted_sum
 from ff_planner_ros.planning.optimisation.program import path_program
@@ -195,7 +195,7 @@ def _plan_in_time(
             return _least_attitude(problem, settings, groups[-1], watch, guess, found, more)
         return _best_of(problem, [*found, *more]).plan
     if too_many:
-        why = f"and as its axes lie the arm meets no more than {met} of them at once"
+        why = why_not_steered(problem.robot, problem.target)
         raise too_many_conditions(problem.target, conditions, why, met)
     # A singularity of one family does not explain why there is no plan.
     others = [refused for refused in refusals if refused.status is not Status.SINGULAR]
