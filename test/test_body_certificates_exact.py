@@ -7,6 +7,7 @@ the check's certificate and the search's; both name the right pair, and the righ
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -229,6 +230,12 @@ def test_at_the_first_point_alone_every_pair_and_sphere_is_measured() -> None:
     assert least_pair_distance(*asked) == NOTHING
     assert least_pair_distance(ARM, REST, np.arange(1), -1, 0.0) == NOTHING
     assert search_pair_distance(*asked) == np.inf
+    # One time is all that is left of the motion.
+    fields = ("time", "q", "v", "joint_accelerations")
+    left = replace(REST, maps=None, **{name: getattr(REST, name)[:1] for name in fields})
+    assert least_pair_distance(ARM, left, np.arange(1), 0).certified == pytest.approx(1.3)
+    found = least_sphere_distance(ARM, left, rocks, np.arange(6), 0)
+    assert found.certified == pytest.approx(0.15)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -22,6 +22,7 @@ from test_near_starts import end_of
 from ff_planner_ros.analysis.plan_document import planned_scene
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.distance.allowed_contact import after_contact
 from ff_planner_ros.planning.motion.plan import Plan
@@ -30,6 +31,7 @@ from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
+from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families
@@ -101,6 +103,25 @@ def test_what_is_grasped_is_let_go_of_and_nothing_else_is_touched(goal: str) -> 
     early = replace(scene, contact_distance=1e-3)
     (touched,) = verify(problem.robot, plan.trajectory, early).contacts
     assert touched.first_time > 0.0
+
+
+def test_what_is_let_go_of_at_the_last_moment_alone_is_measured_then() -> None:
+    """One time is left of the motion: its distance then is the least, by check and search."""
+    plan, (obstacle,) = let_go(), [one for one in captured().obstacles if one.id == "ring_0"]
+    low, high = 1e-3, 10.0
+    while True:
+        problem = replace(captured(), contact_distance=(low + high) / 2)
+        motion = Samples(problem, SETTINGS, plan.trajectory).followed
+        last = len(motion.time) - 1
+        first = after_contact(problem, obstacle, motion.time, motion.q)
+        if first == last:
+            break
+        low, high = (
+            (low, problem.contact_distance) if first > last else (high - (high - low) / 2, high)
+        )
+    metrics = measure(problem, plan.trajectory, SETTINGS)
+    assert 0.0 < metrics.min_clearance < np.inf
+    assert ObstacleClearance().slack(problem, motion) > 0.0
 
 
 def test_a_robust_plan_lets_go_of_what_is_grasped() -> None:

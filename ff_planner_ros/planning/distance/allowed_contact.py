@@ -180,12 +180,15 @@ def stretches(
     for obstacle, numbers in split.at_start:
         first = after_contact(problem, obstacle, motion.time, motion.q)
         if first <= until:
+            # A motion has two times: if one alone is left, it counts twice.
+            last = len(motion.time) - 1
+            rest = np.minimum(np.arange(first, max(last, first + 1) + 1), last)
             after = replace(
                 motion,
-                time=motion.time[first:],
-                q=motion.q[first:],
-                v=motion.v[first:],
-                joint_accelerations=motion.joint_accelerations[first:],
+                time=motion.time[rest],
+                q=motion.q[rest],
+                v=motion.v[rest],
+                joint_accelerations=motion.joint_accelerations[rest],
                 maps=None,
             )
             yield after, numbers, until - first

@@ -182,13 +182,16 @@ def parabola_bounds(at_begin: Array, at_end: Array, curvature: Array) -> Array:
 def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
     """Return the tangent-space cubics through consecutive configurations and velocities.
 
+    There is none where one configuration is left of a motion.
+
     Returns:
         Coefficients of s, s^2, s^3 from one to the next, s from 0 to 1. Shape
         (points - 1, 3, 6 + joints).
     """
-    model, to_end = robot.model, pin.ArgumentPosition.ARG1
-    whole = np.array([pin.difference(model, *pair) for pair in pairwise(q)])
-    by_end = np.array([pin.dDifference(model, *pair, to_end) for pair in pairwise(q)])
+    model, to_end, size = robot.model, pin.ArgumentPosition.ARG1, robot.model.nv
+    ways = [pin.difference(model, *pair) for pair in pairwise(q)]
+    slopes = [pin.dDifference(model, *pair, to_end) for pair in pairwise(q)]
+    whole, by_end = np.reshape(ways, (-1, size)), np.reshape(slopes, (-1, size, size))
     first = steps[:, None] * v[:-1]
     last = steps[:, None] * (by_end @ v[1:, :, None])[:, :, 0]
     return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
