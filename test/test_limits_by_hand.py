@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from handmade_plans import GOAL, PLACES, POINTS, STEP, Joints, Made, made, resting
+from handmade_plans import GOAL, PLACES, POINTS, SETTINGS, STEP, Joints, Made, made, resting
 from robots import ROBOTS
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import Failure, Status
+from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import Limits
+from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.requirement import Samples
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 POSTURE = np.array([0.4, -0.7, 0.9, -1.1, 0.6, 0.5])
@@ -113,6 +117,26 @@ def test_a_joint_that_is_too_fast_between_two_points_is_refused(place: str, sign
         if refused:
             words = f"joint joint_2 turns at {sign * rate:.4f} rad/s, {(1 - part) * rate:.3g} rad/s"
             the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
+
+
+@pytest.mark.law("PLAN-05")
+@both_ways
+@pytest.mark.parametrize(("rate", "spare"), [(0.3, 3e-5), (1e-3, 1e-6), (0.01, 1e-6)])
+def test_start_search_and_check_allow_a_velocity_the_same_excess(
+    rate: float, spare: float, sign: float
+) -> None:
+    """A ten-thousandth of the limit, or where that is less than rounding, 1e-6 rad/s."""
+    found = moving("velocities", "start", 1, sign * rate)
+    for part, refused in ((0.9, False), (1.1, True)):
+        slow = with_limit(found, "velocity_limits", 1, rate - part * spare)
+        limits = Limits(joint_velocities=True)
+        assert bool(found.judged(robot=slow, limits=limits)) is refused
+        problem = replace(found.problem, robot=slow, limits=limits)
+        motion = Samples(problem, SETTINGS, found.plan.trajectory).followed
+        assert (JointRates().slack(problem, motion) < 0.0) is refused
+        q_start, _ = configuration(slow, problem.start)
+        with pytest.raises(InvalidInput) if refused else nullcontext():
+            JointRates().refuse_start(problem, q_start, SETTINGS)
 
 
 @pytest.mark.law("PLAN-05")

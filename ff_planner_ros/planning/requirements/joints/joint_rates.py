@@ -42,11 +42,12 @@ class JointRates(Requirement):
         if not problem.limits.joint_velocities:
             return
         robot = problem.robot
+        highest_allowed = robot.velocity_limits + _allowed_excess(robot.velocity_limits)
         for joint, (rate, limit) in enumerate(
             zip(problem.start.joint_velocities, robot.velocity_limits, strict=True)
         ):
             unit = robot.unit(joint)
-            if not abs(rate) <= limit + max(ALLOWED_EXCESS * limit, LIMIT_TOLERANCE):
+            if not abs(rate) <= highest_allowed[joint]:
                 raise InvalidInput(
                     Status.START_OUTSIDE_LIMITS,
                     f"joints.velocity[{robot.joint_names[joint]}]",
@@ -60,8 +61,8 @@ class JointRates(Requirement):
         highest = np.maximum(
             least_highest_rates(rates, accelerations), least_highest_rates(-rates, -accelerations)
         )
-        joint = int((highest / robot.velocity_limits).argmax())
-        if highest[joint] > (1.0 + ALLOWED_EXCESS) * robot.velocity_limits[joint]:
+        joint = int((highest / highest_allowed).argmax())
+        if highest[joint] > highest_allowed[joint]:
             unit = robot.unit(joint)
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
@@ -98,7 +99,7 @@ class JointRates(Requirement):
         if not self.concerns(problem):
             return np.inf
         limits = problem.robot.velocity_limits
-        limits = eased(limits, np.abs(problem.start.joint_velocities), ALLOWED_EXCESS * limits)
+        limits = eased(limits, np.abs(problem.start.joint_velocities), _allowed_excess(limits))
         distances = motion.joints.least_distances(-limits, limits, order=1)
         if distances.min() < 0.0:
             distances, _ = motion.joints.distances(-limits, limits, order=1)
@@ -117,7 +118,7 @@ class JointRates(Requirement):
         robot, limits = samples.problem.robot, samples.problem.robot.velocity_limits
         distances, times = _distances(robot, samples.followed.joints)
         parts = distances / limits
-        if parts.min() >= -ALLOWED_EXCESS:
+        if (distances >= -_allowed_excess(limits)).all():
             return
         side, joint = np.unravel_index(parts.argmin(), parts.shape)
         excess = -distances[side, joint]
@@ -130,6 +131,11 @@ class JointRates(Requirement):
             f"{samples.at(times[side, joint])}",
             ("a longer duration", "more planner.starts"),
         )
+
+
+def _allowed_excess(limits: Array) -> Array:
+    """Return by how much velocities may exceed their limits: a fraction of them, or rounding."""
+    return np.maximum(ALLOWED_EXCESS * limits, LIMIT_TOLERANCE)
 
 
 def _distances(robot: Robot, joints: JointMotion) -> tuple[Array, Array]:
