@@ -27,6 +27,13 @@ def test_a_frozen_array_is_a_copy_that_cannot_be_written():
         (["a", "b", "c"], Status.WRONG_SIZE),
         ([[1.0], [2.0, 3.0], []], Status.WRONG_SIZE),
         (None, Status.WRONG_SIZE),
+        (["1", "2", "3"], Status.WRONG_SIZE),
+        (["1", True, 2.0], Status.WRONG_SIZE),
+        ([True, 1.0, 2.0], Status.WRONG_SIZE),
+        ((1.0, 2.0, np.bool_(False)), Status.WRONG_SIZE),
+        (np.array([True, False, True]), Status.WRONG_SIZE),
+        (np.array(["1", "2", "3"]), Status.WRONG_SIZE),
+        (np.array([1.0, "2", True], object), Status.WRONG_SIZE),
         ([10**400, 0, 0], Status.WRONG_SIZE),
         ([np.nan, 0.0, 0.0], Status.NOT_FINITE),
         ([0.0, -np.inf, 0.0], Status.NOT_FINITE),
@@ -36,6 +43,15 @@ def test_what_is_not_three_finite_numbers_is_refused_by_field(values, status):
     with pytest.raises(InvalidInput, match=r"^chaser\.position is ") as refusal:
         finite_vector("chaser.position", values, 3)
     assert refusal.value.status is status
+
+
+@pytest.mark.parametrize("value", ["1", True, np.bool_(True), b"1"])
+def test_text_and_truth_values_are_no_numbers(value):
+    with pytest.raises(InvalidInput, match=r"^duration is "):
+        finite_number("duration", value)
+    for rows in (value, [[1.0, 2.0], [3.0, value]]):
+        with pytest.raises(TypeError, match="no numbers"):
+            frozen(rows)
 
 
 def test_the_numbers_of_a_message_are_told_as_a_list():

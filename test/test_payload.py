@@ -321,6 +321,17 @@ def test_what_no_link_can_hold_is_refused_by_name(case: str, tmp_path: Path) -> 
     assert allowed in found.allowed
 
 
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_an_inertia_that_is_not_symmetric_is_refused_by_name(scale: float) -> None:
+    """Half of it would count, and the other half not. Rounding is let pass."""
+    for change, refused in ((2e-6, True), (5e-7, False)):
+        lopsided = scale * INERTIA
+        lopsided[0, 1] += 3.0 * scale * change
+        told = r"robot\.payload\.inertia is .*it must be symmetric"
+        with pytest.raises(InvalidInput, match=told) if refused else nullcontext():
+            Payload("end_effector", 30.0, lopsided)
+
+
 def test_a_robot_of_lines_holds_what_has_no_shapes(lemur: Robot) -> None:
     with pytest.raises(InvalidInput, match=r"robot\.payload\.shapes is given: with robot.geometry"):
         with_payload(lemur, PAYLOAD)

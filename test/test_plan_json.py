@@ -63,7 +63,7 @@ def test_other_json_is_no_answer(other: object) -> None:
         planned_motion(other)
 
 
-@pytest.mark.parametrize("rows", [[[1.0], [1.0, 2.0]], "many", [{}]])
+@pytest.mark.parametrize("rows", [[[1.0], [1.0, 2.0]], "many", [{}], [[1.0, "1"]], [[True, 1.0]]])
 def test_rows_that_are_no_array_are_named(answer: dict[str, Any], rows: object) -> None:
     answer["joint_torques"] = rows
     with pytest.raises(InvalidInput, match="joint_torques is no array"):

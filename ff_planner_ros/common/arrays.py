@@ -20,6 +20,8 @@ QUATERNION_NORM_TOLERANCE = 1e-3
 LARGEST = 1e100
 # A shorter vector is a rounded zero; one that is of unit length within the second stays as it is.
 SHORTEST_DIRECTION, _UNIT = 1e-6, 1e-12
+# Of opposite elements of a symmetric tensor, as a part of its largest one.
+_ASYMMETRY = 1e-6
 # Of the search for what a quaternion was normalised from: relative steps, and how many.
 _SCALES = ((2.0**-48, 4096), (2.0**-27, 60_000))
 
@@ -35,10 +37,27 @@ def no_turn() -> Array:
 
 
 def frozen(values: ArrayLike) -> Array:
-    """Return a read-only copy of `values` as an array of floats."""
+    """Return a read-only copy of `values` as an array of floats.
+
+    Raises:
+        TypeError, ValueError, OverflowError: They are no numbers: text and truth values are none.
+    """
+    if _has_words(values):
+        raise TypeError("text and truth values are no numbers")
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+def _has_words(values: object) -> bool:
+    """Tell whether there is text or a truth value among values, which numpy would convert."""
+    if isinstance(values, np.ndarray):
+        return values.dtype.kind in "bSU" or (
+            values.dtype == object and _has_words(values.tolist())
+        )
+    if isinstance(values, list | tuple):
+        return any(map(_has_words, values))
+    return isinstance(values, str | bytes | bool | np.bool_)
 
 
 def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
@@ -111,6 +130,19 @@ def unit_vector(field: str, values: ArrayLike) -> Array:
     length = float(np.linalg.norm(vector / largest))
     # One of unit length stays as it is, to the last bit, however often it is checked.
     return vector if abs(length * largest - 1.0) <= _UNIT else frozen(vector / largest / length)
+
+
+def symmetric_tensor(field: str, values: ArrayLike) -> Array:
+    """Return `values`, shape (3, 3), as a read-only tensor, checked.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or not symmetric within 1e-6 of its largest element.
+    """
+    tensor = finite_vector(field, np.ravel(np.array(values, object)), 9).reshape(3, 3)
+    if not np.abs(tensor - tensor.T).max() <= _ASYMMETRY * np.abs(tensor).max():
+        allowed = "it must be symmetric"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, tensor.tolist(), allowed)
+    return tensor
 
 
 def normalising_to(quaternion_xyzw: Array) -> Array:

@@ -16,6 +16,7 @@ from ff_planner_ros.common.arrays import (
     finite_number,
     finite_vector,
     normalising_to,
+    symmetric_tensor,
     unit_quaternion,
     unit_vector,
 )
@@ -325,7 +326,7 @@ DIRECTION = Form(numbers, lambda: of_numbers(3), unit_vector, _as_list, slots=tu
 INERTIA = Form(
     _inertia,
     lambda: of_mapping({name: {"type": "number"} for name in _ELEMENTS}),
-    lambda field, value: finite_vector(field, np.ravel(value), 9).reshape(3, 3),
+    symmetric_tensor,
     written=lambda value: dict(zip(_ELEMENTS, _as_list(value[np.triu_indices(3)]), strict=True)),
     slots=_ELEMENTS,
     from_message=_tensor,

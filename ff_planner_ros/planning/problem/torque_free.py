@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.common.arrays import Array, frozen, symmetric_tensor
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.rotation import cross, skew
 
@@ -30,8 +30,6 @@ _LONG, _LITTLE, _LONGEST = 1e9, 1e-3, 1e101
 # Relative to the largest principal moment: a smaller one is that of a line, and the error that
 # rounding makes in a plate, whose largest moment is the sum of the others.
 _LEAST_MOMENT, _PLATE = 1e-6, 1e-6
-# Relative asymmetry that the rounding of a written inertia may cause.
-_SYMMETRIC = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,10 +174,7 @@ def possible_inertia(field: str, inertia: Array) -> Array:
     Raises:
         InvalidInput: It is not symmetric, or no body has its principal moments.
     """
-    found = frozen(finite_vector(field, np.ravel(inertia), 9).reshape(3, 3))
-    size = float(np.abs(found).max())
-    if np.abs(found - found.T).max() > _SYMMETRIC * size:
-        raise InvalidInput(Status.OUT_OF_RANGE, field, found.tolist(), "it must be symmetric")
+    found = symmetric_tensor(field, inertia)
     found = frozen(found / 2.0 + found.T / 2.0)
     least, middle, largest = np.linalg.eigvalsh(found).tolist()
     told = f"{found.tolist()} with principal moments {least:.6g}, {middle:.6g}, {largest:.6g}"
