@@ -631,6 +631,28 @@ def test_where_a_later_phase_has_no_plan_those_before_are_given(
     assert replay(recorded).verdict is Verdict.IDENTICAL
 
 
+def test_another_way_that_cannot_be_followed_leaves_the_refusal_of_the_phase(
+    task: PlanningTask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second plan of the first phase is tried, and no task of the second follows from it."""
+    seen = list[Plan]()
+
+    def once(of: PlanningTask, plan: Plan) -> PlanningTask:
+        seen.append(plan)
+        if len(seen) > 1:
+            raise InvalidInput(Status.OUT_OF_RANGE, "obstacles[c1].position", 1.0, "not foretold")
+        return following(of, plan)
+
+    monkeypatch.setattr(f"{perform.__module__}.following", once)
+    problem = replace(task.problem, target_body=None, posture=Posture(at_rest=True))
+    posture = Posture(np.array([0.0, -0.5, 0.3, -0.8, -1.0, 0.5, -1.0]))
+    then = (replace(task.then[1], target=posture, duration=0.2),)
+    with pytest.raises(NoPlanFound, match=r"phase 2 of 2: 0\.2 s is too short") as refused:
+        perform(replace(task, problem=problem, then=then))
+    assert len(seen) > 1
+    assert isinstance(refused.value.found, Plan)
+
+
 class EndingAt(Watch):
     """Ends every search at a step, as a clock might."""
 

@@ -112,11 +112,10 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
         except FfPlannerError as error:
             refused = refused or _without_rest(error, plans, count)
             clocked = isinstance(error, NoPlanFound) and error.effort
-            again = None if clocked else _otherwise(plans, others, share, method)
+            again = None if clocked else _otherwise(phases, plans, others, share, method)
             if again is None:
                 raise refused from None
-            plans[-1] = again
-            phases[-1:] = [following(phases[-2], again)]
+            plans[-1], phases[-1] = again
             continue
         plans.append(found)
         others.append(ways)
@@ -143,9 +142,13 @@ def _first(ways: Iterator[PlanningTask], watch: Watch, method: Method) -> Plan:
 
 
 def _otherwise(
-    plans: Sequence[Plan], others: Sequence[Iterator[PlanningTask]], watch: Watch, method: Method
-) -> Plan | None:
-    """Return another plan of the last planned phase, for the next one; None: there is none.
+    phases: Sequence[PlanningTask],
+    plans: Sequence[Plan],
+    others: Sequence[Iterator[PlanningTask]],
+    watch: Watch,
+    method: Method,
+) -> tuple[Plan, PlanningTask] | None:
+    """Return another plan of the last planned phase, with the next one's task; None: there is none.
 
     There is none if the clock ended a search before: a repetition would not go the same way.
     """
@@ -154,7 +157,7 @@ def _otherwise(
     for task in others[-1]:
         with suppress(InvalidInput, NoPlanFound):
             found = _perform(task, watch, method)
-            return None if found.effort else found
+            return None if found.effort else (found, following(phases[-2], found))
     return None
 
 
