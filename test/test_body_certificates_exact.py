@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from straight_arms import ball, straight_arm, told, turning
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance import body_certificate
 from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
@@ -21,8 +23,10 @@ from ff_planner_ros.planning.distance.body_certificate import (
     least_pair_distance,
     least_sphere_distance,
 )
+from ff_planner_ros.planning.distance.body_distances import Distances, sphere_distances
 from ff_planner_ros.planning.distance.body_motion import body_ways, pair_ways
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.moving_place import least_margin
 from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
     search_sphere_distance,
@@ -290,3 +294,44 @@ def test_the_lesser_of_two_keeps_the_lower_certificate_of_both() -> None:
     near, far = Least(0.195, 0.2, 3, 1.0), Least(0.19, 0.21, 4, 2.0)
     for found in (least_of(near, far), least_of(far, near)):
         assert found == Least(0.19, 0.2, 3, 1.0)
+
+
+@pytest.mark.parametrize("rate", [30.0, 300.0])
+def test_a_motion_too_fast_to_certify_closely_ends_with_a_lower_bound(
+    rate: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tip circles below a sphere at a constant distance, so that no piece is decided early."""
+    looked_at = list[int]()
+
+    def counted(*asked: Any) -> Distances:
+        looked_at.append(len(asked[-1][0]))
+        return sphere_distances(*asked)
+
+    monkeypatch.setattr(body_certificate, "sphere_distances", counted)
+    monkeypatch.setattr(body_certificate, "_MOST_PIECES", 1 << 9)
+    motion = turning(TIMES, np.array([-0.4 * rate, 0.0]), np.array([rate, 0.0]))
+    above = [Sphere("above", [0.0, 0.0, 0.5], 0.05)]
+    least = least_sphere_distance(ARM, motion, above, np.array([TIP]), LAST, 0.0)
+    assert sum(looked_at) < 1 << 11
+    true = np.hypot(1.6, 0.5) - 0.15
+    assert least.certified < true - CERTIFICATE_GAP
+    assert least.found == pytest.approx(true)
+
+
+@pytest.mark.parametrize("way", [2e3, 1e9])
+def test_a_point_too_fast_to_certify_closely_ends_with_a_lower_bound(way: float) -> None:
+    """Along a wall, at a constant distance."""
+    looked_at = list[int]()
+
+    def margins(places: Array) -> Array:
+        looked_at.append(len(places))
+        return np.asarray(places[:, 2])
+
+    times = np.linspace(0.0, 1.0, 5)
+    velocities = np.outer(np.ones(5), [way, 0.0, 0.0])
+    places = times[:, None] * velocities
+    places[:, 2] = 1.0
+    least = least_margin(times, places, velocities, margins)
+    assert sum(looked_at) < 1 << 20
+    assert least.certified < least.margin - CERTIFICATE_GAP
+    assert least.margin == 1.0

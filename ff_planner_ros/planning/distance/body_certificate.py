@@ -52,6 +52,8 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 EXACT_PART = 0.02
 # Number of steps in the first intervals: most pairs stay far apart for long.
 _STRIDE = 8
+# Pieces that are looked at: a motion that needs more, no joint makes, and the bound is lower.
+_MOST_PIECES = 1 << 16
 # Relative to a pair's whole displacement: its distance is not known more closely than this.
 _ROUNDING = 1e-14
 
@@ -59,7 +61,8 @@ _ROUNDING = 1e-14
 class Least(NamedTuple):
     """The least distance along a motion."""
 
-    # Lower bound of the true minimum, below it by at most `CERTIFICATE_GAP` or a fraction of it [m]
+    # Lower bound of the true minimum, below it by at most `CERTIFICATE_GAP` or a fraction of it
+    # unless the motion is too fast to tell [m]
     certified: float
     found: float  # the least that was evaluated [m]
     pair: int  # its number, or body times obstacles plus obstacle; -1: there is none
@@ -292,7 +295,7 @@ def _least(
         every.rows(row[at, which]),
         every.rows(row[at + 1, which]),
     )
-    certified = found
+    certified, looked = found, 0
     rounding = _ROUNDING * float(ways.sum(axis=0)[which].max(initial=0.0))
     while True:
         finest = max(CERTIFICATE_GAP if found < 0.0 else gap, rounding)
@@ -302,7 +305,8 @@ def _least(
         short = np.flatnonzero((bound < enough) & (pieces.end - pieces.begin <= 1.0))
         if short.size:
             bound[short] = np.maximum(bound[short], kind.gaps(pieces.rows(short)))
-        open_ = bound < enough
+        open_ = (bound < enough) & (looked < _MOST_PIECES)
+        looked += len(pieces.pair)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return Least(certified, found, pair, float(np.interp(step, np.arange(len(time)), time)))
