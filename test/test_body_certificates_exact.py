@@ -15,7 +15,7 @@ import pytest
 from straight_arms import ball, straight_arm, told, turning
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance import body_certificate
+from ff_planner_ros.planning.distance import body_certificate, certificate
 from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
@@ -25,7 +25,8 @@ from ff_planner_ros.planning.distance.body_certificate import (
 )
 from ff_planner_ros.planning.distance.body_distances import Distances, sphere_distances
 from ff_planner_ros.planning.distance.body_motion import body_ways, pair_ways
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
+from ff_planner_ros.planning.distance.clearance import clearances
 from ff_planner_ros.planning.distance.moving_place import least_margin
 from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
@@ -308,7 +309,7 @@ def test_a_motion_too_fast_to_certify_closely_ends_with_a_lower_bound(
         return sphere_distances(*asked)
 
     monkeypatch.setattr(body_certificate, "sphere_distances", counted)
-    monkeypatch.setattr(body_certificate, "_MOST_PIECES", 1 << 9)
+    monkeypatch.setattr(body_certificate, "MOST_PIECES", 1 << 9)
     motion = turning(TIMES, np.array([-0.4 * rate, 0.0]), np.array([rate, 0.0]))
     above = [Sphere("above", [0.0, 0.0, 0.5], 0.05)]
     least = least_sphere_distance(ARM, motion, above, np.array([TIP]), LAST, 0.0)
@@ -316,6 +317,26 @@ def test_a_motion_too_fast_to_certify_closely_ends_with_a_lower_bound(
     true = np.hypot(1.6, 0.5) - 0.15
     assert least.certified < true - CERTIFICATE_GAP
     assert least.found == pytest.approx(true)
+
+
+def test_centre_lines_too_fast_to_certify_closely_end_with_a_lower_bound(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As above, of an arm without bodies."""
+    looked_at = list[int]()
+
+    def counted(*asked: Any) -> Any:
+        looked_at.append(len(asked[1]))
+        return clearances(*asked)
+
+    monkeypatch.setattr(certificate, "clearances", counted)
+    monkeypatch.setattr(certificate, "MOST_PIECES", 1 << 9)
+    lines = straight_arm(0.0, 1.0, 0.6)
+    motion = turning(TIMES, np.array([-120.0, 0.0]), np.array([300.0, 0.0]))
+    beside = [Sphere("around", [0.0, 0.0, 0.5], 0.05)]
+    found = certified_clearance(lines, motion.q, motion.v, TIMES, beside)
+    assert sum(looked_at) < 1 << 13
+    assert found < 0.45 + 1e-9
 
 
 @pytest.mark.parametrize("way", [2e3, 1e9])

@@ -40,6 +40,8 @@ _PIECES = 4
 _CUTS = np.arange(_PIECES + 1)[:, None] / _PIECES
 # Fraction of an interval between points that is not cut further: the rest is rounding.
 SHORTEST_PIECE = 1e-12
+# Pieces that are looked at: a motion that needs more, no arm makes, and the bound is lower.
+MOST_PIECES = 1 << 16
 _TINY = np.finfo(float).tiny
 
 
@@ -89,7 +91,8 @@ def certified_clearance(
         gap: How far the bound may be below the truth [m].
 
     Returns:
-        Clearance [m], within the gap of the truth; infinite without spheres.
+        Clearance [m], within the gap of the truth unless the motion is too fast to tell; infinite
+        without spheres.
     """
     if not spheres:
         return np.inf
@@ -120,11 +123,13 @@ def certified_clearance(
     at_begin, at_end = by_sphere[:-1, near], by_sphere[1:, near]
     ways, bends = ways[:, near], bends[:, near]
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
+    looked = 0
     while True:
         part = (end - begin)[:, None]
         bound = _lower_bounds(at_begin, at_end, ways[index] * part, bends[index] * part**2, radii)
         bound = bound.min(axis=1)
-        open_ = (bound < lowest - gap) & (end - begin > SHORTEST_PIECE)
+        open_ = (bound < lowest - gap) & (end - begin > SHORTEST_PIECE) & (looked < MOST_PIECES)
+        looked += len(index)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return certified

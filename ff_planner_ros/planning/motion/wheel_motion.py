@@ -21,6 +21,8 @@ from ff_planner_ros.robot.wheels import Wheels, momenta_of
 _GAP = 5e-5
 # Into so many parts an interval is divided: with two it takes more rounds, and more time.
 _PARTS = 4
+# Pieces that are looked at: a motion that needs more, no joint makes, and the bound is higher.
+_MOST_PIECES = 1 << 16
 _TINY = np.finfo(np.float64).tiny
 
 
@@ -62,8 +64,8 @@ def certain_peaks(
         allowed: Momenta [N m s], then torques [N m], of all wheels. Shape (2 wheels,).
 
     Returns:
-        Less than what is allowed, or at most `_GAP` of it above the highest values found. Shape
-        (2 wheels,).
+        Less than what is allowed, or at most `_GAP` of it above the highest values found, or more
+        where the motion is too fast to tell. Shape (2 wheels,).
     """
     stored, sizes = found.along[0][0], np.linalg.norm(wheels.shares, axis=1)
     _, _, bend, bend_of_torques = angular_momentum_bounds(robot, motion.joints.largest(5))
@@ -80,11 +82,13 @@ def certain_peaks(
     known = np.hstack(found.along)
     certain: Array = np.abs(known).max(axis=0)
     begin, step, loads = motion.time[:-1], np.diff(motion.time), (known[:-1], known[1:])
+    looked = 0
     while True:
         bent, change = step[:, None] ** 2 * bends, np.abs(loads[1] - loads[0])
         rise = np.maximum(bent - change, 0.0) ** 2 / (4 * np.maximum(bent, _TINY))
         highest = np.abs(loads).max(axis=0) + rise
         is_open = ((highest > allowed) & (bent / 4 > _GAP * allowed)).any(axis=1)
+        is_open, looked = is_open & (looked < _MOST_PIECES), looked + len(begin)
         certain = np.maximum(certain, highest[~is_open].max(axis=0, initial=0.0))
         if not is_open.any():
             return certain
