@@ -26,6 +26,8 @@ from ff_planner_ros.common.forms import (
 from ff_planner_ros.common.plain_values import dotted, mapping
 from ff_planner_ros.errors import Faults, InvalidInput
 
+_SINCE = ". Since version "  # in the descriptions of schemas
+
 
 @dataclass(frozen=True)
 class DeclaredField:
@@ -310,10 +312,28 @@ def schema_of(known: DeclaredFields, prefix: str = "") -> Schema:
 def _described(schema: Schema, one: DeclaredField) -> Schema:
     words = one.sentence + (f", {one.frame}" if one.frame else "")
     words += f" [{one.unit}]" if one.unit else ""
-    described = schema | {"description": f"{words}. Since version {one.since}."}
+    inside: Schema = _held_since(schema, one.since)
+    described = inside | {"description": f"{words}{_SINCE}{one.since}."}
     if one.form.of or one.default is MISSING or (one.default is None and not one.form.spells_none):
         return described
     return described | {"default": one.form.written(one.default)}
+
+
+def _held_since(schema: Any, version: str) -> Any:
+    """Return a schema in which nothing is said to be older than what holds it."""
+    if isinstance(schema, list):
+        return [_held_since(one, version) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    held = {key: _held_since(one, version) for key, one in schema.items()}
+    words, mark, own = str(held.get("description", "")).rpartition(_SINCE)
+    if mark and _in_order(own.rstrip(".")) < _in_order(version):
+        held["description"] = f"{words}{_SINCE}{version}."
+    return held
+
+
+def _in_order(version: str) -> list[int]:
+    return [int(number) for number in version.split(".")]
 
 
 def _one_of(head: str, other: str, one: DeclaredField) -> Schema:
