@@ -22,7 +22,7 @@ from ff_planner_ros.robot.urdf import meshes
 from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES
 from ff_planner_ros.robot.urdf.mesh_reader import MAX_BYTES, MAX_SECONDS
 from ff_planner_ros.robot.urdf.meshes import MAX_FILE
-from ff_planner_ros.robot.urdf.outermost import Boxes
+from ff_planner_ros.robot.collision.outermost import Boxes
 
 RNG = np.random.default_rng(8)
 NODE, NODES = "<node><translate>", "<library_visual_scenes>"

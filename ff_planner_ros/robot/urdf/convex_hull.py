@@ -9,7 +9,7 @@ import coal
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.urdf.outermost import Boxes
+from ff_planner_ros.robot.collision.outermost import Boxes
 
 # Smaller solids are mistakes, and larger ones no robots [m].
 SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
