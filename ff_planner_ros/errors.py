@@ -163,7 +163,7 @@ def retry_after(status: Status) -> Retry:
 # Of a message [characters]: with a command's name and the remark that something is cut off, a line
 # is not longer than a thousand.
 LONGEST_MESSAGE = 950
-_LONGEST_FIELD = 150
+_LONGEST_FIELD = 250  # with a name of 200, the longest of links and joints
 
 
 class FfPlannerError(Exception):

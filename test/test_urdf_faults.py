@@ -85,7 +85,7 @@ def test_faults_of_the_tree_and_of_the_numbers_are_told_together() -> None:
 def test_many_faults_are_counted_and_as_many_named_as_a_message_holds() -> None:
     faults = Faults()
     for number in range(5000):
-        faults.add("joint", f"joint_{number}" + "n" * 500, "", "odd", "make it even")
+        faults.add("joint", f"joint_{number}" + "n" * 100, "", "odd", "make it even")
         faults.add("link", f"link_{number}", "mass", number, "make it 5")
     with pytest.raises(InvalidInput) as refusal:
         faults.refuse_if_any()
@@ -97,9 +97,59 @@ def test_many_faults_are_counted_and_as_many_named_as_a_message_holds() -> None:
     assert "more)" in told
 
 
-def test_names_are_shown_short_and_without_what_a_terminal_obeys() -> None:
+def test_names_are_shown_whole_and_without_what_a_terminal_obeys() -> None:
     assert shortened("gripper") == "gripper"
     assert shortened("\x1b[31m\n") == "?[31m?"
-    assert shortened("n" * 41) == "n" * 40 + "..."
-    assert listed(["a", "b", "c"], longest=6) == "a, b and more"
+    assert shortened("n" * 200) == "n" * 200
+    mesh = "package://" + "many/directories/" * 20 + "meshes_iiwa/link_4.stl"
+    assert shortened(mesh).startswith("package://many")
+    assert shortened(mesh).endswith("/meshes_iiwa/link_4.stl")
+    assert len(shortened(mesh)) == 203
     assert listed([]) == ""
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (["a", "b", "c"], "a, b and 1 more"),
+        (["aaaa", "b"], "aaaa and 1 more"),
+        (["aaaaaaaaa", "b", "c"], "aaaaaaaaa and 2 more"),
+        (["aa", "bb"], "aa, bb"),
+        (["a"], "a"),
+    ],
+)
+def test_a_list_holds_whole_names_and_counts_those_left_out(names: list[str], told: str) -> None:
+    assert listed(names, longest=6) == told
+
+
+def test_notes_hold_whole_names_and_positions() -> None:
+    """Of a gripper with names of 38 characters, as astronauts' helpers have."""
+    name = "top_aft_gripper_right_proximal_joint_{}"
+    fingers = "".join(
+        f'<link name="f{number}"><inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" '
+        'izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="{name.format(number)}" type="revolute"><parent link="end_effector"/>'
+        f'<child link="f{number}"/><limit lower="0.654321" upper="1" velocity="1" effort="1"/>'
+        "</joint>"
+        for number in range(80)
+    )
+    text = LEMUR.replace("</robot>", fingers + "</robot>")
+    (note,) = checked_urdf(text, tip_link="end_effector").notes
+    told = [f"{name.format(number)} at 0.654321 rad" for number in range(80)]
+    whole, _, more = note.partition(": ")[2].rpartition(" and ")
+    count = whole.count(",") + 1
+    assert whole == ", ".join(told[:count])
+    assert more == f"{80 - count} more"
+    assert count > 60
+
+
+def test_kinds_of_faults_that_a_message_cannot_hold_are_counted() -> None:
+    faults = Faults()
+    for number in range(30):
+        faults.add("joint", f"joint_{number}", "", "odd", f"make it {number} and {'n' * 50}")
+    with pytest.raises(InvalidInput) as refusal:
+        faults.refuse_if_any()
+    told = str(refusal.value)
+    kinds = told.count("is odd: make it")
+    assert len(told) <= 950
+    assert told.endswith(f"; {30 - kinds} more kinds of faults")

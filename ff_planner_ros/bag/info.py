@@ -117,7 +117,7 @@ def _lines(told: Mapping[str, Any]) -> Iterator[str]:
     yield f"bag       {printable(told['bag'])}"
     names = told["files"]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    listed = _short(", ".join(names[:3]) + more)
+    listed = ", ".join(map(_short, names[:3])) + more
     yield f"files     {len(names)}, {told['size_bytes'] / 1e6:.1f} MB: {listed}"
     yield f"library   {_short(told['library'])}"
     if told["message_count"]:

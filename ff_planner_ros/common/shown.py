@@ -52,8 +52,15 @@ def quoted(value: object) -> str:
 
 
 def shortened(text: str, longest: int) -> str:
-    """Return the beginning of a text, and how long it is where something was cut off."""
-    return text if len(text) <= longest else f"{text[:longest]}... ({len(text)} characters)"
+    """Return a text, or its beginning and end and how long it is: a path ends with its file."""
+    if len(text) <= longest:
+        return text
+    return f"{_both_ends(text, longest)} ({len(text)} characters)"
+
+
+def _both_ends(text: str, longest: int) -> str:
+    end = longest // 2
+    return f"{text[: longest - end]}...{text[-end:]}"
 
 
 def in_log(text: str) -> str:
@@ -65,9 +72,8 @@ def in_log(text: str) -> str:
 
 
 def printable(text: str, longest: int) -> str:
-    """Return the beginning of a text on one line, without control characters."""
-    beginning = text[:longest]
-    one_line = beginning
-    if not beginning.isprintable():
-        one_line = "".join(character if character.isprintable() else "?" for character in beginning)
-    return one_line if len(text) <= longest else f"{one_line}..."
+    """Return a text, or its beginning and end, on one line and without control characters."""
+    kept = text if len(text) <= longest else _both_ends(text, longest)
+    if kept.isprintable():
+        return kept
+    return "".join(character if character.isprintable() else "?" for character in kept)

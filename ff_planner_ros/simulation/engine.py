@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.shown import shown
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
@@ -270,7 +271,7 @@ def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _refused(error: ValueError) -> InvalidInput:
-    reason = " ".join(str(error).split())[:300]
+    reason = shown(" ".join(str(error).split()))
     return InvalidInput(Status.BAD_ROBOT, "robot.urdf", "refused", f"MuJoCo says: {reason}")
 
 

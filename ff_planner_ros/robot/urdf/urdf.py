@@ -14,7 +14,13 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, check_bodies, placement
-from ff_planner_ros.robot.urdf.urdf_faults import LARGEST, Faults, listed, shortened
+from ff_planner_ros.robot.urdf.urdf_faults import (
+    LARGEST,
+    LONGEST_NOTE,
+    Faults,
+    listed,
+    shortened,
+)
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
@@ -168,10 +174,10 @@ def _check_joints(
         else:
             told = held if link in beyond else held_elsewhere
             told.append(_hold(joint, placements, link, where[_name(joint)]))
-    notes = [f"held, because the end effector carries them: {listed(held)}"] if held else []
+    notes = [f"held, because the end effector carries them: {listed(held, LONGEST_NOTE)}"] if held else []
     if held_elsewhere:
         why = "they do not belong to the arm, or are to be held"
-        notes.append(f"held, because {why}: {listed(held_elsewhere)}")
+        notes.append(f"held, because {why}: {listed(held_elsewhere, LONGEST_NOTE)}")
     return notes
 
 

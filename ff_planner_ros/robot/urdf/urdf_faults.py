@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import accumulate
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
+from ff_planner_ros.common.shown import printable
 from ff_planner_ros.errors import InvalidInput, Status
 
 # Nothing in space is heavier [kg], longer [m] or stronger [N m], and squares stay finite.
 LARGEST = 1e12
 
 _LONGEST_TEXT = 850  # characters of all faults together: a message has at most 1,000
-_LONGEST_LIST = 400  # characters of a list of names
-_LONGEST_WORD = 40  # characters of one name or value
+_LONGEST_LIST = 400  # characters of a list of names in a fault
+LONGEST_NOTE = 4000  # characters of a list in a note: a humanoid's locked joints
+_LONGEST_WORD = 200  # characters of one value; longer names are refused
 _LONGEST_NUMBERS = 1000  # characters that three numbers may take
 
 
@@ -99,20 +102,17 @@ class Faults:
 
 
 def listed(names: Iterable[str], longest: int = _LONGEST_LIST) -> str:
-    """Return names with commas between, the first ones of many."""
-    text = ""
-    for name in names:
-        longer = f"{text}, {shortened(name)}" if text else shortened(name)
-        if len(longer) > longest:
-            return f"{text} and more"
-        text = longer
-    return text
+    """Return names with commas between; of many the first ones, and how many more there are."""
+    every = [shortened(name) for name in names]
+    ends = accumulate(len(name) + len(", ") for name in every)
+    fit = max(1, sum(end - len(", ") <= longest for end in ends))
+    more = f" and {len(every) - fit} more" if len(every) > fit else ""
+    return ", ".join(every[:fit]) + more
 
 
 def shortened(text: str) -> str:
-    """Return a name or value cut to 40 printable characters."""
-    printable = "".join(one if one.isprintable() else "?" for one in text[: _LONGEST_WORD + 1])
-    return printable if len(text) <= _LONGEST_WORD else f"{printable[:_LONGEST_WORD]}..."
+    """Return a name or value, printable, of a very long one the beginning and the end."""
+    return printable(text, _LONGEST_WORD)
 
 
 def finite_numbers(text: str) -> list[float]:
@@ -131,12 +131,15 @@ def _told(faults: list[Fault]) -> str:
     alike: dict[tuple[str, str, str], list[Fault]] = {}
     for fault in faults:
         alike.setdefault((fault.kind, fault.part, fault.allowed), []).append(fault)
-    text = ""
+    kinds = list[str]()
     for names_at_most in (len(faults), 20, 10, 5, 2, 1):
-        text = "; ".join(_of_one_kind(group, names_at_most) for group in alike.values())
+        kinds = [_of_one_kind(group, names_at_most) for group in alike.values()]
+        text = "; ".join(kinds)
         if len(text) <= _LONGEST_TEXT:
             return text
-    return f"{text[:_LONGEST_TEXT]}..."
+    ends = accumulate(len(kind) + len("; ") for kind in kinds)
+    fit = max(1, sum(end <= _LONGEST_TEXT for end in ends))
+    return f"{'; '.join(kinds[:fit])}; {len(kinds) - fit} more kinds of faults"
 
 
 def _of_one_kind(faults: list[Fault], names_at_most: int) -> str:
