@@ -149,6 +149,117 @@ def test_a_finger_that_moves_along_with_one_that_is_held_is_where_that_one_takes
     assert "below at -0.02 m" in note
 
 
+def with_rods(*rods: tuple[str, str, str, str]) -> str:
+    """Return the lemur with rods of 8 kg: name, kind and carrier of its joint, and `<mimic>`."""
+    parts = [LEMUR_URDF.read_text().replace("</robot>", "")]
+    for name, kind, carrier, mimic in rods:
+        parts.append(
+            f'<link name="of_{name}"><inertial><origin xyz="0.35 0 0"/><mass value="8"/><inertia '
+            'ixx="0.02" iyy="0.25" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{name}" type="{kind}"><parent link="{carrier}"/>'
+            f'<child link="of_{name}"/><origin xyz="0.15 0.3 0"/><axis xyz="0 2 0"/>'
+            f'<limit lower="-2.5" upper="2.5" velocity="1" effort="1"/>{mimic}</joint>'
+        )
+    return "".join(parts) + "</robot>"
+
+
+ROD = "rod", "revolute", "link_1", '<mimic joint="joint_2" multiplier="-0.5" offset="0.2"/>'
+FAR_ROD = "far", "prismatic", "of_rod", '<mimic joint="rod" multiplier="2" offset="-0.1"/>'
+
+
+@pytest.mark.parametrize(
+    ("rods", "held_at", "named"),
+    [
+        ((ROD,), {}, "rod"),
+        ((ROD,), {"rod": 0.3}, "rod"),
+        ((FAR_ROD, ROD), {}, "far"),
+        ((FAR_ROD, ROD), {"rod": 0.3}, "far"),
+        ((("on_chaser", "prismatic", "chaser", '<mimic joint="joint_2"/>'),), {}, "on_chaser"),
+        ((("on_tip", "continuous", "end_effector", '<mimic joint="joint_2"/>'),), {}, "on_tip"),
+    ],
+)
+def test_a_joint_beside_the_arm_that_mimics_a_planned_joint_is_refused(
+    rods: tuple[tuple[str, str, str, str], ...], held_at: dict[str, float], named: str
+) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        checked_urdf(with_rods(*rods), "chaser", "end_effector", held_at)
+    told = str(refused.value)
+    assert (
+        f"joint '{named}' is a mimic of joint_2, which is planned: lock joint_2 in robot." in told
+    )
+    for name, *_ in rods:
+        assert f"'{name}'" in told
+
+
+def test_a_joint_of_the_arm_that_is_locked_and_mimics_a_planned_joint_is_refused() -> None:
+    """Named in `locked_joints`, or locked because it slides."""
+    text = LEMUR_URDF.read_text().replace(
+        '<joint name="joint_3" type="revolute">',
+        '<joint name="joint_3" type="prismatic"><mimic joint="joint_2" multiplier="0.1"/>',
+    )
+    fault = "joint 'joint_3' is a mimic of joint_2, which is planned"
+    with pytest.raises(InvalidInput, match=fault):
+        checked_urdf(text, "chaser", "end_effector", {"joint_3": 0.0})
+    with pytest.raises(InvalidInput, match=fault):
+        robot_from_urdf_text(text, "chaser", "end_effector", slide_weight=0.0)
+    # One that slides along with a locked joint is where that joint puts it.
+    robot = robot_from_urdf_text(
+        text, "chaser", "end_effector", held_at={"joint_2": 1.2}, slide_weight=0.0
+    )
+    assert "joint_2 at 1.2 rad, joint_3 at 0.12 m" in robot.notes[0]
+
+
+def test_the_links_of_joints_that_mimic_a_locked_joint_are_where_it_puts_them() -> None:
+    text, angle = with_rods(ROD, FAR_ROD), -1.2
+    robot = robot_from_urdf_text(text, "chaser", "end_effector", held_at={"joint_2": angle})
+    free = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    q = pin.neutral(free)
+    at = {"joint_2": angle, "rod": -0.5 * angle + 0.2, "far": 2.0 * (-0.5 * angle + 0.2) - 0.1}
+    at |= {"joint_1": 0.3, "joint_3": 0.1, "joint_4": -0.7, "joint_5": 0.2, "joint_6": 1.1}
+    for name, position in at.items():
+        q[free.joints[free.getJointId(name)].idx_q] = position
+    expected = np.array(pin.crba(free, free.createData(), q))[:6, :6]
+    found = whole_inertia(robot, np.array([at.get(name, 0.0) for name in robot.joint_names]))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("mimic", "held_at", "words"),
+    [
+        ('<mimic joint="joint_9"/>', {}, "joint 'rod' is a mimic of joint_9: it must be one of"),
+        ("<mimic/>", {}, "joint 'rod' is a mimic of nothing: it must be one of the joints joint_1"),
+        ('<mimic joint="rod"/>', {}, "joint 'rod' is in a ring of joints that mimic each other"),
+        ('<mimic joint="other"/>', {}, "joint 'rod' is in a ring of joints that mimic each other"),
+        (
+            '<mimic joint="joint_2" multiplier="two"/>',
+            {"joint_2": 0.1},
+            "joint 'rod' mimic multiplier is 'two': it must be a finite number",
+        ),
+        (
+            '<mimic joint="joint_2" multiplier="-1"/>',
+            {"joint_2": 0.1, "rod": 0.1},
+            "robot.locked_joints 'rod' is 0.1: it mimics joint_2, which puts it at -0.1",
+        ),
+    ],
+)
+def test_a_mimic_that_no_robot_can_have_is_refused(
+    mimic: str, held_at: dict[str, float], words: str
+) -> None:
+    other = "other", "revolute", "chaser", '<mimic joint="rod"/>'
+    rods = [("rod", "revolute", "link_1", mimic)] + [other] * ("other" in mimic)
+    with pytest.raises(InvalidInput) as refused:
+        checked_urdf(with_rods(*rods), "chaser", "end_effector", held_at)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar", "ball", ""])
+def test_a_joint_beside_the_arm_that_cannot_be_locked_is_refused(kind: str) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        checked_urdf(with_rods(("rod", kind, "link_1", "")), "chaser", "end_effector")
+    told = f"joint 'rod' is {kind or 'of no type'}: it must be revolute, continuous, prismatic or "
+    assert str(refused.value).startswith(told)
+
+
 def test_the_node_is_told_of_held_joints_in_one_line() -> None:
     assert locked_joints_of("") == {}
     assert locked_joints_of("rail: 0.2, other_elbow: -1.5e0,") == {"rail": 0.2, "other_elbow": -1.5}

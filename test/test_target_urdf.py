@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.notes import notes_on, notes_on_files
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.collision.solids import Solid
@@ -83,12 +85,18 @@ def _read(urdf: str, inertia: Array | None = None) -> TargetBody:
     return target_body_from_message(_message(urdf, inertia), FRAME)
 
 
-def _by_pinocchio(urdf: str) -> tuple[pin.Model, pin.GeometryModel, pin.Inertia]:
-    """Return model, solids and inertia at zero joints, as Pinocchio reads them."""
+# The limit of the joint `drive` that is nearest to zero [rad].
+DRIVE = 0.5
+
+
+def _by_pinocchio(
+    urdf: str, joints: Sequence[float] = (DRIVE,)
+) -> tuple[pin.Model, pin.GeometryModel, pin.Inertia]:
+    """Return model, solids and inertia with the joints so, as Pinocchio reads them."""
     model = pin.buildModelFromXML(urdf)
     solids = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION)
     data = model.createData()
-    pin.forwardKinematics(model, data, np.zeros(model.nq))
+    pin.forwardKinematics(model, data, np.array(joints))
     whole = model.inertias[0]
     for joint in range(1, model.njoints):
         whole = whole + data.oMi[joint].act(model.inertias[joint])
@@ -102,7 +110,7 @@ def test_shapes_and_inertia_are_as_pinocchio_reads_them_about_the_centre_of_mass
     fixed = {one.id: one for one in body.obstacles}
     assert list(fixed) == ["bus", "bus#2", "panel", "antenna"]
     data, placed = model.createData(), solids.createData()
-    pin.updateGeometryPlacements(model, data, solids, placed, np.zeros(model.nq))
+    pin.updateGeometryPlacements(model, data, solids, placed, np.array([DRIVE]))
     for one, found in zip(fixed.values(), solids.geometryObjects, strict=True):
         place = placed.oMg[solids.getGeometryId(found.name)]
         assert isinstance(one, AttachedBody)
@@ -149,6 +157,20 @@ def test_other_obstacles_stay_beside_the_shapes() -> None:
         ('iyy="12"', 'iyy="120"', "target_body.urdf link 'bus' inertia", "sum of the others"),
         ('value="100"', 'value="-1"', "target_body.urdf link 'bus' mass", "negative"),
         ('<parent link="bus"/>', "<nothing/>", "target_body.urdf", ""),
+        ('type="revolute"', 'type="floating"', "target_body.urdf joint 'drive'", "is floating: it"),
+        ('type="revolute"', 'type="planar"', "target_body.urdf joint 'drive'", "is planar: it"),
+        (
+            '<axis xyz="0 1 0"/>',
+            '<axis xyz="0 0 0"/>',
+            "target_body.urdf joint 'drive' axis",
+            "direction",
+        ),
+        (
+            '<axis xyz="0 1 0"/>',
+            '<axis xyz="0 1 0"/><mimic joint="motor"/>',
+            "target_body.urdf joint 'drive'",
+            "is a mimic of motor: it must be one of the joints drive, mast",
+        ),
         ("<robot", '<!DOCTYPE a [<!ENTITY b "c">]><robot', "target_body.urdf", "DOCTYPE"),
     ],
 )
@@ -258,6 +280,85 @@ def test_a_scenarios_urdf_that_cannot_be_read_is_told(
         load_scenario(scenario_with_urdf(tmp_path, **more))
     assert any(one.field.startswith(field) for one in refused.value.faults), str(refused.value)
     assert words in str(refused.value)
+
+
+FLAP = """
+  <link name="flap">
+    <inertial><mass value="3"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 0.4"/><geometry><box size="0.3 0.02 0.8"/></geometry></collision>
+  </link>
+  <joint name="hinge" type="continuous">
+    <parent link="panel"/><child link="flap"/><origin xyz="0 2 0"/><axis xyz="2 0 0"/>
+    <mimic joint="drive" multiplier="-2" offset="0.3"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize(
+    ("given", "drive"), [({}, DRIVE), ({"drive": 0.9}, 0.9), ({"drive": 0.9, "hinge": -1.5}, 0.9)]
+)
+def test_the_joints_of_a_target_are_where_the_scenario_says_or_as_near_to_zero_as_they_can(
+    tmp_path: Path, given: dict[str, float], drive: float
+) -> None:
+    scenario = scenario_with_urdf(tmp_path, locked_joints=given)
+    urdf = URDF.replace("</robot>", FLAP)
+    (tmp_path / "client/client.urdf").write_text(urdf, encoding="utf-8")
+    task = load_task(scenario, Defaults(SETTINGS))
+    body, hinge = body_of(task.problem), 0.3 - 2.0 * drive
+    # Pinocchio knows no mimic joints: its joint `hinge`, a continuous one, is cosine and sine.
+    joints = drive, np.cos(hinge), np.sin(hinge)
+    model, solids, whole = _by_pinocchio(urdf, joints)
+    assert body.inertia == pytest.approx(whole.inertia, abs=1e-9)
+    data, placed = model.createData(), solids.createData()
+    pin.updateGeometryPlacements(model, data, solids, placed, np.array(joints))
+    (flap,) = [one for one in body.obstacles if one.id == "flap"]
+    place = placed.oMg[solids.getGeometryId("flap_0")]
+    assert isinstance(flap, AttachedBody)
+    assert flap.position == pytest.approx(place.translation - whole.lever, abs=1e-12)
+    turned = pin.Quaternion(flap.quaternion_xyzw).toRotationMatrix()
+    assert turned == pytest.approx(place.rotation, abs=1e-12)
+    told = (
+        f"target_body.urdf: its joints are locked: drive at {drive:g} rad, hinge at {hinge:g} rad"
+    )
+    assert notes_on_files(task) == notes_on(task.problem) == (told,)
+    # What is written has the shapes where the joints put them, and needs no joints.
+    write_scenario(task, tmp_path / "again.yaml")
+    assert load_task(tmp_path / "again.yaml", Defaults(SETTINGS)).digest == task.digest
+
+
+def test_a_message_and_a_scenario_have_the_joints_of_a_target_at_the_same_positions() -> None:
+    assert _read(URDF).notes == ("target_body.urdf: its joints are locked: drive at 0.5 rad",)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"dirve": 0.5}, " 'dirve' is unknown: it must be one of the joints that move: drive"),
+        ({"mast": 0.5}, " 'mast' is unknown: it must be one of the joints that move: drive"),
+        ({"drive": float("nan")}, ".drive is nan: it must be finite"),
+        ({"drive": 1e13}, " 'drive' is 10000000000000.0: its size must be at most 1e+12"),
+        ({"drive": "far"}, ".drive is 'far': it must be a number, such as 1.0e-3"),
+        ([0.5], " is [0.5]: it must hold a position for each name of a joint"),
+    ],
+)
+def test_joints_of_a_target_that_cannot_be_locked_are_refused(
+    tmp_path: Path, given: Any, words: str
+) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        load_scenario(scenario_with_urdf(tmp_path, locked_joints=given))
+    assert str(refused.value) == f"target_body.locked_joints{words}"
+
+
+def test_locked_joints_of_a_target_without_a_urdf_are_refused(tmp_path: Path) -> None:
+    scenario = scenario_with_urdf(tmp_path, locked_joints={"drive": 0.5})
+    document = yaml.safe_load(scenario.read_text(encoding="utf-8"))
+    del document["target_body"]["urdf"]
+    document["target_body"]["inertia"] = dict.fromkeys(("ixx", "iyy", "izz"), 1.0)
+    document["target_body"]["inertia"] |= dict.fromkeys(("ixy", "ixz", "iyz"), 0.0)
+    scenario.write_text(yaml.safe_dump(document), encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"target_body\.locked_joints is given: without a urdf"):
+        load_scenario(scenario)
 
 
 def test_without_a_urdf_the_inertia_must_be_there(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ff_planner_ros.commands import BAD_INPUT, SOLVED
 from ff_planner_ros.commands.options import Add
+from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def check_files(options: Namespace) -> int:
     code = SOLVED
     for path in options.files:
         try:
-            _load(path, defaults)
+            print_notes(_load(path, defaults))
             print(f"{path}: nothing is wrong with it")
         except InvalidInput as error:
             code = BAD_INPUT
@@ -54,19 +55,19 @@ def check_files(options: Namespace) -> int:
     return code
 
 
-def _load(path: Path, defaults: Defaults) -> None:
-    """Read a study, which has no robot but sources, or else a scenario."""
+def _load(path: Path, defaults: Defaults) -> tuple[str, ...]:
+    """Read a study, which has no robot but sources, or else a scenario; return notes on it."""
     from ff_planner_ros.common.yaml_file import read_yaml
 
     document = read_yaml(path)
     if isinstance(document, dict) and "robot" not in document and _OF_STUDIES & document.keys():
         from ff_planner_ros.campaign.study import load_study
 
-        load_study(path)
-    else:
-        from ff_planner_ros.planning.scenario.scenario import load_task
+        return load_study(path).notes
+    from ff_planner_ros.planning.scenario.scenario import load_task
+    from ff_planner_ros.planning.task.notes import notes_on_files
 
-        load_task(path, defaults)
+    return notes_on_files(load_task(path, defaults))
 
 
 def add_schema(add: Add) -> None:

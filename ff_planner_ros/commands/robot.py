@@ -126,10 +126,10 @@ def show_scene(options: Namespace) -> int:
     from ff_planner_ros.analysis.drawing.before_plan import save_before_plan
     from ff_planner_ros.analysis.scene_distances import gaps_at_goal, gaps_at_start
     from ff_planner_ros.planning.scenario.scenario import load_scenario
-    from ff_planner_ros.planning.task.notes import hull_notes
+    from ff_planner_ros.planning.task.notes import notes_on_scene
 
     problem = load_scenario(options.scenario)
-    print_notes([*problem.robot.notes, *hull_notes(problem.obstacle_bodies)])
+    print_notes([*problem.robot.notes, *notes_on_scene(problem)])
     start, goal = gaps_at_start(problem), gaps_at_goal(problem)
     _print_gaps("At the start", start)
     if goal is None:
@@ -262,9 +262,10 @@ def _entries(source: Path) -> list[Entry]:
         from ff_planner_ros.console.entries import Entry
         from ff_planner_ros.parameters import load_parameters
         from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+        from ff_planner_ros.planning.task.notes import notes_on_files
 
         task = load_task(source, Defaults(load_parameters().planner))
-        print_notes(task.problem.robot.notes)
+        print_notes(notes_on_files(task))
         return [Entry(source.stem, task, status="not planned")]
     from ff_planner_ros.console.from_bag import entries_of_bag
 

@@ -13,6 +13,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.watch import Budget, Watch
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.task.notes import notes_on_files
 from ff_planner_ros.planning.task.task import PlanningTask
 
 OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
@@ -31,7 +32,7 @@ def task_of(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, 
     if options.parameters is not None:
         defaults = parameters.of_scenarios()
     task = load_task(scenario, defaults)
-    print_notes(task.problem.robot.notes)
+    print_notes(notes_on_files(task))
     if options.objective is not None:
         problem = replace(task.problem, objective=_weights(options.objective))
         task = replace(task, problem=problem)

@@ -14,14 +14,16 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.shown import shown
 from ff_planner_ros.common.text_file import read_text
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.whole_body import whole_body
+from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD
 from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.srdf import MayTouch
-from ff_planner_ros.robot.urdf.urdf import NOTHING_HELD, checked_urdf
+from ff_planner_ros.robot.urdf.urdf import checked_urdf
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, as_revolute
 from ff_planner_ros.robot.wheels import Wheels
 
@@ -225,7 +227,7 @@ def robot_from_urdf_text(
         model = _pinocchio_model(urdf)
     except (ValueError, RuntimeError) as error:
         raise InvalidInput(
-            Status.BAD_ROBOT, "robot.urdf", "unreadable", f"Pinocchio says: {str(error)[:200]}"
+            Status.BAD_ROBOT, "robot.urdf", "unreadable", f"Pinocchio says: {shown(str(error))}"
         ) from None
     model.gravity = pin.Motion.Zero()
     base_frame = model.frames[model.getFrameId(checked.base_link, pin.FrameType.BODY)]

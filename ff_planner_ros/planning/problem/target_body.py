@@ -146,6 +146,7 @@ class TargetBody:
         default=(),
         message="obstacles",
     )
+    notes: tuple[str, ...] = ()  # for the user: locked joints of its URDF, say
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""

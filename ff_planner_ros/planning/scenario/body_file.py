@@ -16,13 +16,14 @@ from ff_planner_ros.common.declared import (
     schema_of,
 )
 from ff_planner_ros.common.declared_parts import part
-from ff_planner_ros.common.forms import TEXT, Form, Schema
+from ff_planner_ros.common.forms import TEXT, Form, Schema, by_name
 from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.errors import Faults
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
-from ff_planner_ros.robot.collision.urdf_body import urdf_body
+from ff_planner_ros.robot.collision.urdf_body import LOCKED_JOINTS, urdf_body
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import read_urdf
+from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD
 
 _KEY = "urdf"
 _WITHOUT = part(TargetBody)
@@ -37,11 +38,23 @@ _OF_URDF: DeclaredFields = {
         since="0.3",
         optional=True,
     ),
+    LOCKED_JOINTS: DeclaredField(
+        by_name("a joint"),
+        "positions of the joints of the urdf, all of which are locked; default: zero, or the limit "
+        "nearest to zero",
+        unit="rad, m",
+        since="0.4",
+        optional=True,
+    ),
 }
 
 
 def with_urdf(
-    given: Mapping[str, Any], text: str, told: str, directory: Path | None = None
+    given: Mapping[str, Any],
+    text: str,
+    told: str,
+    directory: Path | None = None,
+    locked_joints: Mapping[str, float] = NOTHING_HELD,
 ) -> dict[str, Any]:
     """Return the fields of a target body, completed by its URDF.
 
@@ -53,11 +66,12 @@ def with_urdf(
         text: The URDF. The body's axes are those of its root link.
         told: Name of the URDF in errors.
         directory: Directory that its meshes are relative to; None: no file may be read.
+        locked_joints: Positions of its joints [rad, m].
 
     Raises:
         InvalidInput: The text is no URDF of a body.
     """
-    body = urdf_body(text, told, directory)
+    body = urdf_body(text, told, directory, locked_joints)
     fixed = [
         AttachedBody(
             one.name,
@@ -68,7 +82,8 @@ def with_urdf(
         for one in body.solids
     ]
     beside = given.get("obstacles", ())
-    return {"inertia": body.inertia, **given, "obstacles": (*fixed, *beside)}
+    told_of = {"inertia": body.inertia, "notes": body.notes}
+    return {**told_of, **given, "obstacles": (*fixed, *beside)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +92,7 @@ class BodyFile:
 
     given: Mapping[str, Any]  # fields of the body
     urdf: str
+    locked_joints: Mapping[str, float]  # positions [rad, m]
 
     def load(self, directory: Path) -> TargetBody:
         """Read the URDF, whose path may be relative to a directory, and return the body.
@@ -87,7 +103,8 @@ class BodyFile:
         told = f"target_body.{_KEY}"
         path = resolve_uri(self.urdf, directory, told)
         text = read_urdf(path, told)
-        return TargetBody(**with_urdf(self.given, text, told, path.resolve().parent))
+        at = path.resolve().parent, self.locked_joints
+        return TargetBody(**with_urdf(self.given, text, told, *at))
 
 
 def _read(field: str, value: object) -> TargetBody | BodyFile:
@@ -95,9 +112,11 @@ def _read(field: str, value: object) -> TargetBody | BodyFile:
     read = read_keys(_OF_URDF, field, value, faults)
     if isinstance(value, dict) and not {"inertia", _KEY} & value.keys():
         faults.add(f"{field}.inertia", "missing", f"give it or a {_KEY}")
+    if LOCKED_JOINTS in read and _KEY not in read:
+        faults.add(f"{field}.{LOCKED_JOINTS}", "given", f"without a {_KEY} there are no joints")
     faults.refuse()
-    given = fields_of(TargetBody, read)
-    return BodyFile(given, read[_KEY]) if _KEY in read else TargetBody(**given)
+    given, held = fields_of(TargetBody, read), read.get(LOCKED_JOINTS, NOTHING_HELD)
+    return BodyFile(given, read[_KEY], held) if _KEY in read else TargetBody(**given)
 
 
 def _schema() -> Schema:

@@ -101,8 +101,8 @@ def _is_absent(value: Any, name: str) -> bool:
             return not value.allowed_collisions
         if name == "target":
             return value.target_body is not None or value.posture is not None
-    if isinstance(value, TargetBody) and name == "mass":
-        return True  # a task that depends on it adds it
+    if isinstance(value, TargetBody) and name in ("mass", "notes"):
+        return True  # a task that depends on the mass adds it
     if name == "then":
         return not given
     if isinstance(value, PlannerSettings) and name in ("threads", "robust"):

@@ -1,4 +1,4 @@
-"""Notes for the user on the problem that a plan was made for, or refused."""
+"""Notes for the user on the files of a task, and on the problem that a plan was made for."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.configuration import whole_turns
 
 # Of a hull's volume beyond its mesh's [%], and meshes that a note names.
@@ -26,9 +27,22 @@ def hull_notes(bodies: Sequence[ObstacleBody]) -> tuple[str, ...]:
     return (f"meshes count by their convex hulls, which have more volume: {names}{more}",)
 
 
+def notes_on_files(task: PlanningTask) -> tuple[str, ...]:
+    """Return notes on the files of robot and target bodies."""
+    bodies = (task.problem.target_body, *(phase.target_body for phase in task.then))
+    of_bodies = (note for body in bodies if body is not None for note in body.notes)
+    return tuple(dict.fromkeys((*task.problem.robot.notes, *of_bodies)))
+
+
+def notes_on_scene(problem: PlanningProblem) -> tuple[str, ...]:
+    """Return notes on the target body and on meshes."""
+    body = problem.target_body
+    return (*(() if body is None else body.notes), *hull_notes(problem.obstacle_bodies))
+
+
 def notes_on(problem: PlanningProblem) -> tuple[str, ...]:
-    """Return notes on meshes, plug-ins, which the core does not know, and postures a turn away."""
-    notes = (*hull_notes(problem.obstacle_bodies), *_turn_notes(problem))
+    """Return notes on the scene, plug-ins, which the core does not know, and postures a turn away."""
+    notes = (*notes_on_scene(problem), *_turn_notes(problem))
     slower = ", ".join(one.name for one in problem.requirements if one.concerns(problem))
     if slower:
         notes += (f"the search asks Python for the rows of {slower}, which makes it slower",)

@@ -1,10 +1,11 @@
 """A URDF or SDF as one rigid body: the solids of its links, and their total mass and inertia.
 
-All joints are fixed at zero.
+All joints are locked, as those of a robot that do not belong to its arm.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,12 +16,20 @@ from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, InvalidInputs, Status
 from ff_planner_ros.robot.collision.bodies import MAX_BODIES, collision_solid
 from ff_planner_ros.robot.collision.solids import Solid, solid_of
+from ff_planner_ros.robot.urdf.locked_joints import (
+    NOTHING_HELD,
+    lock,
+    locked_positions,
+    told_position,
+)
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, joint_weight, placement
-from ff_planner_ros.robot.urdf.urdf_faults import Faults
+from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, listed
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, tree_of
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements, read_shapes
+
+LOCKED_JOINTS = "locked_joints"  # key of their positions, beside that of the URDF
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,41 +48,53 @@ class UrdfBody:
     solids: tuple[PlacedSolid, ...]
     inertia: Array  # about its centre of mass, axes of the root link; shape (3, 3) [kg m2]
     mass: float  # [kg]
+    notes: tuple[str, ...]  # for the user: joints that are locked, say
 
 
-def urdf_body(text: str, told: str, directory: Path | None = None) -> UrdfBody:
+def urdf_body(
+    text: str,
+    told: str,
+    directory: Path | None = None,
+    locked_joints: Mapping[str, float] = NOTHING_HELD,
+) -> UrdfBody:
     """Return the rigid body that the links of a URDF form together.
 
     Args:
-        told: Name of the URDF in errors.
+        told: Name of the URDF in errors and notes.
         directory: Directory of its file, from which the paths of its meshes start. None: no file
             is read.
+        locked_joints: Positions of its joints [rad, m]. Others are at zero, or at the limit nearest
+            to zero.
 
     Raises:
-        InvalidInput: The text is no URDF, its links have no mass, or a solid cannot be read.
+        InvalidInput: The text is no URDF, its links have no mass, a joint cannot be locked, or a
+            solid cannot be read.
     """
     try:
-        return _read(text, directory)
+        body = _read(text, directory, locked_joints)
     except InvalidInput as error:
         faults = [_of(told, one) for one in error.faults]
         raise (faults[0] if len(faults) == 1 else InvalidInputs(faults)) from None
+    return replace(body, notes=tuple(f"{told}: {note}" for note in body.notes))
 
 
 def _of(told: str, error: InvalidInput) -> InvalidInput:
     """Return an error of a robot's URDF, renamed to that of a body's."""
     inside = error.field.removeprefix("robot.urdf")
     field = f"{told} {inside}" if inside else told
+    if inside.startswith(LOCKED_JOINTS):  # a key beside that of the URDF
+        field = told.removesuffix("urdf") + inside
     return InvalidInput(Status.OUT_OF_RANGE, field, error.value, error.allowed)
 
 
-def _read(text: str, directory: Path | None) -> UrdfBody:
+def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float]) -> UrdfBody:
     faults, text = Faults(), urdf_of(text)
     robot = read_elements(text)
     tree = tree_of(robot, faults)
     if len(tree.roots) > 1:
-        allowed = f"all links must hang on one: {', '.join(tree.roots[:5])} hang on none"
+        allowed = f"all links must hang on one: {listed(tree.roots)} hang on none"
         faults.add("robot.urdf", "", "", "more than one body", allowed)
-    places = _places(tree, faults)
+    places, told_joints = _places(tree, locked_joints, faults)
     weight = joint_weight(tree, places, faults)
     faults.refuse_if_any()
     if weight.mass < SMALLEST:
@@ -99,19 +120,28 @@ def _read(text: str, directory: Path | None) -> UrdfBody:
                     solid = replace(solid_of(geometry), hull_added=added)
                     solids.append(PlacedSolid(called, solid, place))
     faults.refuse_if_any()
-    return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass))
+    notes = [f"its joints are locked: {listed(told_joints, LONGEST_NOTE)}"] if told_joints else []
+    return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass), tuple(notes))
 
 
-def _places(tree: Tree, faults: Faults) -> dict[str, pin.SE3]:
-    """Return the placement of each link in the frame of the root, with all joints at zero."""
-    places = dict[str, pin.SE3]()
+def _places(
+    tree: Tree, locked_joints: Mapping[str, float], faults: Faults
+) -> tuple[dict[str, pin.SE3], list[str]]:
+    """Return the placement of each link in the frame of the root, and locked joints as text."""
+    joints = {joint.get("name", ""): joint for joint in tree.above.values()}
+    where = locked_positions(joints, (), locked_joints, LOCKED_JOINTS, faults)
+    places, told = dict[str, pin.SE3](), list[str]()
     for link in tree.order:
         joint = tree.above.get(link)
         if joint is None:
             places[link] = pin.SE3.Identity()
             continue
         name, origin = joint.get("name", ""), joint.find("origin")
-        sound = faults.vectors("joint", name, "origin", origin)
+        place = placement(origin) if faults.vectors("joint", name, "origin", origin) else None
+        if joint.get("type") != "fixed":
+            at = where.get(name, 0.0)
+            told.append(told_position(joint, at))
+            place = lock(joint, at, place, faults)
         carrier = places[link_of(joint, "parent")]
-        places[link] = carrier * placement(origin) if sound else carrier
-    return places
+        places[link] = carrier if place is None else carrier * place
+    return places, told

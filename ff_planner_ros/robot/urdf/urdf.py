@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
-import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.robot.urdf.locked_joints import (
+    NOTHING_HELD,
+    has_axis,
+    lock,
+    locked_positions,
+    told_position,
+)
 from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, check_bodies, placement
 from ff_planner_ros.robot.urdf.urdf_faults import (
-    LARGEST,
     LONGEST_NOTE,
     Faults,
     listed,
@@ -27,12 +31,7 @@ from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 # The planner's bound of continuous joints, either way from the turn of the start [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi
 
-# Shortest axis, which should be a unit vector; a shorter one is rounding.
-SHORTEST_AXIS = 1e-6
-
-_UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
-
-NOTHING_HELD: Mapping[str, float] = MappingProxyType({})
+_LOCKED = "robot.locked_joints"
 
 
 class CheckedUrdf(NamedTuple):
@@ -83,12 +82,15 @@ def checked_urdf(
         else None
         for link, joint in tree.above.items()
     }
-    notes: list[str] = []
+    notes, moving = list[str](), list[Element]()
     if chain is not None:
-        if holds_slides:
-            sliding = [_name(joint) for joint in chain if joint.get("type") == "prismatic"]
-            held_at = _held_where_they_are(tree, sliding) | dict(held_at)
-        notes += _check_joints(tree, chain, base_link or "", placements, held_at, faults)
+        locked_kinds = ("fixed", "prismatic") if holds_slides else ("fixed",)
+        moving = [
+            joint
+            for joint in chain
+            if joint.get("type") not in locked_kinds and _name(joint) not in held_at
+        ]
+        notes += _check_joints(tree, moving, base_link or "", placements, held_at, faults)
     notes += check_bodies(tree, placements, base_link or "", faults)
     faults.refuse_if_any()
     ElementTree.indent(robot)
@@ -133,33 +135,25 @@ def _chain(
 
 def _check_joints(
     tree: Tree,
-    chain: Sequence[Element],
+    moving: Sequence[Element],
     base_link: str,
     placements: dict[str, pin.SE3 | None],
     held_at: Mapping[str, float],
     faults: Faults,
 ) -> list[str]:
-    """Check the joints of the arm, fix all others, and return notes on these."""
-    movable = {_name(joint) for joint in tree.above.values() if joint.get("type") != "fixed"}
-    for name in [name for name in held_at if name not in movable]:
-        allowed = f"it must be one of the joints that move: {listed(sorted(movable))}"
-        faults.add("robot.locked_joints", name, "", "unknown", allowed)
-    held_at = {name: at for name, at in held_at.items() if _can_be_held(tree, name, at, faults)}
-    moving = [
-        joint for joint in chain if joint.get("type") != "fixed" and _name(joint) not in held_at
-    ]
+    """Check the joints of the arm that move, fix all others, and return notes on these."""
     for arm_joint in moving:
         _check_arm_joint(_name(arm_joint), arm_joint, faults)
     if not moving:
         allowed = "at least one must turn or slide between base and tip"
         faults.add("number of joints from base to tip", "", "", 0, allowed)
+    joints = {_name(joint): joint for joint in tree.above.values()}
+    where = locked_positions(joints, [*map(_name, moving)], held_at, _LOCKED, faults)
     # Links that move with the tip, and all that they carry.
     under_base = {link_of(joint, "child") for joint in tree.upwards(base_link)}
     first = link_of(moving[-1], "child") if moving else tree.order[0]
     beyond: set[str] = {first}
     held, held_elsewhere = list[str](), list[str]()
-    still = {_name(joint): joint for joint in tree.above.values() if joint not in moving}
-    where = {name: _where_held(name, still, held_at) for name in still}
     for link in tree.order:
         joint = tree.above.get(link)
         if joint is None or joint in moving:
@@ -171,33 +165,22 @@ def _check_joints(
         elif link in under_base:
             value = "movable and carries the base link"
             faults.add("joint", _name(joint), "", value, "make it fixed")
+            joint.set("type", "fixed")  # what it carries has no fault of its own
         else:
+            at, place = where.get(_name(joint), 0.0), placements[link]
             told = held if link in beyond else held_elsewhere
-            told.append(_hold(joint, placements, link, where[_name(joint)]))
-    notes = [f"held, because the end effector carries them: {listed(held, LONGEST_NOTE)}"] if held else []
+            told.append(told_position(joint, at))
+            placements[link] = lock(joint, at, place, faults)
+            _make_fixed(joint, placements[link] if at else None)
+    notes = (
+        [f"held, because the end effector carries them: {listed(held, LONGEST_NOTE)}"]
+        if held
+        else []
+    )
     if held_elsewhere:
         why = "they do not belong to the arm, or are to be held"
         notes.append(f"held, because {why}: {listed(held_elsewhere, LONGEST_NOTE)}")
     return notes
-
-
-def _held_where_they_are(tree: Tree, names: Sequence[str]) -> dict[str, float]:
-    """Return the default positions of locked joints: zero, or the limit nearest to it."""
-    still = {name: tree.joints[name] for name in names}
-    return {name: _where_held(name, still, NOTHING_HELD) for name in names}
-
-
-def _can_be_held(tree: Tree, name: str, at: float, faults: Faults) -> bool:
-    """Tell whether a joint can be locked at a position; add a fault if it cannot."""
-    kind = tree.joints[name].get("type") if name in tree.joints else None
-    if kind not in (*_UNITS, "fixed", None):
-        allowed = f"only joints that are {', '.join(_UNITS)} can be held somewhere"
-        faults.add("robot.locked_joints", name, "", f"of a joint that is {kind}", allowed)
-    elif not abs(at) <= LARGEST:
-        faults.add("robot.locked_joints", name, "", at, f"its size must be at most {LARGEST:g}")
-    else:
-        return True
-    return False
 
 
 def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
@@ -212,17 +195,7 @@ def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
         faults.add("joint", name, "", kind or "of no type", allowed)
     else:
         _check_limits(name, joint, faults)
-    axis = joint.find("axis")
-    if axis is None:
-        SubElement(joint, "axis", xyz="1.0 0.0 0.0")  # the format's default
-    elif axis.get("xyz") is None:
-        faults.add("joint", name, "axis xyz", "missing", "it must be three finite numbers")
-    elif faults.vectors("joint", name, "axis", axis) and _length(axis) < SHORTEST_AXIS:
-        faults.add("joint", name, "axis", axis.get("xyz"), "it must have a direction")
-
-
-def _length(axis: Element) -> float:
-    return math.hypot(*map(float, axis.get("xyz", "").split()))
+    has_axis(joint, faults)
 
 
 def _check_limits(name: str, joint: Element, faults: Faults) -> None:
@@ -253,51 +226,14 @@ def _limit_continuous(joint: Element) -> None:
         limit.set("upper", repr(TURN_OF_CONTINUOUS))
 
 
-def _where_held(name: str, still: dict[str, Element], held_at: Mapping[str, float]) -> float:
-    """Return the position of a locked joint: as given, or as the locked joint that it mimics.
-
-    Else zero, or the limit nearest to it.
-    """
-    factor, offset = 1.0, 0.0
-    aside = Faults()  # faulty limits of a locked joint do not matter
-    for _ in still:  # a longer chain of mimic joints is a loop
-        mimic = still[name].find("mimic")
-        if name in held_at or mimic is None or mimic.get("joint") not in still:
-            break
-        along = {"multiplier": 1.0, "offset": 0.0}
-        for key in along:
-            if mimic.get(key) is not None:
-                along[key] = aside.number("", "", "", mimic, key)
-        offset += factor * along["offset"]
-        factor *= along["multiplier"]
-        name = mimic.get("joint", "")
-    limit = still[name].find("limit")
-    lower, upper = (aside.number("", "", "", limit, key) for key in ("lower", "upper"))
-    limited = still[name].get("type") in ("revolute", "prismatic") and lower <= upper
-    at = held_at.get(name, min(max(0.0, lower), upper) if limited else 0.0)
-    at = factor * at + offset
-    return at if abs(at) <= LARGEST else 0.0
-
-
-def _hold(joint: Element, placements: dict[str, pin.SE3 | None], link: str, at: float) -> str:
-    """Make a joint a fixed one, and return its name and position as text."""
-    kind, aside = joint.get("type", ""), Faults()
-    axis = joint.find("axis")
-    direction = np.array([1.0, 0.0, 0.0])
-    if axis is not None and aside.vectors("", "", "", axis):
-        direction = np.array(axis.get("xyz", "").split(), float)
-    place, length = placements[link], np.linalg.norm(direction)
-    if at != 0.0 and length >= SHORTEST_AXIS and place is not None:
-        way = at / length * direction
-        turned = kind != "prismatic"
-        motion = pin.SE3(pin.exp3(way), np.zeros(3)) if turned else pin.SE3(np.eye(3), way)
-        place = placements[link] = place * motion
+def _make_fixed(joint: Element, place: pin.SE3 | None) -> None:
+    """Make a joint a fixed one, whose link is elsewhere than its origin says if that is given."""
+    joint.set("type", "fixed")
+    _drop(joint, "axis", "limit", "mimic")
+    if place is not None:
         _drop(joint, "origin")
         xyz, rpy = place.translation, pin.rpy.matrixToRpy(place.rotation)
         SubElement(joint, "origin", xyz=_text(xyz), rpy=_text(rpy))
-    joint.set("type", "fixed")
-    _drop(joint, "axis", "limit", "mimic")
-    return f"{_name(joint)} at {at:g} {_UNITS.get(kind, '')}".rstrip()
 
 
 def _drop(joint: Element, *tags: str) -> None:
