@@ -21,6 +21,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.collision.urdf_body import UrdfBody, urdf_body
 from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text
@@ -94,6 +95,20 @@ def require_same(found: UrdfBody, expected: UrdfBody) -> None:
 def test_an_sdf_is_the_body_that_the_same_urdf_is() -> None:
     require_same(urdf_body(SDF, "it"), urdf_body(URDF, "it"))
     assert urdf_of(URDF) == URDF
+
+
+def test_damping_friction_and_springs_of_an_sdf_are_noted() -> None:
+    """Beside torques, in which a plan does not count them."""
+    dynamics = (
+        "<dynamics><damping>0.5</damping><friction> 2 </friction>"
+        "<spring_reference>1</spring_reference><spring_stiffness>30</spring_stiffness></dynamics>"
+    )
+    limited = "<effort>1</effort><velocity>1</velocity></limit>"
+    robot = SDF.replace("</limit>", limited + dynamics)
+    (note,) = robot_from_urdf_text(urdf_of(robot), "bus", "panel", geometry=Geometry.LINES).notes
+    told = "drive damping 0.5 N m s/rad, friction 2 N m, stiffness 30 N m/rad"
+    assert note == f"not counted in the torques of joints: {told}"
+    require_same(urdf_body(robot, "it"), urdf_body(URDF, "it"))
 
 
 def test_messages_and_scenarios_may_have_it(tmp_path: Path) -> None:

@@ -331,6 +331,16 @@ def test_a_message_and_a_scenario_have_the_joints_of_a_target_at_the_same_positi
     assert _read(URDF).notes == ("target_body.urdf: its joints are locked: drive at 0.5 rad",)
 
 
+def test_an_inertia_of_a_target_in_another_unit_is_noted() -> None:
+    """In g mm2: of a bus that is less than 2 m long, with 120 kg."""
+    told = 'ixx="10" iyy="12" izz="8" ixy="0.5"'
+    note = _read(URDF.replace(told, 'ixx="10e9" iyy="12e9" izz="8e9" ixy="0.5e9"')).notes[-1]
+    radius = np.sqrt(1e9 * np.linalg.eigvalsh([[10, 0.5, 0], [0.5, 12, 0], [0, 0, 8]])[2] / 120.0)
+    assert note.startswith(
+        f"target_body.urdf: it has a radius of gyration sqrt(I/m) of {radius:.4g} m, "
+    )
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -386,3 +386,120 @@ def test_a_joint_without_an_axis_is_written_as_it_is_read_again() -> None:
     checked = checked_urdf(text).xml
     assert checked_urdf(checked).xml == checked
     assert robot_from_urdf_text(text, geometry=Geometry.LINES).joint_axes[0].tolist() == [1, 0, 0]
+
+
+def _control(interfaces: str, rest: str = "") -> str:
+    joint = f'<joint name="joint_2">{rest}{interfaces}<state_interface name="position"/></joint>'
+    return f'<ros2_control name="x" type="system"><hardware/>{joint}</ros2_control></robot>'
+
+
+def _command(kind: str, **ends: str) -> str:
+    params = "".join(f'<param name="{key}">{text}</param>' for key, text in ends.items())
+    return f'<command_interface name="{kind}">{params}</command_interface>'
+
+
+SOFT, CONTROLLED, CONTINUOUS, TORQUES = (
+    "stricter limits in <safety_controller>, which are not kept: ",
+    "stricter limits in <ros2_control>, which are not kept: ",
+    "limits of continuous joints, which are not kept: ",
+    "not counted in the torques of joints: ",
+)
+IN_JOINT_2 = '<child link="link_2"/>'
+WIDE = {"min": "-9", "max": "9"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "notes"),
+    [
+        (
+            IN_JOINT_2,
+            '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="0.25" k_velocity="9"/>',
+            [SOFT + "joint_2 position from -0.5 to 0.25 rad"],
+        ),
+        (
+            IN_JOINT_2,
+            '<safety_controller soft_upper_limit="1"/>',
+            [SOFT + "joint_2 position from -3.14159 to 1 rad"],
+        ),
+        (IN_JOINT_2, '<safety_controller soft_lower_limit="-4" soft_upper_limit="4"/>', []),
+        (IN_JOINT_2, '<safety_controller k_velocity="9"/>', []),
+        (IN_JOINT_2, '<safety_controller soft_lower_limit="low"/>', []),
+        (
+            "</robot>",
+            _control(
+                _command("position", min="-1.3", max="-0.9") + _command("velocity", max="0.05")
+            ),
+            [
+                CONTROLLED + "joint_2 position from -1.3 to -0.9 rad, "
+                "joint_2 velocity from -0.5 to 0.05 rad/s"
+            ],
+        ),
+        (
+            "</robot>",
+            _control(_command("effort", min="-9", max="9") + _command("acceleration", max="0.1")),
+            [
+                CONTROLLED + "joint_2 effort from -9 to 9 N m, "
+                "joint_2 acceleration from -inf to 0.1 rad/s2"
+            ],
+        ),
+        ("</robot>", _control(_command("position", **WIDE) + _command("current", **WIDE)), []),
+        ("</robot>", _control(_command("position", max="1"), '<limits enable="false"/>'), []),
+        (
+            "</robot>",
+            _control(_command("position", max="1")).replace(
+                "<param", '<limits enable="false"/><param'
+            ),
+            [],
+        ),
+        (IN_JOINT_2, '<dynamics damping="0.0" friction="0"/>', []),
+        (
+            IN_JOINT_2,
+            '<dynamics damping="500" friction="15"/>',
+            [TORQUES + "joint_2 damping 500 N m s/rad, friction 15 N m"],
+        ),
+        (IN_JOINT_2, '<dynamics friction="0.1"/>', [TORQUES + "joint_2 friction 0.1 N m"]),
+        # With a prefix that nobody declares
+        (IN_JOINT_2, '<xacro:if/><dynamics friction="1"/>', [TORQUES + "joint_2 friction 1 N m"]),
+    ],
+)
+def test_what_a_urdf_says_of_joints_beside_the_limits_that_are_kept_is_noted(
+    old: str, new: str, notes: list[str]
+) -> None:
+    text = LEMUR.replace(old, new + old if old == IN_JOINT_2 else new, 1)
+    assert text != LEMUR
+    assert list(checked_urdf(text).notes) == notes
+    # What is handed on has none of it.
+    plain, found = checked_urdf(LEMUR).xml, checked_urdf(text).xml
+    assert found == plain
+
+
+@pytest.mark.parametrize(
+    ("limits", "notes"),
+    [
+        ('lower="-1" upper="3" ', [CONTINUOUS + "joint_1 position from -1 to 3 rad"]),
+        ('lower="0" upper="0" ', []),  # exporters write that
+        ('lower="-20" upper="20" ', []),
+        ("", []),
+    ],
+)
+def test_position_limits_of_a_continuous_joint_are_noted(limits: str, notes: list[str]) -> None:
+    text = LEMUR.replace('"joint_1" type="revolute"', '"joint_1" type="continuous"')
+    told = 'lower="-3.141592653589793" upper="3.141592653589793" '
+    assert list(checked_urdf(text.replace(told, limits, 1)).notes) == notes
+
+
+@pytest.mark.parametrize("geometry", Geometry)
+@pytest.mark.parametrize("factor", [1e9, 1e6, 1e4])
+def test_an_inertia_in_another_unit_is_noted(geometry: Geometry, factor: float) -> None:
+    """In g mm2, kg mm2 or kg cm2: of a link of 6 kg, whose radius of gyration is 0.43 m."""
+    small, izz = f"{1.1304 * factor!r}", f"{0.0108 * factor!r}"
+    wide = LINK_3_INERTIA.replace("1.1304", small).replace("0.0108", izz)
+    assert LEMUR.count(LINK_3_INERTIA) == 1
+    robot = robot_from_urdf_text(
+        LEMUR.replace(LINK_3_INERTIA, wide), "chaser", "end_effector", geometry=geometry
+    )
+    (note,) = robot.notes
+    radius = np.sqrt(1.1304 * factor / 6.0)
+    assert note.startswith(f"link 'link_3' has a radius of gyration sqrt(I/m) of {radius:.4g} m, ")
+    plain = robot_from_urdf_text(LEMUR, "chaser", "end_effector", geometry=geometry)
+    assert plain.notes == ()

@@ -41,7 +41,7 @@ def notes_on_scene(problem: PlanningProblem) -> tuple[str, ...]:
 
 
 def notes_on(problem: PlanningProblem) -> tuple[str, ...]:
-    """Return notes on the scene, plug-ins, which the core does not know, and postures a turn away."""
+    """Return notes on scene, plug-ins, which the core does not know, and postures a turn away."""
     notes = (*notes_on_scene(problem), *_turn_notes(problem))
     slower = ", ".join(one.name for one in problem.requirements if one.concerns(problem))
     if slower:

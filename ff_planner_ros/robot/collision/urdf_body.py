@@ -24,7 +24,7 @@ from ff_planner_ros.robot.urdf.locked_joints import (
 )
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.sdf import urdf_of
-from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, joint_weight, placement
+from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, joint_weight, placement, too_wide
 from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, listed
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, tree_of
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements, read_shapes
@@ -121,6 +121,11 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
                     solids.append(PlacedSolid(called, solid, place))
     faults.refuse_if_any()
     notes = [f"its joints are locked: {listed(told_joints, LONGEST_NOTE)}"] if told_joints else []
+    reaches = [
+        np.linalg.norm(one.place.act(one.solid.center)) + one.solid.radius for one in solids
+    ] or [np.linalg.norm((center * place).translation) for place in places.values()]
+    if size := 2.0 * float(max(reaches)):
+        notes += too_wide("it", weight.mass, weight.inertia, size)
     return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass), tuple(notes))
 
 

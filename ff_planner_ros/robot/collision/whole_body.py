@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
+import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.errors import InvalidInput, Status
@@ -17,7 +18,8 @@ from ff_planner_ros.robot.collision.pairs import Pairs, always_touching, neighbo
 from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.srdf import ALWAYS, Links, MayTouch, read_srdf, write_pairs
-from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed
+from ff_planner_ros.robot.urdf.urdf_bodies import too_wide
+from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, listed
 from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
 
@@ -62,7 +64,8 @@ def whole_body(
     if geometry is Geometry.LINES or not on_arm:
         only_chaser = joints and not on_arm
         note = "no link of the arm has a <collision>: its centre lines are kept clear of obstacles"
-        return WholeBody(Geometry.LINES, (), (), (), drawn, (note,) if only_chaser else ())
+        notes = [*_wide(model, ()), *([note] if only_chaser else [])]
+        return WholeBody(Geometry.LINES, (), (), (), drawn, tuple(notes))
     robot = ElementTree.fromstring(checked)
     with Meshes(directory) as meshes:
         bodies = bodies_of(solids, model, meshes, faults)
@@ -81,6 +84,7 @@ def whole_body(
         may_touch += always_touching(model, bodies, known)
     may_touch = _that_count(may_touch, joints)
     notes = [*meshes.notes, *_notes(model, bodies, may_touch if srdf is None else [])]
+    notes += _wide(model, bodies)
     return WholeBody(
         geometry=Geometry.SHAPES,
         bodies=bodies,
@@ -116,13 +120,38 @@ def _notes(model: pin.Model, bodies: tuple[Body, ...], may_touch: list[MayTouch]
     }
     found = []
     if always:
+        pairs = listed(always, LONGEST_NOTE)
         found.append(
-            f"not kept apart, because they touch in nearly every posture: {listed(always)}; "
-            "a robot.srdf can say otherwise"
+            f"not kept apart, because they touch in nearly every posture: {pairs}; a robot.srdf "
+            "can say otherwise"
         )
     if bare:
-        names = listed(model.names[joint] for joint in sorted(bare))
+        names = listed((model.names[joint] for joint in sorted(bare)), LONGEST_NOTE)
         found.append(f"without a <collision>, and kept clear of nothing: what {names} moves")
+    return found
+
+
+def _wide(model: pin.Model, bodies: tuple[Body, ...]) -> list[str]:
+    """Return notes on bodies with a radius of gyration larger than they, or the robot, are."""
+    places = [place.translation for place in model.jointPlacements]
+    lengths = [np.linalg.norm(place) for place in places[2:]]
+    fixed = max(np.linalg.norm(frame.placement.translation) for frame in model.frames)
+    whole = float(sum(lengths) + fixed + 2.0 * max((body.radius for body in bodies), default=0.0))
+    found = []
+    for joint in range(1, model.njoints):
+        inertia, own = model.inertias[joint], [one for one in bodies if one.joint == joint]
+        ends = [np.zeros(3), *(places[child] for child in model.children[joint])]
+        reach = max(float(np.linalg.norm(end - inertia.lever)) for end in ends)
+        for one in own:
+            center = one.center_in_joint - inertia.lever
+            reach = max(reach, float(np.linalg.norm(center)) + one.radius)
+        links = [
+            frame.name
+            for frame in model.frames
+            if frame.type is pin.FrameType.BODY and frame.parentJoint == joint
+        ]
+        size = 2.0 * reach if own else whole
+        found += too_wide(f"link {links[0]!r}", inertia.mass, inertia.inertia, size)
     return found
 
 

@@ -138,6 +138,10 @@ def _add_axis(made: Element, joint: Element, frames: Frames, told: str) -> None:
     if seen_from:
         numbers = (of_joint.T @ frames.place(seen_from, told).rotation @ numbers).tolist()
     SubElement(made, "axis", xyz=" ".join(map(repr, numbers)))
+    if (dynamics := axis.find("dynamics")) is not None:
+        # A URDF has no springs: for the note that they do not count
+        resists = {one.tag.removeprefix("spring_"): words_of(one) or "" for one in dynamics}
+        SubElement(made, "dynamics", resists)
     limit = axis.find("limit")
     if limit is None:
         return

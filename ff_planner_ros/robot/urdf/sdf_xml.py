@@ -30,7 +30,13 @@ _GEOMETRY: dict[str, Any] = {
 }
 _INERTIA: dict[str, Any] = {key: {} for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
 _LIMIT: dict[str, Any] = {key: {} for key in ("lower", "upper", "effort", "velocity")}
-_AXIS: dict[str, Any] = {"xyz": {}, "limit": _LIMIT, "use_parent_model_frame": {}}
+_DYNAMICS: dict[str, Any] = {key: {} for key in ("damping", "friction", "spring_stiffness")}
+_AXIS: dict[str, Any] = {
+    "xyz": {},
+    "limit": _LIMIT,
+    "use_parent_model_frame": {},
+    "dynamics": _DYNAMICS | {"spring_reference": {}},
+}
 _MODEL: dict[str, Any] = {
     "link": {
         "inertial": {"mass": {}, "inertia": _INERTIA, **_POSE},
@@ -45,7 +51,7 @@ _MODEL: dict[str, Any] = {
 _PASSED_OVER = frozenset(
     (
         *("allow_auto_disable", "audio_sink", "audio_source", "battery", "density", "dissipation"),
-        *("dynamics", "enable_wind", "gravity", "gripper", "kinematic", "laser_retro", "light"),
+        *("enable_wind", "gravity", "gripper", "kinematic", "laser_retro", "light"),
         *("max_contacts", "must_be_base_link", "particle_emitter", "physics", "plugin"),
         *("projector", "self_collide", "sensor", "static", "stiffness", "surface"),
         *("velocity_decay", "visual"),

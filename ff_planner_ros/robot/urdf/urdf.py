@@ -22,16 +22,25 @@ from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, check_bodies, placem
 from ff_planner_ros.robot.urdf.urdf_faults import (
     LONGEST_NOTE,
     Faults,
+    finite_numbers,
     listed,
     shortened,
 )
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
-from ff_planner_ros.robot.urdf.urdf_xml import read_elements
+from ff_planner_ros.robot.urdf.urdf_xml import read_elements, read_tags
 
 # The planner's bound of continuous joints, either way from the turn of the start [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi
 
 _LOCKED = "robot.locked_joints"
+
+# What a URDF says of joints beside its limits.
+_OTHER_FACTS = frozenset(
+    (
+        *("robot", "joint", "limit", "safety_controller", "dynamics"),
+        *("ros2_control", "command_interface", "limits", "param"),
+    )
+)
 
 
 class CheckedUrdf(NamedTuple):
@@ -93,6 +102,7 @@ def checked_urdf(
         notes += _check_joints(tree, moving, base_link or "", placements, held_at, faults)
     notes += check_bodies(tree, placements, base_link or "", faults)
     faults.refuse_if_any()
+    notes += _not_counted(moving, text)
     ElementTree.indent(robot)
     xml = ElementTree.tostring(robot, encoding="unicode")
     return CheckedUrdf(xml, base_link or "", tip_link or "", tuple(notes))
@@ -224,6 +234,81 @@ def _limit_continuous(joint: Element) -> None:
     if limit is not None:
         limit.set("lower", repr(-TURN_OF_CONTINUOUS))
         limit.set("upper", repr(TURN_OF_CONTINUOUS))
+
+
+def _not_counted(moving: Sequence[Element], text: str) -> list[str]:
+    """Return notes on what else a URDF says of the joints that move, and no plan counts."""
+    given = read_tags(text, _OTHER_FACTS)
+    commands = [
+        (_name(joint), one)
+        for joint in given.iterfind("ros2_control/joint")
+        for one in joint.iterfind("command_interface")
+        if not any(limits.get("enable") == "false" for limits in (*joint, *one))
+    ]
+    written = {_name(joint): joint for joint in reversed(given.findall("joint"))}
+    soft, beyond, controlled, resisting = list[str](), list[str](), list[str](), list[str]()
+    for joint in moving:
+        name, kept = _name(joint), _Kept(joint)
+        own = written[name]
+        if (safety := own.find("safety_controller")) is not None:
+            at_most = (safety.get(f"soft_{end}_limit", "") for end in ("lower", "upper"))
+            soft += kept.stricter("position", *at_most)
+        if own.get("type") == "continuous" and (limit := own.find("limit")) is not None:
+            beyond += kept.stricter("position", limit.get("lower", ""), limit.get("upper", ""))
+        for interface in (one for of, one in commands if of == name):
+            ends = {one.get("name"): one.text or "" for one in interface.iterfind("param")}
+            told = ends.get("min", ""), ends.get("max", "")
+            controlled += kept.stricter(interface.get("name", ""), *told)
+        if (dynamics := own.find("dynamics")) is not None:
+            resisting += kept.resisting(dynamics)
+    return [
+        f"{what}: {listed(which, LONGEST_NOTE)}"
+        for what, which in (
+            ("stricter limits in <safety_controller>, which are not kept", soft),
+            ("stricter limits in <ros2_control>, which are not kept", controlled),
+            ("limits of continuous joints, which are not kept", beyond),
+            ("not counted in the torques of joints", resisting),
+        )
+        if which
+    ]
+
+
+class _Kept:
+    """The limits that plans keep of a joint."""
+
+    def __init__(self, joint: Element) -> None:
+        limit = joint.find("limit")
+        told = {} if limit is None else {key: float(text) for key, text in limit.items()}
+        effort = told.get("effort", 0.0) or math.inf  # zero means unknown
+        rate = told.get("velocity", math.inf)
+        position = told.get("lower", -math.inf), told.get("upper", math.inf)
+        self._name = _name(joint)
+        self._unit, self._force = ("m", "N") if joint.get("type") == "prismatic" else ("rad", "N m")
+        self._limits = {
+            "position": (*position, self._unit),
+            "velocity": (-rate, rate, f"{self._unit}/s"),
+            "acceleration": (-math.inf, math.inf, f"{self._unit}/s2"),
+            "effort": (-effort, effort, self._force),
+        }
+
+    def stricter(self, kind: str, low: str, high: str) -> list[str]:
+        """Return limits within those kept, as text; empty: they are none, or no numbers."""
+        if kind not in self._limits:
+            return []
+        lower, upper, unit = self._limits[kind]
+        least, most = (finite_numbers(text) for text in (low, high))
+        ends = (*least, lower)[0], (*most, upper)[0]
+        if not ends[0] < ends[1] or not (ends[0] > lower or ends[1] < upper):
+            return []
+        return [f"{self._name} {kind} from {ends[0]:g} to {ends[1]:g} {unit}"]
+
+    def resisting(self, dynamics: Element) -> list[str]:
+        """Return damping, friction and stiffness of a joint as text, but for those of zero."""
+        force, unit = self._force, self._unit
+        units = {"damping": f"{force} s/{unit}", "friction": force, "stiffness": f"{force}/{unit}"}
+        found = {key: finite_numbers(dynamics.get(key, "")) for key in units}
+        told = [f"{key} {one[0]:g} {units[key]}" for key, one in found.items() if one and one[0]]
+        return [f"{self._name} {', '.join(told)}"] if told else []
 
 
 def _make_fixed(joint: Element, place: pin.SE3 | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from typing import NamedTuple, TypeAlias
 from xml.etree.ElementTree import Element, SubElement
@@ -103,6 +104,28 @@ def joint_weight(tree: Tree, places: dict[str, pin.SE3], faults: Faults) -> Weig
         elif weight is not None:
             weights.append(weight)
     return _sum(weights)
+
+
+def too_wide(name: str, mass: float, inertia: Array, size: float) -> list[str]:
+    """Return a note on a body whose mass is, by its inertia, further out than the body reaches.
+
+    All mass within a distance R of the centre of mass means I <= m R^2. Exporters of CAD programs
+    write g mm2 for kg m2.
+
+    Args:
+        mass: Of the body [kg].
+        inertia: About its centre of mass; shape (3, 3) [kg m2].
+        size: Length of the body [m], over twice what its mass is from the centre.
+    """
+    largest = float(np.linalg.eigvalsh(inertia)[2])
+    gyration = math.sqrt(max(0.0, largest) / mass)
+    if not gyration > size:
+        return []
+    note = (
+        f"{name} has a radius of gyration sqrt(I/m) of {gyration:.4g} m, by {largest:.4g} kg m2 "
+        f"and {mass:.4g} kg, and a size of {size:.3g} m: an inertia must be in kg m2"
+    )
+    return [note]
 
 
 def _bodies(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection
 from typing import Any, NoReturn
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element, SubElement, TreeBuilder
 from xml.parsers import expat
 
 from ff_planner_ros.errors import InvalidInput, Status
@@ -97,6 +98,39 @@ def read_collisions(text: str, field: str) -> list[Element]:
         return list(_read(text, _COLLISIONS, _MOST_DISABLED))
     except InvalidInput as error:
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
+
+
+def read_tags(text: str, tags: Collection[str]) -> Element:
+    """Return the `<robot>` of a text that `read_elements` accepts, with some of its elements.
+
+    Args:
+        tags: Of these elements; one in an element of another tag is left out with it.
+    """
+    builder, passed_over = TreeBuilder(), 0  # elements open, the innermost ones
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal passed_over
+        if passed_over or tag not in tags:
+            passed_over += 1
+        else:
+            builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal passed_over
+        if passed_over:
+            passed_over -= 1
+        else:
+            builder.end(tag)
+
+    def characters(data: str) -> None:
+        if not passed_over:
+            builder.data(data)
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = characters
+    parser.Parse(text, True)
+    return builder.close()
 
 
 def _require_short(text: str) -> None:
