@@ -378,7 +378,12 @@ def test_tables_figures_and_reports_tell_a_rail_in_its_units() -> None:
     task, plan = planned(FAMILIES[0])
     robot = task.problem.robot
     rows = dict(robot_rows(robot))
-    assert rows["  rail"].startswith(" -0.400 to  0.400 m,  0.100 m/s,    150 N, moves")
+    # The rail carries all that moves where the chaser is the world.
+    model = pin.buildModelFromXML(robot.urdf)
+    carried = pin.computeTotalMass(model)
+    told = f" -0.400 to  0.400 m,  0.100 m/s,    150 N, moves {carried:g} kg"
+    assert rows["  rail"] == told
+    assert rows[f"  {robot.joint_names[-1]}"].endswith(f"moves {model.inertias[-1].mass:g} kg")
     assert rows["joint path"] == "sliding by 1 m counts as 1 rad"
     told = dict(plan_rows(robot, plan, 0.1, "", chosen=False, limits=None))
     torque, force = told["peak joint torque"].split("; ")

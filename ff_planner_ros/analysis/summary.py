@@ -162,8 +162,8 @@ def robot_rows(robot: Robot) -> list[tuple[str, str]]:
         ("joints", str(robot.joints)),
     ]
     for k, name in enumerate(robot.joint_names):
-        moved = f"moves {robot.model.inertias[2 + k].mass:g} kg"
-        rows.append((f"  {name}", f"{_joint_limits(robot, k)}, {moved}"))
+        moved = sum(robot.model.inertias[joint].mass for joint in robot.model.subtrees[2 + k])
+        rows.append((f"  {name}", f"{_joint_limits(robot, k)}, moves {moved:g} kg"))
     if robot.has_slides:
         rows.append(("joint path", f"sliding by 1 m counts as {robot.slide_weight:g} rad"))
     return [*rows, *_body_rows(robot)]
