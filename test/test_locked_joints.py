@@ -226,8 +226,7 @@ def test_the_links_of_joints_that_mimic_a_locked_joint_are_where_it_puts_them() 
 @pytest.mark.parametrize(
     ("mimic", "held_at", "words"),
     [
-        ('<mimic joint="joint_9"/>', {}, "joint 'rod' is a mimic of joint_9: it must be one of"),
-        ("<mimic/>", {}, "joint 'rod' is a mimic of nothing: it must be one of the joints joint_1"),
+        ("<mimic/>", {}, "joint 'rod' is a mimic of no joint: its <mimic> must name one"),
         ('<mimic joint="rod"/>', {}, "joint 'rod' is in a ring of joints that mimic each other"),
         ('<mimic joint="other"/>', {}, "joint 'rod' is in a ring of joints that mimic each other"),
         (
@@ -250,6 +249,14 @@ def test_a_mimic_that_no_robot_can_have_is_refused(
     with pytest.raises(InvalidInput) as refused:
         checked_urdf(with_rods(*rods), "chaser", "end_effector", held_at)
     assert words in str(refused.value)
+
+
+def test_a_joint_that_mimics_one_that_is_not_there_is_locked_by_itself_with_a_note() -> None:
+    rods = [("rod", "revolute", "link_1", '<mimic joint="joint_9" offset="1"/>')]
+    rods += [("other", "revolute", "chaser", '<mimic joint="rod" offset="0.5"/>')]
+    held, note = checked_urdf(with_rods(*rods), "chaser", "end_effector", {"rod": 0.2}).notes
+    assert note == "joints that mimic one that is not there: rod mimics joint_9"
+    assert held.endswith("other at 0.7 rad, rod at 0.2 rad")
 
 
 @pytest.mark.parametrize("kind", ["floating", "planar", "ball", ""])

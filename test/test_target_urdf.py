@@ -167,9 +167,9 @@ def test_other_obstacles_stay_beside_the_shapes() -> None:
         ),
         (
             '<axis xyz="0 1 0"/>',
-            '<axis xyz="0 1 0"/><mimic joint="motor"/>',
+            '<axis xyz="0 1 0"/><mimic joint="drive"/>',
             "target_body.urdf joint 'drive'",
-            "is a mimic of motor: it must be one of the joints drive, mast",
+            "in a ring of joints that mimic each other",
         ),
         ("<robot", '<!DOCTYPE a [<!ENTITY b "c">]><robot', "target_body.urdf", "DOCTYPE"),
     ],
@@ -328,7 +328,11 @@ def test_the_joints_of_a_target_are_where_the_scenario_says_or_as_near_to_zero_a
 
 
 def test_a_message_and_a_scenario_have_the_joints_of_a_target_at_the_same_positions() -> None:
-    assert _read(URDF).notes == ("target_body.urdf: its joints are locked: drive at 0.5 rad",)
+    note = "target_body.urdf: its joints are locked: drive at 0.5 rad"
+    assert _read(URDF).notes == (note,)
+    alone = _read(URDF.replace("<limit", '<mimic joint="motor"/><limit'))
+    other = "target_body.urdf: joints that mimic one that is not there: drive mimics motor"
+    assert alone.notes == (note, other)
 
 
 def test_an_inertia_of_a_target_in_another_unit_is_noted() -> None:

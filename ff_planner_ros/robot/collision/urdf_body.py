@@ -21,6 +21,7 @@ from ff_planner_ros.robot.urdf.locked_joints import (
     lock,
     locked_positions,
     told_position,
+    without_mimicked,
 )
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.sdf import urdf_of
@@ -94,7 +95,7 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
     if len(tree.roots) > 1:
         allowed = f"all links must hang on one: {listed(tree.roots)} hang on none"
         faults.add("robot.urdf", "", "", "more than one body", allowed)
-    places, told_joints = _places(tree, locked_joints, faults)
+    places, notes = _places(tree, locked_joints, faults)
     weight = joint_weight(tree, places, faults)
     faults.refuse_if_any()
     if weight.mass < SMALLEST:
@@ -120,7 +121,6 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
                     solid = replace(solid_of(geometry), hull_added=added)
                     solids.append(PlacedSolid(called, solid, place))
     faults.refuse_if_any()
-    notes = [f"its joints are locked: {listed(told_joints, LONGEST_NOTE)}"] if told_joints else []
     reaches = [
         np.linalg.norm(one.place.act(one.solid.center)) + one.solid.radius for one in solids
     ] or [np.linalg.norm((center * place).translation) for place in places.values()]
@@ -132,7 +132,7 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
 def _places(
     tree: Tree, locked_joints: Mapping[str, float], faults: Faults
 ) -> tuple[dict[str, pin.SE3], list[str]]:
-    """Return the placement of each link in the frame of the root, and locked joints as text."""
+    """Return the placement of each link in the frame of the root, and notes on locked joints."""
     joints = {joint.get("name", ""): joint for joint in tree.above.values()}
     where = locked_positions(joints, (), locked_joints, LOCKED_JOINTS, faults)
     places, told = dict[str, pin.SE3](), list[str]()
@@ -149,4 +149,5 @@ def _places(
             place = lock(joint, at, place, faults)
         carrier = places[link_of(joint, "parent")]
         places[link] = carrier if place is None else carrier * place
-    return places, told
+    notes = [f"its joints are locked: {listed(told, LONGEST_NOTE)}"] if told else []
+    return places, [*notes, *without_mimicked(joints)]

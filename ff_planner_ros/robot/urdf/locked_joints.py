@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.robot.urdf.urdf_faults import LARGEST, Faults, listed
+from ff_planner_ros.robot.urdf.urdf_faults import LARGEST, LONGEST_NOTE, Faults, listed
 
 NOTHING_HELD: Mapping[str, float] = MappingProxyType({})
 
@@ -42,15 +42,15 @@ def locked_positions(
         field: Name of `given` in faults.
     """
     given = {n: at for n, at in given.items() if _can_be_locked(joints, n, at, field, faults)}
-    mimics = {name: _mimic(joint) for name, joint in joints.items() if name not in planned}
+    mimics = {one: _mimic(joint, joints) for one, joint in joints.items() if one not in planned}
     found = dict[str, float]()
     for name in mimics:
         way = {name: None}  # each mimics the next one
         last = name
         while (mimic := mimics.get(last)) is not None:
             last = mimic.get("joint", "")
-            if last in way or last not in joints or last in planned:
-                _add_fault(name, last, joints, planned, field, faults)
+            if last in way or not last or last in planned:
+                _add_fault(name, last, last in planned, field, faults)
                 break
             way[last] = None
         else:
@@ -62,27 +62,33 @@ def locked_positions(
     return found
 
 
-def _mimic(joint: Element) -> Element | None:
-    return None if joint.get("type") == "fixed" else joint.find("mimic")
+def without_mimicked(joints: Mapping[str, Element]) -> list[str]:
+    """Return notes on joints that are locked by themselves: nothing is there that they mimic."""
+    named = {
+        name: mimic.get("joint", "")
+        for name, joint in joints.items()
+        if (mimic := joint.find("mimic")) is not None and joint.get("type") != "fixed"
+    }
+    told = [f"{name} mimics {of}" for name, of in named.items() if of and of not in joints]
+    return [f"joints that mimic one that is not there: {listed(told, LONGEST_NOTE)}"] * bool(told)
 
 
-def _add_fault(
-    name: str,
-    mimicked: str,
-    joints: Mapping[str, Element],
-    planned: Collection[str],
-    field: str,
-    faults: Faults,
-) -> None:
+def _mimic(joint: Element, joints: Mapping[str, Element]) -> Element | None:
+    mimic = None if joint.get("type") == "fixed" else joint.find("mimic")
+    if mimic is not None and (of := mimic.get("joint")) and of not in joints:
+        return None
+    return mimic
+
+
+def _add_fault(name: str, mimicked: str, is_planned: bool, field: str, faults: Faults) -> None:
     """Add the fault of a joint that mimics one that no locked joint can mimic."""
-    if mimicked in planned:
+    if is_planned:
         value = f"a mimic of {mimicked}, which is planned"
         allowed = f"lock {mimicked} in {field}, or make {name} a fixed joint"
-    elif mimicked in joints:
+    elif mimicked:
         value, allowed = "in a ring of joints that mimic each other", "one must move by itself"
     else:
-        value = f"a mimic of {mimicked or 'nothing'}"
-        allowed = f"it must be one of the joints {listed(joints)}"
+        value, allowed = "a mimic of no joint", "its <mimic> must name one"
     faults.add("joint", name, "", value, allowed)
 
 

@@ -17,6 +17,7 @@ from ff_planner_ros.robot.urdf.locked_joints import (
     lock,
     locked_positions,
     told_position,
+    without_mimicked,
 )
 from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, check_bodies, placement
 from ff_planner_ros.robot.urdf.urdf_faults import (
@@ -158,6 +159,7 @@ def _check_joints(
         allowed = "at least one must turn or slide between base and tip"
         faults.add("number of joints from base to tip", "", "", 0, allowed)
     joints = {_name(joint): joint for joint in tree.above.values()}
+    alone = without_mimicked(joints)
     where = locked_positions(joints, [*map(_name, moving)], held_at, _LOCKED, faults)
     # Links that move with the tip, and all that they carry.
     under_base = {link_of(joint, "child") for joint in tree.upwards(base_link)}
@@ -182,15 +184,14 @@ def _check_joints(
             told.append(told_position(joint, at))
             placements[link] = lock(joint, at, place, faults)
             _make_fixed(joint, placements[link] if at else None)
-    notes = (
-        [f"held, because the end effector carries them: {listed(held, LONGEST_NOTE)}"]
-        if held
-        else []
-    )
-    if held_elsewhere:
-        why = "they do not belong to the arm, or are to be held"
-        notes.append(f"held, because {why}: {listed(held_elsewhere, LONGEST_NOTE)}")
-    return notes
+    reasons = {
+        "the end effector carries them": held,
+        "they do not belong to the arm, or are to be held": held_elsewhere,
+    }
+    notes = [
+        f"held, because {why}: {listed(of, LONGEST_NOTE)}" for why, of in reasons.items() if of
+    ]
+    return [*notes, *alone]
 
 
 def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
