@@ -20,7 +20,8 @@ ADVICE = {
     "touching, correct the shape or the obstacle's radius. If they do touch, move the joint that "
     "the message names, or list the pair in `goal.allowed_collisions`.",
     Status.START_OUTSIDE_LIMITS: "Move the joint that the message names back, or slow it down. If "
-    "the joint is right, the limit in the URDF is wrong.",
+    "the joint is right, the limit in the URDF is wrong. A joint that the planner has locked must "
+    "be where `robot.locked_joints` has it, and at rest: set the parameter to where it is.",
     Status.START_SINGULAR: "Move the arm out of the singular posture: a stretched elbow, two axes "
     "in line. Or ask for `search.parametrisation: joint_spline`, which may begin there.",
     Status.STATE_NOT_SYNCHRONIZED: "Publish `odometry` and `joint_states` with stamps that are at "

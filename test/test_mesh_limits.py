@@ -17,12 +17,12 @@ from test_meshes import BOX, ENDS, body_of, dae, loaded, sphere, stl, urdf_with
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.robot.collision.outermost import Boxes
 from ff_planner_ros.robot.model import load_robot
 from ff_planner_ros.robot.urdf import meshes
 from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES
 from ff_planner_ros.robot.urdf.mesh_reader import MAX_BYTES, MAX_SECONDS
 from ff_planner_ros.robot.urdf.meshes import MAX_FILE
-from ff_planner_ros.robot.collision.outermost import Boxes
 
 RNG = np.random.default_rng(8)
 NODE, NODES = "<node><translate>", "<library_visual_scenes>"

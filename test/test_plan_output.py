@@ -114,15 +114,36 @@ def test_a_plan_that_takes_over_remembers_the_one_before_until_then_and_no_other
         found = last.at(time_ns)
         assert found is not None
         assert found.plan_id == plan_id
+    output.now_ns = START + NANOSECONDS
     output.publish(plan, "run.3", START + 2 * NANOSECONDS, previous_plan_id="run.2")
     third = running(output)
     assert third.before is not None
     assert third.before.plan_id == "run.2"
     assert third.before.before is None, "a flight of an hour would keep thousands of plans"
-    output.publish(plan, "run.4", START + 3 * NANOSECONDS, previous_plan_id="run.2")
+    output.publish(plan, "run.4", START + 3 * NANOSECONDS, previous_plan_id="run.1")
     assert running(output).before is None, "run.3 is not what the joints follow"
     output.publish(plan, "run.5", START + 4 * NANOSECONDS)
     assert running(output).before is None
+
+
+def test_plans_that_are_published_for_later_remember_all_that_are_followed_until_then(
+    output: Output, plan: Plan
+) -> None:
+    output.publish(plan, "run.1")
+    for number in (2, 3):
+        start_ns = START + number * NANOSECONDS
+        output.publish(plan, f"run.{number}", start_ns, previous_plan_id=f"run.{number - 1}")
+    # Published for an earlier start, it takes the place of the two that have not begun.
+    for plan_id, before, told in (
+        ("run.3", "run.2", ["run.1", "run.2", "run.3"]),
+        ("run.4", "run.1", ["run.1", "run.4", "run.4"]),
+    ):
+        if plan_id == "run.4":
+            start_ns = START + NANOSECONDS + 1
+            output.publish(plan, plan_id, start_ns, previous_plan_id=before)
+        last = running(output)
+        found = [last.at(START + number * NANOSECONDS) for number in (1, 2, 3)]
+        assert [one.plan_id if one is not None else "" for one in found] == told
 
 
 def test_who_hears_a_plan_hears_whose_it_is_and_when_it_begins(output: Output, plan: Plan) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import robots
 import yaml
 from answers import answer_of, received, sent
 from ff_planner_msgs.msg import Obstacle, ObstacleArray, PlanAnswer, PlanRequest
@@ -31,6 +32,7 @@ from ff_planner_ros.parameters.values import value_of
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.ros.inputs.input_topics import MEMORY
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
@@ -360,6 +362,42 @@ def test_a_gripper_s_joint_states_explain_a_refusal_where_there_are_no_other(
     world.ask(START, answer).start_state = []
     (request,) = world.run().requests
     assert replay(request).verdict is Verdict.IDENTICAL
+
+
+@pytest.mark.parametrize("tolerance", [0.02, None])
+def test_a_locked_joint_that_was_measured_elsewhere_is_refused_by_a_replay_too(
+    world: World, tolerance: float | None
+) -> None:
+    """Its joint is a fixed one in the bag; until version 0.4 nobody looked at it."""
+    text = robots.LEMUR_URDF.read_text()
+    robot = robot_from_urdf_text(text, "chaser", "end_effector", held_at={"joint_1": 0.3})
+    told = {} if tolerance is None else {"locked_joint_tolerance": tolerance}
+    odometer = {"state_source": "odometry", "odometry": {"child_frame_id": "imu"}}
+    world.set_parameters(odometer | told)
+    world.attachments["robot.urdf"] = robot.drawn_urdf.encode()
+    header = Header(frame_id=FRAME, stamp=time_message(START))
+    odometry = Odometry(header=header, child_frame_id="imu")
+    rest = [0.0] * robot.joints
+    arm = JointState(header=header, name=robot.joint_names, position=rest, velocity=rest)
+    moved = JointState(header=header, name=["joint_1"], position=[1.2])
+    gripper = JointState(header=header, name=["finger"], position=[1.2])
+    sensor = replace(load_parameters().odometry, child_frame_id="imu")
+    states = StateInput(robot, FRAME, "odometry", sensor)
+    heard = [("odometry", odometry), ("joint_states", moved)]
+    heard += [("joint_states", gripper)] + [("joint_states", arm)] * MEMORY
+    for offset_ns, (name, message) in enumerate(heard):
+        world.put(f"/{name}", type_name(type(message)), message, START + offset_ns)
+        states.callbacks()[name](message)
+    with pytest.raises(InvalidInput, match="joint_1") as refusal:
+        states.snapshot(START, 1.0, 1.0, 0.02)
+    answer, asked_ns = answer_of_error(refusal.value, "run.1", 0.0), START + 2 * MEMORY
+    Provenance(asked_ns).tell(answer)
+    world.ask(asked_ns, answer).start_state = []
+    (request,) = world.run().requests
+    if tolerance is None:
+        assert request.read_request().task.problem.robot.joint_names == robot.joint_names
+    else:
+        assert replay(request).verdict is Verdict.IDENTICAL
 
 
 def test_inputs_are_found_whatever_their_topics_are_called(

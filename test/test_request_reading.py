@@ -9,17 +9,22 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import Phase, PlanInputs, PlanRequest, TargetBody
+from robots import LEMUR_URDF
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.robot import LimitParameters
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.model import load_robot
+from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import time_message
@@ -156,8 +161,10 @@ def test_the_requests_end_behaviour_goes_before_the_parameters(
     ("since", "off", "follows"),
     [
         *((4.0, 0.0, True), (4.0, 0.019, True), (4.0, 0.021, False)),
-        *((4.0, -0.019, True), (4.0, -0.021, False), (-0.1, 0.0, False), (11, 0, False)),
-        *((-0.001, 0.0, False), (10.001, 0.0, False), (9.999, 0.0, True)),
+        *((4.0, -0.019, True), (4.0, -0.021, False), (11, 0, False)),
+        *((10.001, 0.0, False), (9.999, 0.0, True)),
+        # One that begins between the measurement and the start, if it begins where they will be
+        *((-0.001, 0.0, True), (-0.1, 0.0, True), (-0.1, 0.03, False), (-2.1, 0.0, False)),
     ],
 )
 def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
@@ -166,10 +173,10 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
     """A plan of 10 s that began `since` seconds before the state was measured."""
     motion = lemur_plan.trajectory
     planned = [np.interp(since, motion.time, column) for column in motion.joint_positions.T]
-    problem = replace(
-        lemur_capture,
-        start=replace(lemur_capture.start, joint_positions=np.array(planned) + off * np.eye(7)[2]),
-    )
+    start = replace(lemur_capture.start, joint_positions=np.array(planned) + off * np.eye(7)[2])
+    if since < 0.0:
+        start = replace(start, joint_velocities=np.zeros(7))
+    problem = replace(lemur_capture, start=start)
     published = PublishedPlan("run.1", motion, NOW - round(since * NANOSECONDS))
     found = asked(problem, Scene(problem).request(), published=published)
     running = found.task.running
@@ -177,6 +184,57 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
     assert found.provenance.previous_plan_id == ("run.1" if follows else "")
     if running is not None:
         assert running.time[0] == pytest.approx(-since)
+
+
+def later(plan: Plan, first: PublishedPlan, seconds: float) -> PublishedPlan:
+    """A plan that begins so many seconds after another one, where that one is by then."""
+    motion = plan.trajectory
+    (there,), _, _ = joint_motion(first.trajectory).at(np.array([seconds]))
+    off = there - motion.joint_positions[0]
+    moved = replace(motion, joint_positions=motion.joint_positions + off)
+    start_ns = first.start_ns + round(seconds * NANOSECONDS)
+    return PublishedPlan("run.2", moved, start_ns, before=first)
+
+
+@pytest.mark.parametrize("begins", [5.0, 6.0, 4.0 + 30 / 49 * 10.0 - 4.0, 7.9])
+@pytest.mark.parametrize("continuous", [False, True])
+def test_the_joints_follow_one_plan_and_then_the_next_one_until_the_new_one_starts(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, begins: float, continuous: bool
+) -> None:
+    """One runs since 4 s, the next one is published for later, also at a point of the first."""
+    first = PublishedPlan("run.1", lemur_plan.trajectory, NOW - 4 * NANOSECONDS)
+    second = later(lemur_plan, first, begins)
+    (now,), (rates,), _ = joint_motion(first.trajectory).at(np.array([4.0]))
+    robot, turn = lemur_capture.robot, 2.0 * np.pi * np.eye(7)[2]
+    if continuous:
+        wide = np.where(turn, TURN_OF_CONTINUOUS, robot.upper_position_limits)
+        robot = replace(
+            robot,
+            upper_position_limits=wide,
+            lower_position_limits=-wide,
+            continuous=tuple(turn > 0.0),
+        )
+        now = now + turn
+    start = replace(lemur_capture.start, joint_positions=now, joint_velocities=rates)
+    problem = replace(lemur_capture, robot=robot, start=start)
+    request = Scene(problem).request()
+    request.start_time = time_message(NOW + 4 * NANOSECONDS)
+    found = asked(problem, request, published=second)
+    assert found.provenance.previous_plan_id == "run.2"
+    running = found.task.running
+    assert running is not None
+    for since in np.linspace(4.0, 8.0, 41):
+        of, at = (first, since) if since < begins else (second, since - begins)
+        expected = joint_motion(of.trajectory).at(np.array([at]))
+        if abs(since - begins) < 0.21:  # where the last piece of the first one is cut
+            continue
+        told = running.at(np.array([since - 4.0]))
+        for one, other in zip(told, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-6)
+    # For a start before the next one begins, that does not count.
+    request.start_time = time_message(NOW + NANOSECONDS // 2)
+    found = asked(problem, request, published=second)
+    assert found.provenance.previous_plan_id == "run.1"
 
 
 def test_every_joint_must_be_where_the_last_plan_wants_it(
@@ -419,3 +477,31 @@ def test_the_motion_of_a_target_body_is_foretold_for_no_longer_than_clocks_count
     with pytest.raises(InvalidInput, match="must end before 2038") as refused:
         asked(lemur_capture, request)
     assert refused.value.field == field
+
+
+def test_a_state_in_the_request_that_has_a_locked_joint_elsewhere_is_refused(
+    lemur_capture: PlanningProblem,
+) -> None:
+    at = float(lemur_capture.start.joint_positions[0])
+    robot = load_robot(
+        LEMUR_URDF, "chaser", "end_effector", held_at={"joint_1": at}, geometry=Geometry.LINES
+    )
+    request = Scene(lemur_capture).complete_request()
+    request.start_state[0].joint_velocities[0] = 0.0
+    names = [f"joint_{number}" for number in range(2, 8)]
+    positions, velocities = (
+        getattr(lemur_capture.start, name)[1:] for name in ("joint_positions", "joint_velocities")
+    )
+    start = replace(
+        lemur_capture.start,
+        joint_positions=positions,
+        joint_velocities=velocities,
+        joint_accelerations=None,
+    )
+    problem = replace(lemur_capture, robot=robot, start=start)
+    assert list(asked(problem, request).task.problem.robot.joint_names) == names
+    request.start_state[0].joint_positions[0] += 0.1
+    with pytest.raises(InvalidInput, match=r"start_state\.joint_positions\[joint_1\]") as refused:
+        asked(problem, request)
+    assert refused.value.status is Status.START_OUTSIDE_LIMITS
+    asked(problem, request, locked_joint_tolerance=0.11)

@@ -10,6 +10,7 @@ from unittest.mock import Mock
 import pytest
 from ff_planner_msgs.msg import TargetBody
 from rclpy.clock import ClockChange, ROSClock
+from robots import LEMUR_URDF
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.common.times import NANOSECONDS
@@ -17,6 +18,7 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.robot.model import load_robot
 from ff_planner_ros.ros import session
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
@@ -132,6 +134,26 @@ def test_what_cannot_be_used_is_told_with_its_reason(configured: Configured) -> 
     assert "chaser_state.pose.position" in health.state_refusal
     assert "obstacles.header.frame_id" in health.obstacles_refusal
     assert "ahead of now" in health.target_refusal
+
+
+def test_a_locked_joint_that_is_measured_elsewhere_is_told_with_what_to_set(
+    configured: Configured, lemur_capture: PlanningProblem
+) -> None:
+    robot = load_robot(LEMUR_URDF, "chaser", "end_effector", held_at={"joint_1": 0.3})
+    states = StateInput(robot, FRAME, "chaser_state", PARAMETERS.odometry)
+    vars(configured.session).update(_states=states)
+    state = Scene(lemur_capture).state(NOW)
+    state.joint_positions[0], state.joint_velocities[0] = 0.3, 0.0
+    states.callbacks()["chaser_state"](state)
+    assert configured.diagnosed().state_refusal == ""
+    state.joint_positions[0] = 1.2
+    states.callbacks()["chaser_state"](state)
+    refusal = configured.diagnosed().state_refusal
+    assert 'robot.locked_joints to "joint_1: 1.2"' in refusal
+    assert f"{PARAMETERS.locked_joint_tolerance:g} rad are allowed" in refusal
+    configured.session._stream()  # where the chaser is can be told all the same
+    (measured,) = configured.output.stream.call_args.args
+    assert measured is not None
 
 
 def test_only_a_state_that_may_be_planned_from_is_held_against_the_plan(

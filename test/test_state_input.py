@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
-from robots import random_urdf
+from robots import LEMUR_URDF, random_urdf
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
@@ -708,3 +708,91 @@ def test_what_becomes_faster_on_the_way_contradicts_nobody() -> None:
     assert of_joints(*further, robot) == "joint_1 is 0 and 0.13 rad"
     sliding = robot_from_urdf_text(random_urdf(1, 1, sliding=(1,)), "bus", "tool")
     assert of_joints(*further, sliding) == "joint_1 is 0 and 0.13 m"
+
+
+def _with_first_locked(kind: str, at: float) -> Robot:
+    """The paper's arm without its first joint, which is locked, and a mount that the URDF fixes."""
+    first = '<joint name="joint_1" type="'
+    text = LEMUR_URDF.read_text().replace(f'{first}revolute"', f'{first}{kind}"')
+    mount = '<link name="lamp"/><joint name="mount" type="fixed"><parent link="chaser"/>'
+    text = text.replace("</robot>", f'{mount}<child link="lamp"/></joint></robot>')
+    return robot_from_urdf_text(text, "chaser", "end_effector", held_at={"joint_1": at})
+
+
+WITHIN = 0.02  # of a locked joint
+MOVED = [
+    # Type and place of the joint, what is measured of it, and what is wrong; none: nothing.
+    ("revolute", 0.3, (0.3, 0.0), ""),
+    ("revolute", 0.3, (0.319, -0.019), ""),
+    ("revolute", 0.3, (1.2, 0.0), "position"),
+    ("revolute", 0.3, (0.279, 0.0), "position"),
+    ("revolute", 0.3, (0.3, 0.021), "velocity"),
+    ("revolute", 0.3, (0.3, -0.021), "velocity"),
+    ("revolute", 0.3, (0.3 + 2.0 * np.pi, 0.0), "position"),
+    ("continuous", 0.3, (0.3 - 4.0 * np.pi, 0.0), ""),
+    ("continuous", 0.3, (1.2 + 2.0 * np.pi, 0.0), "position"),
+    ("prismatic", 0.3, (0.33, 0.0), "position"),
+    ("revolute", 0.3, (float("nan"), float("nan")), ""),
+    ("revolute", 0.3, (float("inf"), 0.0), "position"),
+]
+
+
+@pytest.mark.parametrize("beside", ["with the arm", "alone"])
+@pytest.mark.parametrize(("kind", "at", "measured", "wrong"), MOVED)
+def test_a_joint_that_is_measured_elsewhere_than_locked_or_moving_is_refused_with_what_to_set(
+    kind: str, at: float, measured: tuple[float, float], wrong: str, beside: str
+) -> None:
+    """Whoever publishes it: masses, collisions and the chaser's centre of mass depend on it."""
+    robot = _with_first_locked(kind, at)
+    fed = Fed(robot, "odometry")
+    arm, other = _joints(robot), JointState(name=["finger", "joint_1"])
+    told = arm if beside == "with the arm" else other
+    told.name = [*arm.name, "joint_1"] if told is arm else other.name
+    for name, value in zip(("position", "velocity"), measured, strict=True):
+        setattr(told, name, [*(getattr(arm, name) if told is arm else [7.0]), value])
+    fed.keep["odometry"](_odometry())
+    for message in {id(one): one for one in (told, arm)}.values():
+        fed.keep["joint_states"](serialize_message(message))
+    limits = NOW_NS, MAX_AGE, MAX_LEAD, WITHIN
+    if not wrong:
+        fed.input.snapshot(*limits)
+        return
+    with pytest.raises(InvalidInput) as refused:
+        fed.input.snapshot(*limits)
+    assert refused.value.status is Status.START_OUTSIDE_LIMITS
+    assert refused.value.field == f"joint_states.{wrong}[joint_1]"
+    assert f"locked at {at:g} {'m' if kind == 'prismatic' else 'rad'}" in str(
+        refused.value
+    ) or "locked at rest" in str(refused.value)
+    advice = f'set robot.locked_joints to "joint_1: {measured[0]:.6g}"'
+    assert (advice if wrong == "position" else "stop it") in str(refused.value)
+    told.position, told.velocity = ([*one[:-1], 0.0] for one in (told.position, told.velocity))
+    told.position[-1] = at
+    fed.keep["joint_states"](told)  # it is back, and the message before counts no more
+    fed.input.snapshot(*limits)
+
+
+def test_a_chaser_state_may_name_a_locked_joint_which_must_be_where_it_is_locked(
+    lemur_capture: PlanningProblem,
+) -> None:
+    robot = _with_first_locked("revolute", 0.3)
+    fed = Fed(robot, "chaser_state")
+    for at, message in ((0.3, "a"), (1.2, "b")):
+        state = _chaser_state(lemur_capture, NOW_NS + (message == "b"))
+        state.joint_positions[0], state.joint_velocities[0] = at, 0.0
+        fed.keep["chaser_state"](serialize_message(state))
+        if at == 0.3:
+            kept = fed.input.snapshot(NOW_NS, MAX_AGE, MAX_LEAD, WITHIN).state
+            assert kept.joint_positions.tolist() == state.joint_positions.tolist()[1:]
+    with pytest.raises(InvalidInput, match=r"chaser_state\.joint_positions\[joint_1\] is 1\.2 rad"):
+        fed.input.snapshot(NOW_NS, MAX_AGE, MAX_LEAD, WITHIN)
+
+
+def test_a_joint_that_the_urdf_fixes_is_not_measured_elsewhere_either() -> None:
+    fed = Fed(robot := _with_first_locked("revolute", 0.3), "odometry")
+    fed.keep["odometry"](_odometry())
+    arm = _joints(robot)
+    fed.keep["joint_states"](arm)
+    fed.keep["joint_states"](JointState(name=["mount"], position=[0.4]))
+    with pytest.raises(InvalidInput, match=r"\[mount\] is 0\.4 rad.* fixed in the URDF"):
+        fed.input.snapshot(NOW_NS, MAX_AGE, MAX_LEAD, WITHIN)

@@ -32,8 +32,11 @@ from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviou
 
 # Values of when_busy: what happens if a request arrives during another one.
 REJECT, PREEMPT = "reject", "preempt"
-# Obstacles may be so old that their age does not matter, as it did not until version 0.3 [s].
+# So old that the age does not matter, as that of obstacles did not until version 0.3 [s]. More than
+# the time since 1970, of what is not stamped.
 ANY_AGE = 1e10
+# Locked joints may be so far elsewhere, or so fast, that it does not matter [rad, m, rad/s, m/s].
+ANY_PLACE = 1e10
 STATE_SOURCES = ("chaser_state", "odometry")
 
 
@@ -138,6 +141,13 @@ class NodeParameters:
         3600.0,
         "s",
         STRICT_IF_LOW,
+    )
+    locked_joint_tolerance: float = tunable(
+        "Allowed difference of a joint that the model has locked, as a state names it, from where "
+        "robot.locked_joints has it, and allowed rate of it; beyond, the state is refused",
+        minimum=0.0,
+        unit="rad, m, rad/s, m/s",
+        strictness=STRICT_IF_LOW,
     )
     target_max_age: float = tunable(
         "Age above which a target body is refused; a younger one is carried forward",

@@ -102,6 +102,11 @@ def whole_turns(way: Array) -> Array:
     return np.where(np.isfinite(way), _TURN * np.rint(way / _TURN), 0.0)
 
 
+def without_turns(way: Array, continuous: Sequence[bool] | bool) -> Array:
+    """Return ways of joints without whole turns of those that are continuous [rad, m]."""
+    return way - np.where(continuous, whole_turns(way), 0.0)
+
+
 def whose_limits(robot: Robot, joint: int) -> str:
     """Return what to add to position limits in a message that are not those of the URDF."""
     if not robot.continuous[joint]:

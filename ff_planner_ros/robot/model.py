@@ -20,7 +20,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.whole_body import whole_body
-from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD
+from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD, LockedJoint, with_locked
 from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import checked_urdf
@@ -95,6 +95,7 @@ class Robot:
     # Weights in the joint path, and in metrics over all joints; shape (joints,)
     joint_weights: Array  # 1, or rad/m for prismatic joints
     notes: tuple[str, ...] = ()  # for the user: joints that are locked, say
+    locked_joints: tuple[LockedJoint, ...] = ()  # all that move no more, where the model has them
     base: Base = Base.FREE_FLYER
     wheels: Wheels | None = None  # None: nothing holds the chaser's attitude
     geometry: Geometry = Geometry.LINES
@@ -240,7 +241,7 @@ def robot_from_urdf_text(
     return Robot(
         model=model,
         urdf=urdf,
-        drawn_urdf=whole.drawn_urdf,
+        drawn_urdf=with_locked(whole.drawn_urdf, checked.locked_joints),
         joint_names=tuple(model.names)[2:],
         base_link=checked.base_link,
         tip_link=checked.tip_link,
@@ -256,6 +257,7 @@ def robot_from_urdf_text(
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
         joint_weights=frozen(np.where(slides.any(axis=1), slide_weight, 1.0)),
         notes=(*checked.notes, *whole.notes),
+        locked_joints=checked.locked_joints,
         base=base,
         wheels=wheels,
         geometry=whole.geometry,

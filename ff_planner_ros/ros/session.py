@@ -19,6 +19,7 @@ from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters.node import ANY_AGE
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, heard_with
@@ -44,8 +45,6 @@ from ff_planner_ros.ros.requests.worker import Worker
 _LAST_ANSWER = 2.0
 # Of what the node publishes, its own recorder hears everything.
 _RECORDERS = 1
-# Of a state whose age does not matter [s].
-_ANY_AGE = 1e9
 
 
 class Session:
@@ -197,8 +196,8 @@ class Session:
     def _now_ns(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)
 
-    def _newest_state(self, max_age: float, max_lead: float) -> Snapshot:
-        return self._states.snapshot(self._now_ns(), max_age, max_lead)
+    def _newest_state(self, *limits: float) -> Snapshot:
+        return self._states.snapshot(self._now_ns(), *limits)
 
     def _and_tell(self, keep: Callable[..., None]) -> Callable[..., None]:
         """Return what keeps a message, and publishes the measured chaser where that is due.
@@ -234,7 +233,8 @@ class Session:
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""
         try:
-            stamp_ns = self._newest_state(_ANY_AGE, now.state_future_tolerance).stamp_ns
+            limits = ANY_AGE, now.state_future_tolerance, now.locked_joint_tolerance
+            stamp_ns = self._newest_state(*limits).stamp_ns
             state_age = (clock.nanoseconds - stamp_ns) / NANOSECONDS
         except InvalidInput as error:
             if error.status is not Status.NO_STATE:
@@ -244,15 +244,16 @@ class Session:
             scene = self._scenes.scene()
             obstacles, bodies = len(scene.spheres), len(scene.bodies)
             obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
-            limits = now.state_future_tolerance, now.obstacles_max_age
-            self._scenes.moving_scene(None, clock.nanoseconds, *limits)
+            self._scenes.moving_scene(
+                None, clock.nanoseconds, now.state_future_tolerance, now.obstacles_max_age
+            )
         except InvalidInput as error:
             if error.status is not Status.NO_OBSTACLES:
                 obstacles, obstacles_refusal = obstacles or 0, str(error)
         target_age, target_refusal = None, ""
         try:
             seen = self._scenes.target_body(
-                None, clock.nanoseconds, _ANY_AGE, now.state_future_tolerance
+                None, clock.nanoseconds, ANY_AGE, now.state_future_tolerance
             )
             target_age = (clock.nanoseconds - seen.stamp_ns) / NANOSECONDS
         except InvalidInput as error:

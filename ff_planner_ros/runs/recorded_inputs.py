@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -62,6 +63,7 @@ def heard(
     topics: Mapping[str, str],
     moments: Sequence[Moment],
     is_for_node: Mapping[str, Callable[[bytes], bool]] = MappingProxyType({}),
+    names: Mapping[str, Callable[[bytes], Iterable[str]]] = MappingProxyType({}),
 ) -> list[Heard]:
     """Return the messages that the node had heard at each moment, as far as the bag has them.
 
@@ -71,6 +73,8 @@ def heard(
         moments: In any order.
         is_for_node: By input, whether a message with these bytes is for the node, which takes the
             last other one as the reason for a refusal alone; without an entry: all are.
+        names: By input, what of the node's interest other messages name, which heeds the last one
+            on each; without an entry: nothing.
 
     Raises:
         BagError: The disk fails.
@@ -79,7 +83,7 @@ def heard(
     named = {topic: name for name, topic in topics.items()}
     first: dict[str, Message] = {}
     recent = {name: deque[Message](maxlen=INPUT_TOPICS[name].memory) for name in topics}
-    other = {name: deque[Message](maxlen=1) for name in topics}
+    other = {name: dict[tuple[str, ...], Message]() for name in topics}
     wanted = {item for moment in moments for item in moment.stamps_ns.items()}
     stamped: dict[tuple[str, int], list[Message]] = {}
     waiting = sorted(range(len(moments)), key=lambda i: moments[i].logged_ns, reverse=True)
@@ -89,7 +93,8 @@ def heard(
             _take_recent(answers[i], moments[i], recent, other)
         name = named[message.topic]
         if name in is_for_node and not is_for_node[name](message.cdr):
-            other[name].append(message)
+            about = tuple(names[name](message.cdr)) if name in names else ()
+            other[name][about] = message
             continue
         first.setdefault(name, message)
         recent[name].append(message)
@@ -108,11 +113,12 @@ def _take_recent(
     answer: Heard,
     moment: Moment,
     recent: Mapping[str, deque[Message]],
-    other: Mapping[str, deque[Message]],
+    other: Mapping[str, Mapping[tuple[str, ...], Message]],
 ) -> None:
     for name in moment.inputs:
         if name in recent and name not in moment.stamps_ns:
-            answer[name] = list(recent[name] or other[name])
+            beside = [one for about, one in other[name].items() if about or not recent[name]]
+            answer[name] = sorted([*recent[name], *beside], key=attrgetter("log_time_ns"))
 
 
 def _take_stamped(

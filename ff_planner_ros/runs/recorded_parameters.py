@@ -13,7 +13,7 @@ from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
-from ff_planner_ros.parameters.node import ANY_AGE
+from ff_planner_ros.parameters.node import ANY_AGE, ANY_PLACE
 from ff_planner_ros.parameters.values import flattened, parameters_of, present_name, replaced
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs.installed import as_installed
@@ -75,9 +75,10 @@ class RecordedParameters:
         except (InvalidInput, TypeError, ValueError):
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
         # Without these in a bag of `ff-planner plan --bag` of an earlier version, plans started at
-        # once, moving obstacles were of any age, and prismatic joints were locked.
+        # once, moving obstacles were of any age, prismatic joints were locked, and locked ones
+        # could be anywhere.
         before: dict[str, Any] = {"planning_lead_time": 0.0, "obstacles_max_age": ANY_AGE}
-        before["robot.slide_weight"] = 0.0
+        before |= {"robot.slide_weight": 0.0, "locked_joint_tolerance": ANY_PLACE}
         # And plans ended at their goal, which until version 0.3 was the default.
         before |= {"end_behaviour": "none", f"controller.{NOT_AT_END}": True}
         assumed = dict(default_values()) | before

@@ -20,7 +20,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, JOINT_STATES
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
-from ff_planner_ros.ros.messages.joint_names import names_a_joint_of
+from ff_planner_ros.ros.messages.joint_names import joints_named, names_a_joint_of
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
 from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
@@ -96,7 +96,8 @@ def recorded_run(bag: Bag) -> RecordedRun:
     of_another = _of_another(provenance, namespaces)
     requests = []
     own = {JOINT_STATES.name: names_a_joint_of(robot)}
-    for i, all_heard in enumerate(heard(bag, topics, moments, own)):
+    locked = {JOINT_STATES.name: joints_named([one.name for one in robot.locked_joints])}
+    for i, all_heard in enumerate(heard(bag, topics, moments, own, locked)):
         exchange, now_ns = found[i], times_ns[i]
         inputs, missing = None, of_another.get(exchange.namespace, "")
         try:
@@ -202,10 +203,21 @@ def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> Publis
             raise BagError(f"plan {followed}, which the joints followed, is not in the bag")
     if not solved:
         return None
-    last = solved[-1]
-    plan = _plan_in(last)
-    before = [one for one in solved_before if one.plan_id == last.inputs.previous_plan_id]
-    return replace(plan, before=_plan_in(before[-1]) if before else None)
+    by_id = {one.plan_id: one for one in solved_before}
+    now_ns = 0 if response is None else nanoseconds(response.inputs.received_stamp)
+    return _with_those_before(solved[-1], by_id, now_ns)
+
+
+def _with_those_before(
+    answer: PlanAnswer, by_id: Mapping[str, PlanAnswer], now_ns: int
+) -> PublishedPlan:
+    """Return a plan with those that are followed before it from now [ns] on, and one more."""
+    plan, before = _plan_in(answer), by_id.get(answer.inputs.previous_plan_id)
+    if before is None:
+        return plan
+    if now_ns < plan.start_ns:
+        return replace(plan, before=_with_those_before(before, by_id, now_ns))
+    return replace(plan, before=_plan_in(before))
 
 
 def _handover_lead(exchange: PlanExchange) -> float:

@@ -37,6 +37,7 @@ _OF_NODE = (
     *("planner.", "limits.", "controller.", "replanning."),
     *("post_goal_duration", "following_tolerance", "planning_lead_time", "start_horizon"),
     *("state_max_age", "state_future_tolerance", "obstacles_max_age"),
+    "locked_joint_tolerance",
 )
 _LIBRARY = "planner.library"
 _NONE = "-"

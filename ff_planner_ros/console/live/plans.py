@@ -139,14 +139,13 @@ class Plans:
             self._link.published = RunningPlan(message.plan_id, motion, start_ns)
             return
         made = known.made
-        is_before = last is not None and last.plan_id == made.previous_plan_id
         self._link.published = RunningPlan(
             made.plan_id,
             made.plan.trajectory,
             start_ns,
             captured_in(made.scene),
             made.plan.duration,
-            replace(last, before=None) if last is not None and is_before else None,
+            None if last is None else last.until(made.previous_plan_id, self._link.now_ns()),
             made.plan.wheels,
         )
         self._becomes(message.plan_id, f"published by {message.requester}")

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
+from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.robot.urdf.urdf_faults import LARGEST, LONGEST_NOTE, Faults, listed
+from ff_planner_ros.robot.urdf.urdf_xml import LOCKED
 
 NOTHING_HELD: Mapping[str, float] = MappingProxyType({})
 
+_FIXED = "fixed"
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 
 # Shortest axis, which should be a unit vector; a shorter one is rounding.
@@ -191,3 +195,55 @@ def has_axis(joint: Element, faults: Faults) -> bool:
 
 def _length(axis: Element) -> float:
     return math.hypot(*map(float, axis.get("xyz", "").split()))
+
+
+class LockedJoint(NamedTuple):
+    """A joint that the planner takes for fixed, and where."""
+
+    name: str
+    type: str  # `revolute`, `continuous` or `prismatic`; `fixed` where the URDF itself fixes it
+    position: float  # [rad, m]; zero of a fixed one
+
+    @property
+    def unit(self) -> str:
+        """Unit of the position; of a fixed one, of what a message says of it."""
+        return _UNITS.get(self.type, "rad")
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the URDF itself fixes it, so that it can be locked nowhere else."""
+        return self.type == _FIXED
+
+
+def locked_joints_in(
+    joints: Mapping[str, Element], where: Mapping[str, float]
+) -> tuple[LockedJoint, ...]:
+    """Return the joints that are to be locked, as a URDF has them.
+
+    Args:
+        joints: All joints, by name; those that can do more than turn or slide are left out.
+        where: Positions of those that are locked [rad, m].
+    """
+    found = []
+    for name, at in where.items():
+        joint = joints[name]
+        kind = joint.get("type", "")
+        if kind == _FIXED:
+            told = joint.find(LOCKED)  # of a recorded URDF
+            kind = _FIXED if told is None else told.get("type", "")
+            at = 0.0 if told is None else Faults().number("", "", "", told, "position")
+        if kind in (*_UNITS, _FIXED):
+            found.append(LockedJoint(name, kind, at))
+    return tuple(found)
+
+
+def with_locked(xml: str, locked_joints: Sequence[LockedJoint]) -> str:
+    """Return a checked URDF that says where joints are locked that are fixed ones in it."""
+    places = {one.name: one for one in locked_joints if not one.is_fixed}
+    if not places:
+        return xml
+    robot = ElementTree.fromstring(xml)
+    for joint in robot.findall("joint"):
+        if (one := places.get(joint.get("name", ""))) is not None:
+            SubElement(joint, LOCKED, type=one.type, position=repr(one.position))
+    return ElementTree.tostring(robot, encoding="unicode")

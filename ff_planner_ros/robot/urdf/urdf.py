@@ -13,8 +13,10 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.urdf.locked_joints import (
     NOTHING_HELD,
+    LockedJoint,
     has_axis,
     lock,
+    locked_joints_in,
     locked_positions,
     told_position,
     without_mimicked,
@@ -28,7 +30,7 @@ from ff_planner_ros.robot.urdf.urdf_faults import (
     shortened,
 )
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
-from ff_planner_ros.robot.urdf.urdf_xml import read_elements, read_tags
+from ff_planner_ros.robot.urdf.urdf_xml import LOCKED, read_elements, read_tags
 
 # The planner's bound of continuous joints, either way from the turn of the start [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi
@@ -51,6 +53,7 @@ class CheckedUrdf(NamedTuple):
     base_link: str
     tip_link: str
     notes: tuple[str, ...]  # for the user: joints that are locked, say
+    locked_joints: tuple[LockedJoint, ...]
 
 
 def checked_urdf(
@@ -92,7 +95,7 @@ def checked_urdf(
         else None
         for link, joint in tree.above.items()
     }
-    notes, moving = list[str](), list[Element]()
+    notes, moving, locked = list[str](), list[Element](), list[LockedJoint]()
     if chain is not None:
         locked_kinds = ("fixed", "prismatic") if holds_slides else ("fixed",)
         moving = [
@@ -100,13 +103,13 @@ def checked_urdf(
             for joint in chain
             if joint.get("type") not in locked_kinds and _name(joint) not in held_at
         ]
-        notes += _check_joints(tree, moving, base_link or "", placements, held_at, faults)
+        notes += _check_joints(tree, moving, base_link or "", placements, held_at, locked, faults)
     notes += check_bodies(tree, placements, base_link or "", faults)
     faults.refuse_if_any()
     notes += _not_counted(moving, text)
     ElementTree.indent(robot)
     xml = ElementTree.tostring(robot, encoding="unicode")
-    return CheckedUrdf(xml, base_link or "", tip_link or "", tuple(notes))
+    return CheckedUrdf(xml, base_link or "", tip_link or "", tuple(notes), tuple(locked))
 
 
 def _name(joint: Element) -> str:
@@ -150,9 +153,14 @@ def _check_joints(
     base_link: str,
     placements: dict[str, pin.SE3 | None],
     held_at: Mapping[str, float],
+    locked: list[LockedJoint],
     faults: Faults,
 ) -> list[str]:
-    """Check the joints of the arm that move, fix all others, and return notes on these."""
+    """Check the joints of the arm that move, fix all others, and return notes on these.
+
+    Args:
+        locked: Gets the joints that are fixed.
+    """
     for arm_joint in moving:
         _check_arm_joint(_name(arm_joint), arm_joint, faults)
     if not moving:
@@ -161,6 +169,7 @@ def _check_joints(
     joints = {_name(joint): joint for joint in tree.above.values()}
     alone = without_mimicked(joints)
     where = locked_positions(joints, [*map(_name, moving)], held_at, _LOCKED, faults)
+    locked += locked_joints_in(joints, where)
     # Links that move with the tip, and all that they carry.
     under_base = {link_of(joint, "child") for joint in tree.upwards(base_link)}
     first = link_of(moving[-1], "child") if moving else tree.order[0]
@@ -173,7 +182,7 @@ def _check_joints(
         if link_of(joint, "parent") in beyond:
             beyond.add(link)
         if joint.get("type") == "fixed":
-            _drop(joint, "axis", "limit", "mimic")
+            _drop(joint, "axis", "limit", "mimic", LOCKED)
         elif link in under_base:
             value = "movable and carries the base link"
             faults.add("joint", _name(joint), "", value, "make it fixed")

@@ -16,11 +16,13 @@ MAX_CHARACTERS = 4_000_000
 # A humanoid with both hands has two hundred. The time to build a model grows with the square.
 MAX_LINKS = 1000
 
+# Element of a recorded URDF: where a joint is locked that is a fixed one there.
+LOCKED = "locked"
 # Elements that are read, by their parents; all others are ignored: a missing mesh shall not stop a
 # plan.
 _PARTS: dict[str, Any] = {
     "link": {"inertial": {"origin": {}, "mass": {}, "inertia": {}}},
-    "joint": {"origin": {}, "parent": {}, "child": {}, "axis": {}, "limit": {}, "mimic": {}},
+    "joint": {key: {} for key in ("origin", "parent", "child", "axis", "limit", "mimic", LOCKED)},
 }
 # The same for the shapes of links; a link may have several of these.
 _GEOMETRY: dict[str, Any] = {
@@ -53,6 +55,7 @@ _ATTRIBUTES = {
     "axis": ("xyz",),
     "limit": ("lower", "upper", "velocity", "effort"),
     "mimic": ("joint", "multiplier", "offset"),
+    LOCKED: ("type", "position"),
     "visual": (),
     "collision": (),
     "geometry": (),

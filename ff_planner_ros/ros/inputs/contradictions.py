@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import Obstacle, Sphere, TargetBody, carried
+from ff_planner_ros.robot.configuration import without_turns
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_odometry import ChaserPart, JointPart
@@ -33,7 +34,8 @@ def of_states(before: SystemState, after: SystemState, time: float, robot: Robot
 
 def of_chasers(before: ChaserPart, after: ChaserPart, time: float) -> str:
     """Return how two chaser motions contradict each other, as `of_states` does."""
-    off = _beyond(before[0], after[0], before[2], after[2], time)
+    moved, explained = _moved(before[0], after[0], before[2], after[2], time)
+    off = np.abs(moved) - explained
     if off.max() > _FURTHEST:
         return f"the chaser is {off.max():.3g} m away from where the other says"
     rate = (before[3] + after[3]) / 2.0
@@ -47,7 +49,8 @@ def of_chasers(before: ChaserPart, after: ChaserPart, time: float) -> str:
 
 def of_joints(before: JointPart, after: JointPart, time: float, robot: Robot) -> str:
     """Return how two joint states contradict each other, as `of_states` does."""
-    off = _beyond(before[0], after[0], before[1], after[1], time)
+    moved, explained = _moved(before[0], after[0], before[1], after[1], time)
+    off = np.abs(without_turns(moved, robot.continuous)) - explained
     if off.max() > _FURTHEST:
         joint = int(off.argmax())
         name, unit = robot.joint_names[joint], robot.unit(joint)
@@ -107,11 +110,13 @@ def _apart(before: Obstacle, after: Obstacle) -> float:
     return off + float(np.abs(one.sizes - other.sizes).max(initial=0.0) + grown)
 
 
-def _beyond(before: Array, after: Array, rate: Array, later_rate: Array, time: float) -> Array:
-    """Return how far values are from where the mean rate leads, less what its change explains."""
-    moved: Array = np.abs(after - before - time * (rate + later_rate) / 2.0)
+def _moved(
+    before: Array, after: Array, rate: Array, later_rate: Array, time: float
+) -> tuple[Array, Array]:
+    """Return how far values are from where the mean rate leads, and what its change explains."""
+    moved: Array = after - before - time * (rate + later_rate) / 2.0
     explained: Array = np.abs(time * (later_rate - rate)) / 2.0
-    return moved - explained
+    return moved, explained
 
 
 def _chaser(state: SystemState) -> ChaserPart:

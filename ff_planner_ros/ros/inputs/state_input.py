@@ -8,12 +8,14 @@ even once the time of its stamp has come: the state was not measured then.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
+from ff_planner_msgs.msg import ChaserState
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.common.times import NANOSECONDS
@@ -23,6 +25,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.contradictions import of_chasers, of_joints, of_states
 from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE, JOINT_STATES, ODOMETRY
+from ff_planner_ros.ros.inputs.locked_joints import LockedJoints
 from ff_planner_ros.ros.inputs.publishers import Publishers
 from ff_planner_ros.ros.inputs.topic_memory import ROUNDING, HeardMessage, TopicMemory
 from ff_planner_ros.ros.messages.from_messages import state_from_message
@@ -73,6 +76,7 @@ class StateInput:
         self._source = source
         self._pairing_tolerance = odometry.pairing_tolerance
         self._is_of_arm = names_a_joint_of(robot)
+        self._locked = LockedJoints(robot)
         self._states: TopicMemory[SystemState] = TopicMemory(
             CHASER_STATE,
             lambda message: state_from_message(message, CHASER_STATE.name, robot, inertial_frame),
@@ -98,14 +102,14 @@ class StateInput:
     def callbacks(self) -> dict[str, Callable[..., None]]:
         """Return each topic's callback, which takes a message and its sequence number."""
         return {
-            CHASER_STATE.name: self._states.keep,
+            CHASER_STATE.name: self._keep_state,
             ODOMETRY.name: self._chasers.keep,
             JOINT_STATES.name: self._keep_joints,
         }
 
     def clear(self) -> None:
         """Forget everything; to be called when the clock has jumped back or changed."""
-        for topic in (self._states, self._chasers, self._joints):
+        for topic in (self._states, self._chasers, self._joints, self._locked):
             topic.clear()
 
     @property
@@ -123,14 +127,25 @@ class StateInput:
         offsets = [offset for topic in topics if (offset := topic.offset(now_ns)) is not None]
         return max(offsets, key=abs, default=None)
 
-    def snapshot(self, now_ns: int, max_age: float, max_lead: float) -> Snapshot:
+    def snapshot(
+        self, now_ns: int, max_age: float, max_lead: float, locked_tolerance: float = math.inf
+    ) -> Snapshot:
         """Return the newest state, if it is at most max_age old and max_lead ahead of now [s].
+
+        Args:
+            locked_tolerance: How far a joint that the model has locked may be elsewhere [rad, m],
+                and how fast it may move [rad/s, m/s].
 
         Raises:
             InvalidInput: No state was received, the newest is invalid, too old or too far ahead,
-                publishers contradict each other, a publisher's clock is ahead, or no odometry and
-                joint state are within `odometry.pairing_tolerance`.
+                publishers contradict each other, a publisher's clock is ahead, no odometry and
+                joint state are within `odometry.pairing_tolerance`, or a locked joint is elsewhere.
         """
+        found = self._newest(now_ns, max_age, max_lead)
+        self._locked.require_locked(locked_tolerance)
+        return found
+
+    def _newest(self, now_ns: int, max_age: float, max_lead: float) -> Snapshot:
         limits = (now_ns, max_age, max_lead)
         offset = self.clock_offset(now_ns) or 0.0
         if self._is_one_topic:
@@ -175,7 +190,12 @@ class StateInput:
             smallest = min(smallest, apart)
         return None, smallest
 
+    def _keep_state(self, message: ChaserState | bytes, number: int | None = None) -> None:
+        self._locked.keep(CHASER_STATE, message)
+        self._states.keep(message, number)
+
     def _keep_joints(self, message: JointState | bytes, number: int | None = None) -> None:
+        self._locked.keep(JOINT_STATES, message)
         # Messages of other joints, for example of a gripper, are not errors.
         self._joints.keep(message, number, is_for_others=not self._is_of_arm(message))
 

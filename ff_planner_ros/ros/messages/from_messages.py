@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, finite_number, finite_vector
+from ff_planner_ros.common.arrays import Array, finite_number
 from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.common.declared_messages import names_in, values_in
 from ff_planner_ros.common.forms import a_word
@@ -37,7 +37,12 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.messages.joint_names import GOAL_JOINTS, joint_order, posture_in
+from ff_planner_ros.ros.messages.joint_names import (
+    GOAL_JOINTS,
+    joint_order,
+    of_joints_in,
+    posture_in,
+)
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
     from builtin_interfaces.msg import Time
@@ -249,18 +254,20 @@ def state_from_message(
 ) -> SystemState:
     """Read a chaser state of the topic or field `source`; its joints may come in any order.
 
+    It may name joints, too, that the robot has locked.
+
     Raises:
         InvalidInput: A field of the message cannot be used; the error names it.
     """
     require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
     momenta = wheel_momenta_in(message, f"{source}.wheel_momenta", robot)
-    order = joint_order(f"{source}.joint_names", message.joint_names, robot.joint_names)
+    names, locked = message.joint_names, {one.name for one in robot.locked_joints}
+    order = joint_order(f"{source}.joint_names", names, robot.joint_names, beside=locked)
     with fields_named(names_in(SystemState, "", source)):
         given = values_in(SystemState, message)
         for name in _JOINTS:
             if name in given:
-                numbers = finite_vector(f"{source}.{name}", given[name], robot.joints)
-                given[name] = numbers[order]
+                given[name] = of_joints_in(f"{source}.{name}", given[name], order, len(names))
         return SystemState(**given, wheel_momenta=momenta)
 
 

@@ -11,7 +11,7 @@ from ff_planner_ros.common.arrays import Array, finite_vector, unit_quaternion
 from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import require_frame, xyz, xyzw
-from ff_planner_ros.ros.messages.joint_names import joint_order
+from ff_planner_ros.ros.messages.joint_names import joint_order, of_joints_in
 
 if TYPE_CHECKING:
     from nav_msgs.msg import Odometry
@@ -74,15 +74,7 @@ def joints_from_joint_state(message: JointState, robot: Robot) -> JointPart:
     """
     order = joint_order("joint_states.name", message.name, robot.joint_names, others_allowed=True)
     positions, velocities = (
-        _of_joints(f"joint_states.{field}", values, order, len(message.name))
+        of_joints_in(f"joint_states.{field}", values, order, len(message.name))
         for field, values in (("position", message.position), ("velocity", message.velocity))
     )
     return positions, velocities
-
-
-def _of_joints(field: str, values: object, order: list[int], size: int) -> Array:
-    """Return the arm's values; the others may even be NaN."""
-    vector = np.array(values)
-    if vector.size != size:
-        return finite_vector(field, vector.tolist(), size)  # says what is wrong
-    return finite_vector(field, vector[order].tolist(), len(order))

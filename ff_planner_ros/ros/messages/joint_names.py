@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
-from ff_planner_ros.common.arrays import finite_vector
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
@@ -31,20 +34,32 @@ def names_a_joint_of(robot: Robot) -> Callable[[JointState | bytes], bool]:
 
     Any other one, for example of a gripper, is not for the planner.
     """
-    planned = frozenset(robot.joint_names)
+    named = joints_named(robot.joint_names)
+    return lambda message: next(named(message), None) is not None
+
+
+def joints_named(wanted: Sequence[str]) -> Callable[[Any], Iterator[str]]:
+    """Return a function that yields which joints a message names, serialised or not.
+
+    The message is a JointState or ChaserState.
+    """
     # As serialised, in either order of bytes: its length, the zero at its end counted, and it.
-    in_bytes = [
-        struct.pack(f"{order}I", len(name.encode()) + 1) + name.encode() + b"\0"
-        for name in robot.joint_names
-        for order in "<>"
-    ]
+    in_bytes = {
+        name: [
+            struct.pack(f"{order}I", len(name.encode()) + 1) + name.encode() + b"\0"
+            for order in "<>"
+        ]
+        for name in wanted
+    }
 
-    def names_one(message: JointState | bytes) -> bool:
+    def named(message: Any) -> Iterator[str]:
         if isinstance(message, bytes):
-            return any(name in message for name in in_bytes)
-        return not planned.isdisjoint(message.name)
+            forms = in_bytes.items()
+            return (name for name, (one, other) in forms if one in message or other in message)
+        names = frozenset(value_at(message, "joint_names", value_at(message, "name", ())))
+        return (name for name in wanted if name in names)
 
-    return names_one
+    return named
 
 
 def posture_in(goal: Goal, robot: Robot) -> Posture | None:
@@ -68,19 +83,26 @@ def posture_in(goal: Goal, robot: Robot) -> Posture | None:
 
 
 def joint_order(
-    field: str, found: Sequence[str], wanted: Sequence[str], others_allowed: bool = False
+    field: str,
+    found: Sequence[str],
+    wanted: Sequence[str],
+    others_allowed: bool = False,
+    beside: Collection[str] = (),
 ) -> list[int]:
     """Return the index in `found` of each wanted joint.
 
     Args:
         field: Field of the names found, which the error names.
         others_allowed: Whether `found` may name further joints.
+        beside: Further joints that `found` may name.
 
     Raises:
         InvalidInput: A joint is unknown, missing or named twice.
     """
     known = set(wanted)
-    counts = Counter(name for name in found if name in known) if others_allowed else Counter(found)
+    counts = Counter(
+        name for name in found if name in known or (not others_allowed and name not in beside)
+    )
     faults = [
         f"{fault}: {_listed(names)}"
         for fault, names in (
@@ -98,6 +120,22 @@ def joint_order(
             f"it must name each of {', '.join(wanted)} once ({'; '.join(faults)})",
         )
     return [found.index(name) for name in wanted]
+
+
+def of_joints_in(field: str, values: object, order: Sequence[int], size: int) -> Array:
+    """Return the values of some joints in a message, which may even be NaN of others.
+
+    Args:
+        order: Their indices.
+        size: Number of joints in the message.
+
+    Raises:
+        InvalidInput: The values are too few, too many, or not finite.
+    """
+    vector = np.array(values)
+    if vector.size != size:
+        return finite_vector(field, vector.tolist(), size)  # says what is wrong
+    return finite_vector(field, vector[list(order)].tolist(), len(order))
 
 
 def _listed(names: list[str]) -> str:

@@ -40,7 +40,7 @@ class PublishedPlan:
     start_ns: int  # time of the first point [ns]
     captured: CapturedBody | None = None  # None: it captures none
     duration: float | None = None  # from the first point to the goal [s]; None: to the last point
-    before: PublishedPlan | None = None  # plan that runs until this one starts; None: not known
+    before: PublishedPlan | None = None  # plan that is followed until this one starts; None: none
     wheels: WheelMotion | None = None  # reaction wheels of the chaser; None: there are none
 
     @property
@@ -48,12 +48,28 @@ class PublishedPlan:
         """Time from the first point to the goal [s]."""
         return float(self.trajectory.time[-1]) if self.duration is None else self.duration
 
+    @property
+    def end_ns(self) -> int:
+        """Time of the last point [ns]."""
+        return self.start_ns + round(float(self.trajectory.time[-1]) * NANOSECONDS)
+
     def at(self, time_ns: int) -> PublishedPlan | None:
-        """Return the plan that runs at a time [ns]: this one, the one before it, or None."""
+        """Return the plan that runs at a time [ns]: this one, one before it, or None."""
         if time_ns < self.start_ns:
             return None if self.before is None else self.before.at(time_ns)
-        end_ns = self.start_ns + round(float(self.trajectory.time[-1]) * NANOSECONDS)
-        return self if time_ns <= end_ns else None
+        return self if time_ns <= self.end_ns else None
+
+    def until(self, plan_id: str, now_ns: int) -> PublishedPlan | None:
+        """Return the plan of an id, this one or one before it, as the next one's `before`.
+
+        It knows only those before it that are followed now [ns] or later.
+        """
+        before = self.before
+        if self.plan_id != plan_id:
+            return None if before is None else before.until(plan_id, now_ns)
+        is_ahead = now_ns < self.start_ns
+        kept = before.until(before.plan_id, now_ns) if is_ahead and before is not None else None
+        return replace(self, before=kept)
 
     def motion(self, since_ns: int) -> JointMotion:
         """Return the joint motion, with its time counted from since_ns [ns]."""
@@ -147,10 +163,8 @@ class PlanOutput:
         if captured is not None:
             self._target_path.publish(written.target_path)
         start_ns = nanoseconds(for_controller.header.stamp)
-        last = self.published
-        before = None
-        if last is not None and last.plan_id == previous_plan_id:
-            before = replace(last, before=None)
+        last, now_ns = self.published, self._clock.now().nanoseconds
+        before = None if last is None else last.until(previous_plan_id, now_ns)
         self.published = PublishedPlan(
             plan_id, plan.trajectory, start_ns, captured, plan.duration, before, plan.wheels
         )

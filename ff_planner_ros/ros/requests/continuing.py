@@ -1,8 +1,8 @@
-"""Replanning in motion: the plan that a request replaces, and whether the system follows it."""
+"""The published plans that the joints follow until a new one starts, and the one it replaces."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -12,6 +12,8 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.published_plans import ReplanningParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.robot.configuration import without_turns
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.outputs.prediction import tracking_error
@@ -36,11 +38,13 @@ def continued_plan(
     start_ns: int,
     allowed: ReplanningParameters,
     weights: Array | float = 1.0,
+    continuous: Sequence[bool] | bool = False,
 ) -> ContinuedPlan:
     """Return the published plan that a new plan takes over from at start_ns [ns].
 
     Args:
         weights: Factors of the joint deviations: 1, or rad/m for prismatic joints. Shape (joints,).
+        continuous: Which joints are.
 
     Raises:
         InvalidInput: No plan runs (NO_ACTIVE_PLAN), it ends too soon (PLAN_ENDING), or the measured
@@ -69,27 +73,59 @@ def continued_plan(
             f"than replanning.min_remainder, {allowed.min_remainder:g} s, is not planned again"
         )
         raise InvalidInput(Status.PLAN_ENDING, _FIELD, True, words)
-    motion = _joints(running, published, measured.stamp_ns)
-    off = list(_off(running, motion, measured, allowed, weights))
+    motion = motion_on(_plans(published, measured.stamp_ns, start_ns + 1), measured.stamp_ns)
+    off = list(_off(running, motion, measured, allowed, weights, continuous))
     if off:
         words = f"the system is not where {running.plan_id} says: {'; '.join(off)}"
         raise InvalidInput(Status.STATE_MOVED, _FIELD, True, f"{words}; ask for a plan of its own")
     return ContinuedPlan(motion, splice_time, remaining)
 
 
-def _joints(running: PublishedPlan, published: PublishedPlan, since_ns: int) -> JointMotion:
-    """Return the joint motion of the running plan, then of the last published one."""
-    last = published.motion(since_ns)
-    if running is published:
-        return last
-    first = running.motion(since_ns)
-    until = first.time < last.time[0] - _ONE_TIME
-    return JointMotion(
-        **{
-            item.name: np.concatenate([getattr(first, item.name)[until], getattr(last, item.name)])
-            for item in fields(JointMotion)
-        }
-    )
+def followed_until(
+    published: PublishedPlan, measured: Snapshot, start_ns: int, robot: Robot, tolerance: float
+) -> list[PublishedPlan]:
+    """Return the published plans that the joints follow from a state until start_ns [ns], in order.
+
+    Nobody tells the planner which plans are executed; a plan that was not leaves the joints behind.
+
+    Args:
+        tolerance: Largest deviation of a joint from the first of them [rad].
+    """
+    plans, state = _plans(published, measured.stamp_ns, start_ns), measured.state
+    if not plans:
+        return []
+    motion = plans[0].motion(measured.stamp_ns)
+    begin = max(float(motion.time[0]), 0.0)  # until then the joints keep their rates
+    (planned,), _, _ = motion.at(np.array([begin]))
+    off = state.joint_positions + begin * state.joint_velocities - planned
+    aside = robot.joint_weights * without_turns(off, robot.continuous)
+    return plans if np.abs(aside).max() <= tolerance else []
+
+
+def _plans(published: PublishedPlan, since_ns: int, until_ns: int) -> list[PublishedPlan]:
+    """Return the plans that run, or begin, between two times [ns], in the order of their starts."""
+    found = list[PublishedPlan]()
+    one: PublishedPlan | None = published
+    while one is not None:
+        if one.start_ns < until_ns and since_ns <= one.end_ns:
+            found.append(one)
+        one = one.before if since_ns < one.start_ns else None
+    return found[::-1]
+
+
+def motion_on(plans: Sequence[PublishedPlan], since_ns: int) -> JointMotion:
+    """Return the joint motion on plans that follow each other, its time counted from since_ns."""
+    motion = plans[0].motion(since_ns)
+    for plan in plans[1:]:
+        then = plan.motion(since_ns)
+        until = motion.time < then.time[0] - _ONE_TIME
+        motion = JointMotion(
+            **{
+                name: np.concatenate([getattr(motion, name)[until], getattr(then, name)])
+                for name in (item.name for item in fields(JointMotion))
+            }
+        )
+    return motion
 
 
 def _off(
@@ -98,10 +134,12 @@ def _off(
     measured: Snapshot,
     allowed: ReplanningParameters,
     weights: Array | float,
+    continuous: Sequence[bool] | bool,
 ) -> Iterator[str]:
     """Yield a phrase for each deviation from the plan that is larger than allowed."""
     (planned,), _, _ = motion.at(np.zeros(1))
-    joints = float(np.abs(weights * (measured.state.joint_positions - planned)).max())
+    aside = without_turns(measured.state.joint_positions - planned, continuous)
+    joints = float(np.abs(weights * aside).max())
     chaser = tracking_error(running.trajectory, running.start_ns, measured.state, measured.stamp_ns)
     found = [("a joint", "max_joint_position", joints, "rad")]
     if chaser is not None:

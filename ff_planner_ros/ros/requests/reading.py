@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanInputs, PlanRequest
 
 from ff_planner_ros.common.arrays import finite_number
@@ -13,7 +12,6 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.messages.target_bodies import NAMED_AS, captures
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import TargetBody
@@ -22,6 +20,7 @@ from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.locked_joints import require_locked
 from ff_planner_ros.ros.inputs.scene_input import SceneInput, SeenBody
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.inputs.topic_memory import require_current
@@ -35,7 +34,7 @@ from ff_planner_ros.ros.messages.from_messages import (
 from ff_planner_ros.ros.messages.phases import longest_duration, phases_in
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
-from ff_planner_ros.ros.requests.continuing import continued_plan
+from ff_planner_ros.ros.requests.continuing import continued_plan, followed_until, motion_on
 
 # Longest name of a requester: it is in a message and in the log.
 _LONGEST_NAME = 200
@@ -53,6 +52,13 @@ class Knowledge:
     now_ns: int  # [ns]
     guesses: Guesses | None = None  # warm-start library; None: none
     handover_lead: float = 0.0  # lead time by past response times, see `LeadTimes` [s]
+
+    def followed(self, measured: Snapshot, start_ns: int) -> list[PublishedPlan]:
+        """Return the published plans that the joints follow until start_ns [ns], in their order."""
+        if self.published is None:
+            return []
+        tolerance = self.parameters.following_tolerance
+        return followed_until(self.published, measured, start_ns, self.robot, tolerance)
 
 
 @dataclass(frozen=True)
@@ -147,7 +153,8 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
                 handover_delay=(start_ns - knowledge.now_ns) / NANOSECONDS,
             )
             asked = knowledge.published, measured, start_ns, parameters.replanning
-            continued = continued_plan(*asked, knowledge.robot.joint_weights)
+            of_joints = knowledge.robot.joint_weights, knowledge.robot.continuous
+            continued = continued_plan(*asked, *of_joints)
             provenance = replace(provenance, splice_time=continued.splice_time)
         own = request.scene[0] if request.scene else None
         scene = knowledge.scenes.moving_scene(
@@ -184,10 +191,10 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
         field = "duration" if problem.duration_range is None else "duration_max"
         require_end(field, problem.duration, start_ns / NANOSECONDS + lasts)
         ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
-        until_start = knowledge, measured, start_ns
-        running = motion_until_start(*until_start) if continued is None else continued.motion
-        if knowledge.published is not None and running is not None:
-            provenance = replace(provenance, previous_plan_id=knowledge.published.plan_id)
+        running = None if continued is None else continued.motion
+        if continued is None and (followed := knowledge.followed(measured, start_ns)):
+            running = motion_on(followed, measured.stamp_ns)
+            provenance = replace(provenance, previous_plan_id=followed[-1].plan_id)
         task = PlanningTask(
             problem=problem,
             settings=_settings(request, parameters),
@@ -229,28 +236,19 @@ def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot
         own: Field `start_state` of the request, with one entry at most.
 
     Raises:
-        InvalidInput: There is no state, or it is invalid, too old or too far ahead of now.
+        InvalidInput: There is no state, it is invalid, too old or too far ahead of now, or it has
+            a joint elsewhere than the model, which has it locked.
     """
     parameters, now_ns = knowledge.parameters, knowledge.now_ns
     limits = (now_ns, parameters.state_max_age, parameters.state_future_tolerance)
     if not own:
-        return knowledge.states.snapshot(*limits)
+        return knowledge.states.snapshot(*limits, parameters.locked_joint_tolerance)
     message, source = own[0], "start_state"
     stamp_ns = time_in_ns(f"{source}.header.stamp", message.header.stamp) or now_ns
     require_current(f"{source}.header.stamp", stamp_ns, *limits)
     state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
+    require_locked(source, message, knowledge.robot, parameters.locked_joint_tolerance)
     return Snapshot(state, stamp_ns, source)
-
-
-def motion_until_start(
-    knowledge: Knowledge, measured: Snapshot, start_ns: int
-) -> JointMotion | None:
-    """Return the joint motion until a plan starts at start_ns [ns]; None: no plan runs."""
-    published = knowledge.published
-    # A plan that begins with the new one moves nothing before.
-    if published is None or published.start_ns == start_ns:
-        return None
-    return _running(published, measured, knowledge)
 
 
 def _seen_body(request: PlanRequest, knowledge: Knowledge) -> SeenBody:
@@ -334,16 +332,3 @@ def _end_behaviour(request: PlanRequest, parameters: NodeParameters) -> EndBehav
             f"it must be {', '.join(EndBehaviour)}, or empty for the parameter end_behaviour",
         )
     return EndBehaviour(word)
-
-
-def _running(plan: PublishedPlan, measured: Snapshot, knowledge: Knowledge) -> JointMotion | None:
-    """Return the motion of the published plan if the measured joints are on it.
-
-    Nobody tells the planner which plans are executed; a plan that was not leaves the joints behind.
-    """
-    motion = plan.motion(measured.stamp_ns)
-    if not motion.time[0] <= 0.0 <= motion.time[-1]:
-        return None
-    (planned,), _, _ = motion.at(np.zeros(1))
-    aside = knowledge.robot.joint_weights * (measured.state.joint_positions - planned)
-    return motion if np.abs(aside).max() <= knowledge.parameters.following_tolerance else None

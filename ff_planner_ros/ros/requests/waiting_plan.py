@@ -19,12 +19,13 @@ from ff_planner_ros.parameters.published_plans import PublicationParameters
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.robot.configuration import whole_turns
+from ff_planner_ros.robot.configuration import without_turns
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.parameters import stricter_since
-from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
+from ff_planner_ros.ros.requests.continuing import motion_on
+from ff_planner_ros.ros.requests.reading import Knowledge, measured_state
 
 # Parameters that no plan is checked by when it is made.
 _NOT_OF_PLANS = ("publication.", "tracking.")
@@ -145,7 +146,8 @@ def start_differences(
         InvalidInput: There is no state, or it is invalid, too old or too far ahead of now.
     """
     measured = measured_state(own, knowledge)
-    running = motion_until_start(knowledge, measured, made.start_ns)
+    followed = knowledge.followed(measured, made.start_ns)
+    running = motion_on(followed, measured.stamp_ns) if followed else None
     # A state may be stamped ahead of now by state_future_tolerance, and so be later than the start
     # of a plan that begins at once.
     ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
@@ -181,9 +183,7 @@ def _differences(
     yield "its velocity", "max_velocity", velocity, allowed.max_velocity, "m/s"
     most = allowed.max_angular_velocity
     yield "its angular velocity", "max_angular_velocity", turning, most, "rad/s"
-    aside = state.joint_positions - motion.joint_positions[0]
-    # A continuous joint is where it was a turn ago.
-    aside = aside - np.where(robot.continuous, whole_turns(aside), 0.0)
+    aside = without_turns(state.joint_positions - motion.joint_positions[0], robot.continuous)
     rates = state.joint_velocities - motion.joint_velocities[0]
     for what, single, general, off, unit in (
         ("position", "joint_positions", "max_joint_position", aside, "rad"),
