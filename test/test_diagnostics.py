@@ -108,6 +108,7 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
         ),
         ("obstacles", {"obstacles": None}, ERROR, "none received yet: publish them, or an empty"),
         ("obstacles", {"obstacles": 0}, OK, "0 spheres, 61.2 s old"),
+        ("obstacles", {"obstacles_age": None}, OK, "3 spheres, not stamped"),
         ("obstacles", {"obstacle_bodies": 1}, OK, "3 spheres and 1 body, 61.2 s old"),
         ("obstacles", {"obstacles": 1}, OK, "1 sphere, 61.2 s old"),
         ("obstacles", {"obstacles_refusal": "radius is 0"}, ERROR, "around: radius is 0"),

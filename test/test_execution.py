@@ -16,8 +16,8 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory
-from ff_planner_ros.ros.outputs import execution
-from ff_planner_ros.ros.outputs.controller_client import Ended, ended_by, goal_of
+from ff_planner_ros.ros.outputs import controller_client, execution
+from ff_planner_ros.ros.outputs.controller_client import ControllerClient, Ended, ended_by, goal_of
 from ff_planner_ros.ros.outputs.execution import Event, Execution
 
 PUBLISHED, STARTED, AT_GOAL, ABORTED, SUPERSEDED = Event
@@ -30,7 +30,8 @@ class Controller:
 
     off: ClassVar[dict[str, float]] = {}
 
-    def __init__(self, *_: Any) -> None:
+    def __init__(self, *arguments: Any) -> None:
+        *_, self.group = arguments
         self.sent: list[tuple[str, Any, Any]] = []
         self.cancelled = 0
 
@@ -55,7 +56,7 @@ class World:
         self.lost: list[str] = []
         parameters = replaced(load_parameters(), "controller.hand_over", hand_over)
         self.execution = Execution(node, parameters.controller, self.lost.append)
-        self.timer = node.create_timer.return_value
+        self.node, self.timer = node, node.create_timer.return_value
 
     @property
     def controller(self) -> Any:
@@ -292,6 +293,85 @@ def test_plans_of_before_a_jump_of_the_clock_are_void(by_action: World) -> None:
     by_action.controller.sent[0][2](Ended("cancelled"))
     assert by_action.events[-1] == ("run.1", ABORTED)
     assert len(by_action.heard) == 2
+
+
+class Reached:
+    """A client of an action whose server is there or not, and answers when the test wants."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.now, self.node, self.told = 0.0, Mock(), list[Ended]()
+        self.action, self.handle = Mock(), Mock(accepted=True)
+        patch.setattr(controller_client, "ActionClient", self.action)
+        patch.setattr(controller_client, "time", SimpleNamespace(monotonic=lambda: self.now))
+        self.group = Mock()
+        client = ControllerClient(self.node, load_parameters().controller, self.group)
+        self.client, self.timer = client, self.node.create_timer.return_value
+        _, self.look, *_ = self.node.create_timer.call_args.args
+        client.send(JointTrajectory(), lambda: None, self.told.append)
+        (answered,) = self.action.return_value.send_goal_async.return_value.method_calls[0].args
+        answered(Mock(result=lambda: self.handle))
+
+    def pass_time(self, seconds: float, is_there: bool = True) -> None:
+        self.action.return_value.server_is_ready.return_value = is_there
+        for _ in range(round(4 * seconds)):
+            self.now += 0.25
+            self.look()
+
+    def answer(self, status: int) -> None:
+        asked = self.handle.get_result_async.return_value.add_done_callback.call_args_list[-1]
+        result = SimpleNamespace(error_code=0, error_string="")
+        asked.args[0](Mock(result=lambda: SimpleNamespace(status=status, result=result)))
+
+
+@pytest.fixture
+def reached(monkeypatch: pytest.MonkeyPatch) -> Reached:
+    return Reached(monkeypatch)
+
+
+def test_a_controller_that_is_gone_has_ended_its_goal(reached: Reached) -> None:
+    reached.pass_time(30.0)
+    for _ in range(5):  # discovery loses it for a moment
+        reached.pass_time(2.0, is_there=False)
+        reached.pass_time(0.5)
+    assert not reached.told
+    reached.pass_time(4.0, is_there=False)
+    (ended,) = reached.told
+    assert "its controller is gone from joint_trajectory_controller" in ended.words
+    assert not ended.succeeded
+    reached.answer(GoalStatus.STATUS_SUCCEEDED)
+    assert len(reached.told) == 1
+
+
+def test_a_controller_that_was_started_anew_is_asked_and_knows_no_such_goal(
+    reached: Reached,
+) -> None:
+    reached.pass_time(3600.0)
+    assert not reached.told
+    asked = reached.handle.get_result_async.call_count
+    assert 3600 / 60 <= asked <= 3600 / 60 + 8, "it keeps every question until the goal's end"
+    reached.answer(GoalStatus.STATUS_UNKNOWN)
+    (ended,) = reached.told
+    assert "knows no such goal" in ended.words
+    reached.timer.reset_mock()
+    reached.pass_time(0.25)
+    reached.timer.cancel.assert_called_once_with()
+    assert reached.handle.get_result_async.call_count == asked
+
+
+def test_the_controller_is_asked_only_in_the_callbacks_that_take_its_answers(
+    reached: Reached, by_action: World
+) -> None:
+    """From elsewhere, an answer could come before rclpy knows of the question, and is lost."""
+    reached.handle.get_result_async.assert_not_called()  # by the callback of a future
+    assert reached.action.call_args.kwargs["callback_group"] is reached.group
+    assert reached.node.create_timer.call_args.args[2] is reached.group
+    reached.client.cancel()
+    reached.handle.cancel_goal_async.assert_not_called()
+    reached.pass_time(0.25)
+    reached.handle.get_result_async.assert_called_once_with()
+    reached.handle.cancel_goal_async.assert_called_once_with()
+    sends = by_action.node.create_timer.call_args.args[2]
+    assert by_action.controller.group is sends
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -98,6 +99,27 @@ def test_it_is_played_again_and_again_and_only_the_first_time_is_new(
             assert played.is_repeated(time.time_ns()), number
         first, again = states.publish.call_args_list[0], states.publish.call_args_list[-5]
         assert first.args[0].position == again.args[0].position
+
+
+def test_each_plan_is_played_once_though_nobody_looks(
+    lemur: Robot, plan: Plan, screen: Output
+) -> None:
+    """The bag has every plan's preview."""
+    shows, played = screen.output.preview, screen.heard["planned_joint_states"]
+    recorder: Any = Mock(get_subscription_count=lambda: 1)
+    shows.publishers = recorder, recorder
+    shows.look_for_viewers(recorders=1)
+    for number in (1, 2, 3):
+        before = len(played)
+        shows.release(Drawn(f"run.{number}", lemur, plan, Scene(), "inertial"))
+        shows.draw()
+        states = preview_joint_states(plan, load_parameters().rates.preview)
+        for _ in range(2 * len(states)):
+            shows._play()
+        found = [list(one.position) for one in played[before:]]
+        expected = [list(one.joints.position) for one in states]
+        assert found[: len(states)] == expected
+        assert len(found) <= len(states) + 1  # where it is seen that nobody looks
 
 
 @pytest.fixture

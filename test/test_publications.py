@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import tracemalloc
+from collections.abc import Iterator
+from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet
 import pytest
@@ -110,6 +114,28 @@ def test_each_has_its_answer_the_age_of_its_state_and_the_plan_before(bag: Path)
     assert [one.state_age_s for one in found] == pytest.approx([0.3, 0.3, 0.0, 0.2, 0.2])
     assert [one.requester for one in found] == ["fleet", "", "", "", ""]
     assert [one.answered_ns - one.asked_ns for one in found] == [SECOND // 5] * 5
+
+
+def test_states_of_an_hour_are_not_kept(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thousand a second are millions; those that count for a request are a handful."""
+    many = 100_000
+    with open_bag(bag) as opened:
+        before = publications(opened)
+        messages, peak = opened.messages, 0
+        first = next(iter(messages(STATES)))
+
+        def repeated(*topics: str, **only: Any) -> Iterator[Any]:
+            if topics == (STATES,):
+                yield from repeat(first, many)
+            yield from messages(*topics, **only)
+
+        monkeypatch.setattr(opened, "messages", repeated)
+        tracemalloc.start()
+        found = publications(opened)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert found == before
+    assert peak < 8 * many, "one number of each would be as much"
 
 
 def test_they_stand_in_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

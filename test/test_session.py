@@ -12,6 +12,7 @@ from ff_planner_msgs.msg import TargetBody
 from rclpy.clock import ClockChange, ROSClock
 from robots import LEMUR_URDF
 from ros_processes import FRAME, Scene
+from test_diagnostics import WELL
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import Status
@@ -24,7 +25,7 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.to_messages import target_body_message, time_message
 from ff_planner_ros.ros.outputs.clock_health import ClockWatch
-from ff_planner_ros.ros.outputs.diagnostics import NodeHealth
+from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
 from ff_planner_ros.ros.session import Session
 
 NOW = 1_000 * NANOSECONDS
@@ -102,6 +103,38 @@ def test_what_was_not_received_yet_has_no_age(configured: Configured) -> None:
     health = configured.diagnosed()
     assert (health.state_age, health.obstacles, health.target_age) == (None, None, None)
     assert (health.state_refusal, health.obstacles_refusal, health.target_refusal) == ("", "", "")
+
+
+def shown(health: NodeHealth) -> Any:
+    """What diagnostics say of inputs."""
+    names = ("state_age", "obstacles", "obstacles_age", "target_age", "target_max_age")
+    given = {name: getattr(health, name) for name in names}
+    return diagnostics(replace(WELL, **given), "ff_planner", time_message(0)).status[:3]
+
+
+def test_what_is_not_stamped_has_no_age_and_limits_that_are_told_are_those_in_force(
+    configured: Configured,
+) -> None:
+    """By the clock of a real day, which is not 1,000 s after the first of January 1970."""
+    now_ns = 1_793_000_000 * NANOSECONDS
+    configured.node.get_clock.return_value.now.return_value = SimpleNamespace(
+        nanoseconds=now_ns, to_msg=lambda: time_message(now_ns)
+    )
+    configured.hear(NOW / NANOSECONDS)  # all stamps are zero
+    configured.hear_body(NOW / NANOSECONDS)
+    health = configured.diagnosed()
+    assert health.obstacles == len(configured.scene.obstacles().spheres)
+    assert (health.obstacles_age, health.obstacles_refusal) == (None, "")
+    told = shown(health)
+    assert not any("1793000000" in one.message or "e+0" in one.message for one in told)
+    said = [one.message for one in told if "not stamped" in one.message]
+    assert len(said) == 3
+    assert f"may be {PARAMETERS.state_max_age:g} s old" in said[0]
+    assert f"may be {PARAMETERS.target_max_age:g} s old" in said[2]
+    configured.hear(-1.5e9)  # nine years old
+    part = shown(configured.diagnosed())[0]
+    assert "s old, allowed" in part.message
+    assert f"allowed are {PARAMETERS.state_max_age:g} s" in part.message
 
 
 @pytest.mark.parametrize("age", [0.0, 0.3, 7.0, -0.01])

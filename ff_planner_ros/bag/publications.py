@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import struct
-from bisect import bisect_right
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, TypeVar
 
 from ff_planner_ros.bag.answers import Cell
 from ff_planner_ros.bag.plans import status_name
@@ -26,6 +28,7 @@ _STATES = (
     ("chaser_state", "ff_planner_msgs/msg/ChaserState"),
     ("odometry", "nav_msgs/msg/Odometry"),
 )
+_Value = TypeVar("_Value")
 _STAMP = struct.Struct("<iI")  # behind the four bytes that each message begins with
 
 
@@ -61,7 +64,9 @@ def publications(bag: Bag) -> list[Publication]:
     asked: dict[object, tuple[Any, int, int]] = {}
     found = list[Publication]()
     heard = dict[str, _Heard]()
-    for message, event in list(bag.decoded(PUBLISH_EVENT)):
+    events = list(bag.decoded(PUBLISH_EVENT))
+    moments = sorted(message.log_time_ns for message, _ in events)
+    for message, event in events:
         try:
             info = event.info
             key = message.topic, bytes(info.client_gid), int(info.sequence_number)
@@ -73,7 +78,7 @@ def publications(bag: Bag) -> list[Publication]:
                 status = event.response[0].status
                 namespace = message.topic.removesuffix(SERVICE_EVENTS).rsplit("/", 2)[0]
                 if namespace not in heard:
-                    heard[namespace] = _Heard(bag, namespace)
+                    heard[namespace] = _Heard(bag, namespace, moments)
                 state_ns = heard[namespace].state_ns(request, asked_ns, logged_ns)
                 found.append(
                     Publication(
@@ -96,23 +101,26 @@ def publications(bag: Bag) -> list[Publication]:
 
 
 class _Heard:
-    """States that a planner received and plans that it published, by time of the record."""
+    """The last state that a planner received, and the last plan that it published, by moments."""
 
-    def __init__(self, bag: Bag, namespace: str) -> None:
-        """Read the bag once."""
-        self._states: list[tuple[int, int]] = []  # record and stamp [ns]
-        self._plans: list[tuple[int, str]] = []  # record [ns] and id
+    def __init__(self, bag: Bag, namespace: str, moments: Sequence[int]) -> None:
+        """Read the bag once, and keep what counts: an hour at 1 kHz has millions of states.
+
+        Args:
+            moments: Times of the record [ns], in order.
+        """
+        self._states: dict[int, int] = {}  # stamps [ns]
         for name, type_name in _STATES:
             topic = _topic(bag, f"{namespace}/{name}", type_name)
             if topic is not None and not self._states:
-                for message in bag.messages(topic):
-                    seconds, rest_ns = _STAMP.unpack_from(message.cdr, 4)
-                    self._states.append((message.log_time_ns, seconds * NANOSECONDS + rest_ns))
+                self._states = _last_by(moments, _stamps(bag, topic))
         topic = _topic(bag, f"{namespace}/published_plan", _PUBLISHED)
-        if topic is not None:
-            for message, plan in bag.decoded(_PUBLISHED):
-                if message.topic == topic:
-                    self._plans.append((message.log_time_ns, str(plan.plan_id)))
+        published = (
+            (message.log_time_ns, str(plan.plan_id))
+            for message, plan in bag.decoded(_PUBLISHED)
+            if message.topic == topic
+        )
+        self._plans = _last_by(moments, published)  # ids
 
     def state_ns(self, request: Any, asked_ns: int, logged_ns: int) -> int | None:
         """Return the stamp of the state that counted for a request: its own, or the latest."""
@@ -127,13 +135,38 @@ class _Heard:
         )
         if own is not None:
             return nanoseconds(own) or asked_ns  # zero: as if measured now
-        before = bisect_right(self._states, logged_ns, key=lambda one: one[0])
-        return self._states[before - 1][1] if before else None
+        return self._states.get(logged_ns)
 
     def plan_before(self, logged_ns: int) -> str:
         """Return the id of the plan published last before a record; empty: none."""
-        before = bisect_right(self._plans, logged_ns, key=lambda one: one[0])
-        return self._plans[before - 1][1] if before else ""
+        return self._plans.get(logged_ns, "")
+
+
+def _stamps(bag: Bag, topic: str) -> Iterator[tuple[int, int]]:
+    """Yield the time of the record and the stamp of each message of a topic [ns]."""
+    for message in bag.messages(topic):
+        seconds, rest_ns = _STAMP.unpack_from(message.cdr, 4)
+        yield message.log_time_ns, seconds * NANOSECONDS + rest_ns
+
+
+def _last_by(moments: Sequence[int], found: Iterable[tuple[int, _Value]]) -> dict[int, _Value]:
+    """Return the last value at or before each moment, without those that have none.
+
+    Args:
+        moments: In order [ns].
+        found: Times [ns], in order, with their values.
+    """
+    last, waiting = dict[int, _Value](), deque(moments)
+    for at_ns, value in found:
+        while waiting and waiting[0] < at_ns:
+            waiting.popleft()
+        if not waiting:
+            break
+        last[waiting[0]] = value
+    for before, moment in pairwise(moments):
+        if before in last:
+            last.setdefault(moment, last[before])
+    return last
 
 
 def _topic(bag: Bag, name: str, type_name: str) -> str | None:

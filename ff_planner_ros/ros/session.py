@@ -239,11 +239,13 @@ class Session:
         except InvalidInput as error:
             if error.status is not Status.NO_STATE:
                 state_age, state_refusal = 0.0, str(error)
-        obstacles, bodies, obstacles_age, obstacles_refusal = None, 0, 0.0, ""
+        obstacles, bodies, obstacles_refusal = None, 0, ""
+        obstacles_age: float | None = None
         try:
             scene = self._scenes.scene()
             obstacles, bodies = len(scene.spheres), len(scene.bodies)
-            obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
+            if scene.stamp_ns:
+                obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
             self._scenes.moving_scene(
                 None, clock.nanoseconds, now.state_future_tolerance, now.obstacles_max_age
             )

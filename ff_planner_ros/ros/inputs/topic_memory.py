@@ -52,6 +52,8 @@ def require_current(
     age, (old, early, parameter) = (now_ns - stamp_ns) / NANOSECONDS, told
     if age > max_age + ROUNDING:
         allowed = f"it must be at most {max_age:g} s old (parameter {parameter})"
+        if not stamp_ns:
+            allowed += "; it is zero: is it stamped?"
         if came_ns is not None:
             came, late = (now_ns - came_ns) / NANOSECONDS, (came_ns - stamp_ns) / NANOSECONDS
             if came <= max_age < late:

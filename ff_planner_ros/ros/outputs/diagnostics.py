@@ -18,6 +18,8 @@ from ff_planner_ros.ros.outputs.controller_health import ControllerHealth, contr
 from ff_planner_ros.ros.outputs.prediction import TrackingError
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
+# What is older than this has no stamp, or zero: no clock of today is earlier than 2001 [s].
+_NOT_STAMPED = 1e9
 # Topics of the parts.
 _STATES = "chaser_state", "odometry", "joint_states"
 _SCENES, _TARGETS = ("obstacles", "obstacle_bodies"), ("target_body",)
@@ -44,7 +46,7 @@ class NodeHealth:
     state_max_age: float  # an older one cannot be planned from [s]
     state_refusal: str  # why the newest one cannot be used; empty if it can
     obstacles: int | None  # spheres in the scene; None if none was received
-    obstacles_age: float  # of the scene [s]
+    obstacles_age: float | None  # of the scene [s]; None: it is not stamped
     obstacles_refusal: str  # why the scene cannot be used; empty if it can
     target_age: float | None  # of the newest target body [s]; None without any
     target_max_age: float  # an older one cannot be captured [s]
@@ -132,14 +134,17 @@ def _obstacles(health: NodeHealth) -> _Part:
     if health.obstacles is None:
         message = "none received yet: publish them, or an empty array if the scene is free"
         return ERROR, message, {}
-    values = {"spheres": str(health.obstacles), "age [s]": f"{health.obstacles_age:.1f}"}
+    values, age = {"spheres": str(health.obstacles)}, "not stamped"
+    if health.obstacles_age is not None:
+        values["age [s]"] = f"{health.obstacles_age:.1f}"
+        age = f"{health.obstacles_age:.1f} s old"
     if health.obstacles_refusal:
         return ERROR, f"cannot be planned around: {health.obstacles_refusal}", values
     told = f"{health.obstacles} sphere{'' if health.obstacles == 1 else 's'}"
     if health.obstacle_bodies:
         values["bodies"] = str(health.obstacle_bodies)
         told += f" and {health.obstacle_bodies} bod{'y' if health.obstacle_bodies == 1 else 'ies'}"
-    message = f"{told}, {health.obstacles_age:.1f} s old"
+    message = f"{told}, {age}"
     if not health.obstacles_are_published:
         return WARN, f"{message}: their publisher is gone, and nobody tells of changes", values
     return OK, message, values
@@ -169,6 +174,8 @@ def _of_age(
         values["clock offset [s]"] = f"{offset:.3f}"
     if refusal:
         return level, refusal, values
+    if age > max(limit, _NOT_STAMPED):
+        return level, f"the newest is not stamped, and may be {limit:g} s old at most", values
     if age > limit:
         why = "has its publisher died?"
         if offset is not None and -offset > limit:

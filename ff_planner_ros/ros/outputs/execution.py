@@ -77,7 +77,7 @@ class Execution:
         self._node, self._timer = node, node.create_timer(_ANY_PERIOD, self.look, group)
         self._timer.cancel()  # until there is a plan
         if settings.hand_over == HandOver.ACTION:
-            self.controller = ControllerClient(node, settings)
+            self.controller = ControllerClient(node, settings, group)
 
     def published(
         self, plan_id: str, start_ns: int, goal_ns: int, trajectory: JointTrajectory

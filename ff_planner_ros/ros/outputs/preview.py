@@ -110,7 +110,7 @@ class Preview:
             if shown is not self._played:
                 self._played = shown
                 states = [] if shown is None else preview_joint_states(shown.plan, self._rate)
-                self._states = self._again_and_again(states)
+                self._states, self._repeated_since_ns = self._again_and_again(states), None
                 self._timer.reset()
 
     def look_for_viewers(self, recorders: int) -> None:
@@ -132,7 +132,6 @@ class Preview:
         self._node.destroy_timer(self._timer)
 
     def _again_and_again(self, states: Sequence[Previewed]) -> Iterator[Previewed]:
-        self._repeated_since_ns = None
         yield from states
         self._repeated_since_ns = time.time_ns()
         yield from cycle(states)
