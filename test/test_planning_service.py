@@ -21,7 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
-from ros_processes import FRAME, Scene, private_domain
+from ros_processes import DEADLINE, FRAME, Scene, private_domain
 from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
@@ -29,6 +29,7 @@ from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.collision.solids import Solid
+from ff_planner_ros.ros.inputs import scene_input
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.interfaces import SEND_GOAL
@@ -107,6 +108,21 @@ def test_the_budget_is_the_requests_or_else_the_parameters(
         task, budget, *_ = worker.solve.call_args.args
     assert budget == Budget(granted)
     assert task.problem.duration == request.duration
+
+
+def test_a_budget_covers_the_waiting_for_obstacles(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with service(lemur_capture, monkeypatch) as (answering, worker, _):
+        mapper = Mock(heard=lambda _: ["/mapper"], unheard=lambda _: [])
+        monkeypatch.setattr(answering._scenes, "_publishers", mapper)
+        for patience in ("_DISCOVERY", "_MATCHED"):
+            monkeypatch.setattr(scene_input, patience, 10.0 * DEADLINE)
+        request = Scene(lemur_capture).complete_request()
+        request.search.time_budget = 0.2
+        request.scene = []
+        assert answer(answering, request).status.code == Status.NO_OBSTACLES
+        worker.solve.assert_not_called()
 
 
 @pytest.mark.parametrize("asked", [0.0, 2.5])

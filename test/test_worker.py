@@ -476,6 +476,37 @@ def test_a_spare_is_kept_loaded_that_plans_at_once_after_a_death_while_idle(
     assert spare_of(worker) not in (before, spare)
 
 
+def test_a_budget_that_ends_while_a_solver_is_loaded_is_answered_then_with_that_cause(
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    settings: PlannerSettings,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both have died, and the new one is stopped before it is loaded: no grace can help it."""
+    started, start = list[int](), subprocess.Popen
+
+    def stopped(*arguments: Any, **options: Any) -> Any:
+        process = start(*arguments, **options)
+        os.kill(process.pid, signal.SIGSTOP)
+        started.append(process.pid)
+        return process
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module.subprocess, "Popen", stopped)
+        patch.setattr(module, "_LEAST_GRACE", DEADLINE)
+        for number in (spare_of(worker), server(worker)):
+            os.kill(number, signal.SIGKILL)
+        with pytest.raises(
+            NoPlanFound, match=r"0\.5 s .* while a new solver has been loading"
+        ) as end:
+            solve(worker, lemur_capture, settings, 0.5)
+    assert end.value.status is Status.TIMED_OUT
+    assert "fewer points" not in str(end.value)
+    for number in started:
+        os.kill(number, signal.SIGCONT)
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+
+
 def test_where_both_have_died_another_is_loaded(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
@@ -494,11 +525,11 @@ def test_a_server_that_hangs_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(module, "_BEGINNING", 3.0)
-    monkeypatch.setattr(module, "_GRACE", 0.5)
+    monkeypatch.setattr(module, "_LEAST_GRACE", 0.5)
     solve(worker, lemur_capture, settings)
     before = server(worker)
     os.kill(before, signal.SIGSTOP)
-    with pytest.raises(NoPlanFound, match=r"0\.01 s is used up within a single"):
+    with pytest.raises(NoPlanFound, match=r"0\.01 s .* before the solver began, which hangs"):
         solve(worker, lemur_capture, settings, 0.01)
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert server(worker) != before

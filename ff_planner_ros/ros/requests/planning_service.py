@@ -190,10 +190,9 @@ class PlanningService:
         asked: ReadRequest | None = None
         try:
             with self._jobs.taken_up(job, preempt=self._preempts()):
-                taken_up = time.monotonic()
-                knowledge = self._knowledge()
+                taken_up, knowledge = time.monotonic(), self._knowledge()
                 provenance = Provenance(received_stamp_ns=knowledge.now_ns)
-                asked, parameters = self._read(request, knowledge, job)
+                asked, parameters = self._read(request, knowledge, job, taken_up)
                 provenance = asked.provenance
                 deadline = deadline_of(request, asked, parameters)
                 answer = self._planned(
@@ -214,9 +213,9 @@ class PlanningService:
         provenance.tell(answer)
         if asked is not None:
             answer.task_digest = asked.task.ended_at(*efforts_of(answer)).digest
-        if asked is not None and asked.task.running_goal is not None:
-            took_ns = self._clock.now().nanoseconds - provenance.received_stamp_ns
-            self.lead_times.add(took_ns / NANOSECONDS, Status(answer.status.code))
+            if asked.task.running_goal is not None:
+                took_ns = self._clock.now().nanoseconds - provenance.received_stamp_ns
+                self.lead_times.add(took_ns / NANOSECONDS, Status(answer.status.code))
         self._tell_last(answer)
         return answer
 
@@ -236,11 +235,13 @@ class PlanningService:
         return self._parameters.current.when_busy == PREEMPT
 
     def _read(
-        self, request: PlanRequest, knowledge: Knowledge, job: Job
+        self, request: PlanRequest, knowledge: Knowledge, job: Job, taken_up: float
     ) -> tuple[ReadRequest, NodeParameters]:
         """Read a request; the first one waits for what was published before the node listened."""
+        until = taken_up + (request.search.time_budget or knowledge.parameters.time_budget)
         while True:
-            waits = self._scenes.may_come()  # asked first: what arrives while it reads is read, too
+            # Asked first, so that what arrives while it reads is read, too.
+            waits = self._scenes.may_come() and time.monotonic() < until
             try:
                 found = read_request(request, knowledge)
             except RequestRefused as refused:
@@ -249,7 +250,7 @@ class PlanningService:
             else:
                 if request.scene or not waits:
                     return found, knowledge.parameters
-            while self._scenes.may_come():
+            while self._scenes.may_come() and time.monotonic() < until:
                 job.check()
                 time.sleep(_POLL)
             knowledge = self._knowledge()
@@ -267,8 +268,7 @@ class PlanningService:
         )
 
     def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanAnswer:
-        # Apart from `_answer`: a variable there would hold the error whose traceback holds the
-        # variable, and with both the request, until the next full garbage collection.
+        # Apart from `_answer`, where a variable would hold the error whose traceback holds it.
         self._logger.warning(f"{job.plan_id}: {cause.status.name}: {in_log(str(cause))}")
         return answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
 

@@ -32,9 +32,10 @@ _Message: TypeAlias = Progress | Answer | None
 _POLL = 0.02
 # Loading takes seconds; a server that needs so much longer [s] counts as hanging.
 _LOADING = 60.0
-# A search that ends in time needs a little longer for its answer on a busy machine [s]. A search
-# given up without an answer cannot be replayed to its step.
-_GRACE = 5.0
+# A search that ends in time needs a little longer for its answer on a busy machine: as long as its
+# budget, at least and at most [s]. A search given up without an answer cannot be replayed to its
+# step. A solver that is loading gets none: there is nothing to wait for.
+_LEAST_GRACE, _GRACE = 1.0, 5.0
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
 # hangs, however busy the machine is.
 _BEGINNING = 10.0
@@ -105,22 +106,35 @@ class Worker:
             check()
             if self._interrupted:
                 raise Interrupted
-            if time.monotonic() > begun + budget.seconds + _GRACE:
+            late = time.monotonic() - begun - budget.seconds
+            is_ready = has_begun or self._servers[0].is_loaded
+            if late > is_ready * max(_LEAST_GRACE, min(budget.seconds, _GRACE)):
                 raise NoPlanFound(
                     Status.TIMED_OUT,
-                    f"the time budget of {budget.seconds:g} s is used up within a single "
-                    f"iteration ({before[0] - begun:.2f} s {before[1]}); whether there is a plan "
-                    "is not known: ask for fewer points or give it more time",
+                    f"the time budget of {budget.seconds:g} s is used up {why()}; whether there is "
+                    "a plan is not known",
                 )
 
+        def why() -> str:
+            if has_begun:
+                words = "ask for fewer points or give it more time"
+                return f"within a single iteration ({to_begin:.2f} s to begin): {words}"
+            if self._servers[0].is_loaded:
+                return "before the solver began, which hangs, or whose machine is busy: ask again"
+            return (
+                f"while a new solver has been loading its libraries for {self._servers[0].age:.2f} "
+                "s, because the one before has died: ask again when /diagnostics says that it is "
+                "ready, or give it more time"
+            )
+
         request = pickle.dumps((task, budget, begun))
-        before = time.monotonic(), "before the solver was asked"
+        has_begun, to_begin = False, 0.0
         with self._solving:
             self._interrupted = False
             if self._closed:  # looked at last: `close` sets it first
                 raise Interrupted
             with self._begun(request, still_wanted) as process:
-                before = time.monotonic(), "until the solver had begun"
+                has_begun, to_begin = True, time.monotonic() - begun
                 answer = process.answer(still_wanted, report, ends_early)
         try:
             if isinstance(answer, FfPlannerError):
@@ -209,6 +223,11 @@ class _Server:
         with suppress(OSError):  # ended meanwhile
             return not self.has_died and self._requests.poll()
         return False
+
+    @property
+    def age(self) -> float:
+        """Time since its start [s]."""
+        return time.monotonic() - self._started
 
     @property
     def has_died(self) -> bool:
