@@ -13,6 +13,7 @@ from pathlib import Path
 from traceback import extract_tb
 
 from ff_planner_ros.commands import BAD_INPUT, INTERRUPTED, NO_PLAN
+from ff_planner_ros.commands.options import require_outputs
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.common.shown import in_log, shortened
 from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput, NoPlanFound
@@ -58,6 +59,7 @@ def main(
 def _run(parser: ArgumentParser, options: Namespace) -> int:
     """Run the command of the options; what it raises is an answer."""
     try:
+        require_outputs(options)
         code = int(options.function(options))
         sys.stdout.flush()
         return code

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from ff_planner_ros.cli import main
+from ff_planner_ros.commands.options import require_directory, require_file
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.planning.paths.polynomial import PARAMETERS
@@ -235,9 +236,141 @@ def test_who_reads_no_more_is_no_fault(command):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_an_answer_that_cannot_be_written_ends_with_2(tmp_path, capsys):
-    assert main(["plan", str(CAPTURE), "--json", str(tmp_path / "none" / "answer.json")]) == 2
-    assert "answer.json" in capsys.readouterr().err
+BAG = str(Path(__file__).parent / "golden_bags" / "offline_solved")
+# Every output of every command: no work is done for one that cannot be written.
+OUTPUTS = [
+    ("ask", "--json"),
+    ("bench", "--json"),
+    ("campaign", "study.yaml", "--out"),
+    ("campaign", "study.yaml", "--out", "out", "--library"),
+    ("campaign", "report", "DIR", "--output"),
+    ("compare", str(CAPTURE), "--output"),
+    ("demo", "--output"),
+    ("doctor", "--json"),
+    ("export", BAG, "--csv"),
+    ("export", BAG, "--npz"),
+    ("export", BAG, "--parquet"),
+    ("export", BAG, "--scenarios"),
+    ("map", str(CAPTURE), "--over", "approach", "--out"),
+    ("plan", str(CAPTURE), "--bag"),
+    ("plan", str(CAPTURE), "--draw"),
+    ("plan", str(CAPTURE), "--json"),
+    ("plan", str(CAPTURE), "--pareto", "--json"),
+    ("plan", str(CAPTURE), "--pareto", "--output"),
+    ("recover", BAG, "--output"),
+    ("replay", BAG, "--set", "points=40", "--report"),
+    ("report", BAG, "--output"),
+    ("robot", str(LEMUR), "--draw"),
+    ("robot", str(LEMUR), "--srdf"),
+    ("scene", str(CAPTURE), "--output"),
+    ("verify", str(CAPTURE), "--json"),
+]
+
+
+def test_every_path_that_an_option_takes_is_of_an_input_or_of_an_output_that_is_tried():
+    inputs = {"--library", "--parameters"}
+    (commands,) = (one for one in command_parser()._actions if one.choices)
+    found = set()
+    for verb, command in commands.choices.items():
+        tried = command.get_default("outputs") or {}
+        for action in command._actions:
+            if action.type is Path and action.option_strings:
+                (option,) = action.option_strings
+                assert action.dest in tried or option in inputs or verb == "report"
+                found |= set() if option in inputs else {(verb, option)}
+    told = {(verb, option) for verb, *_, option in OUTPUTS} - {("campaign", "--library")}
+    assert found == told
+
+
+@pytest.mark.parametrize("command", OUTPUTS, ids=" ".join)
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
+    command, tmp_path, monkeypatch, capsys
+):
+    option = command[-1]
+    taken = tmp_path / "taken"
+    taken.write_text("a file")
+    place = taken / "answer"
+
+    def work(_options):
+        raise AssertionError
+
+    monkeypatch.setattr("ff_planner_ros.analysis.pareto_front.pareto_front", work)
+    monkeypatch.setattr("ff_planner_ros.report.from_bag.report_of_bag", work)
+    monkeypatch.setattr("ff_planner_ros.planning.task.task.perform", work)
+    monkeypatch.setattr("ff_planner_ros.planning.scenario.scenario.load_scenario", work)
+    assert main([*command, str(place)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"ff-planner: {option} is {place}: it cannot be written: ")
+    assert taken.read_text() == "a file"
+
+
+def test_trying_an_output_leaves_what_is_there_and_nothing_new(tmp_path):
+    old, new = tmp_path / "old.json", tmp_path / "new.json"
+    old.write_text("before")
+    with pytest.raises(SystemExit):
+        main(["plan", str(CAPTURE), "--json", str(new), "--fast"])
+    for path in (old, new):
+        require_file("--json", path)
+    require_directory("--draw", tmp_path / "one" / "two")
+    assert old.read_text() == "before"
+    assert [one.name for one in tmp_path.iterdir()] == ["old.json"]
+
+
+def test_an_output_that_is_a_pipe_is_left_to_who_reads_it(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    require_file("--json", pipe)  # to open it would wait for a reader
+
+
+def test_a_plan_that_cannot_be_written_after_all_is_printed(tmp_path, monkeypatch, capsys):
+    def fail(*_arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("ff_planner_ros.commands.planning.write_json", fail)
+    command = ["plan", str(CAPTURE), "--objective", "length", "--json", str(tmp_path / "x.json")]
+    assert main(command) == 2
+    shown, said = capsys.readouterr()
+    assert "joint path" in shown
+    assert "No space left on device" in said
+
+
+# Options that a command would not look at, and where they count.
+IN_VAIN = [
+    (("plan", CAPTURE, "--output", "x"), "--output", "--pareto"),
+    (("plan", CAPTURE, "--pareto", "--draw", "x"), "--draw", "--pareto"),
+    (("plan", CAPTURE, "--method", "apf", "--time-budget", "1"), "--time-budget", "apf"),
+    (("plan", CAPTURE, "--method", "straight", "--library", "x"), "--library", "straight"),
+    (("plan", CAPTURE, "--method", "straight", "--objective", "1,1"), "--objective", "straight"),
+    (("plan", CAPTURE, "--method", "zero_momentum", "--library", "x"), "--library", "zero"),
+    (("verify", "x.json", "--objective", "length"), "--objective", "a scenario"),
+    (("verify", BAG, "--parameters", "x.yaml"), "--parameters", "a scenario"),
+    (("verify", "x.json", "--method", "apf"), "--method", "a scenario"),
+    (("verify", CAPTURE, "--seed", "1"), "--seed", "--monte-carlo"),
+    (("report", "x.json", "--plans", "3"), "--plans", "bags"),
+    (("replay", BAG, "--report", "x.html"), "--report", "--set"),
+    (("campaign", "x.yaml", "--out", "o", "--output", "x"), "--output", "campaign report"),
+    (("campaign", "x.yaml", "--out", "o", "--plans", "3"), "--plans", "campaign report"),
+    (("campaign", "x.yaml", "--out", "o", "--case", "3"), "--case", "campaign report"),
+    (("campaign", "report", "x", "--workers", "3"), "--workers", "a study is planned"),
+    (("campaign", "report", "x", "--library", "y"), "--library", "a study is planned"),
+    (("campaign", "report", "x", "--case", "a", "--plans", "3"), "--plans", "--case"),
+    (("map", CAPTURE, "--over", "approach", "--scheduler", "x", "--dashboard"), "--dashboard", ""),
+    (("demo", "whole_capture", "--testbed", "planar"), "--testbed", "whole_capture"),
+    (("console", CAPTURE, "--timeout", "3"), "--timeout", "--node"),
+    (("ask", "--bring", "state"), "--bring", "a scenario"),
+]
+
+
+@pytest.mark.parametrize(("command", "option", "where"), IN_VAIN)
+def test_an_option_that_would_be_ignored_is_refused(
+    command, option, where, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main([*map(str, command)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"ff-planner: {option} is ")
+    assert where in line
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):

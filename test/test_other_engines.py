@@ -144,6 +144,30 @@ def test_an_engine_that_lacks_something_or_cannot_execute_the_plan_is_told_and_m
     assert "verdict: passed" in shown
 
 
+def test_an_engine_that_is_not_installed_is_told_where_it_is_asked_for_alone(
+    install: Install, answer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install("foreign = foreign_engine:flown", "lacking = no_such_package:flown")
+    assert main(["verify", str(answer)]) == 0
+    shown, said = capsys.readouterr()
+    assert "Foreign 1.2" in shown
+    assert said == ""
+    assert main(["verify", str(answer), "--engine", "lacking"]) == 2
+    assert "--engine lacking is no_such_package:flown: its entry" in capsys.readouterr().err
+    assert main(["verify", str(answer), "--engine", "unknown"]) == 2
+    assert "entry points of ff_planner_ros.engines: foreign, lacking" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["foreign", "lacking"])
+def test_of_several_engines_the_one_that_is_asked_for_executes_the_plan(
+    name: str, install: Install, answer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    engine = install("foreign = foreign_engine:flown", "lacking = foreign_engine:flown")
+    assert main(["verify", str(answer), "--engine", name]) == 0
+    assert len(engine.ASKED) == 1
+    assert "Foreign 1.2" in capsys.readouterr().out
+
+
 def test_without_another_engine_mujoco_counts(
     install: Install, answer: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

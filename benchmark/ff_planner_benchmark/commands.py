@@ -49,6 +49,7 @@ def dataset(options: argparse.Namespace) -> int:
         print(f"{directory}: written in {time.monotonic() - begun:.0f} s")
     else:
         found = data_set.checked(directory)
+        _require_there(directory, options.scenarios)
         if options.seeds and not data_set.is_of(directory, seed):
             allowed = f"{directory} was written with other seeds; give another directory"
             raise InvalidInput(Status.UNSUPPORTED, "--seeds", named, allowed)
@@ -124,12 +125,17 @@ def _require_in_range(name: str, value: int | None) -> None:
 def _opened(directory: Path, each: int) -> str:
     """Return the hash of a data set; refuse one with fewer than `each` scenarios of a class."""
     found = data_set.checked(directory)
-    for kind, index in data_set.names(each):
+    _require_there(directory, each)
+    _print_hash(found)
+    return found
+
+
+def _require_there(directory: Path, each: int | None) -> None:
+    """Refuse a data set with fewer than `each` scenarios of a class (None: whatever it has)."""
+    for kind, index in () if each is None else data_set.names(each):
         if not (directory / "scenarios" / kind / f"{index:04d}.yaml").exists():
             allowed = f"it has no {kind}/{index:04d}: it was written with fewer scenarios"
             raise InvalidInput(Status.UNSUPPORTED, "DIR", directory, allowed)
-    _print_hash(found)
-    return found
 
 
 def _print_hash(found: str) -> None:

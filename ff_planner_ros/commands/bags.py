@@ -9,7 +9,15 @@ from pathlib import Path
 
 from ff_planner_ros.commands import SOLVED
 from ff_planner_ros.commands.campaigns import require_packages
-from ff_planner_ros.commands.options import Add, add_renamed
+from ff_planner_ros.commands.options import (
+    Add,
+    add_output,
+    add_renamed,
+    refuse_given,
+    require_file,
+    require_new_directory,
+    require_new_file,
+)
 from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import InvalidInput, Status
 
@@ -37,12 +45,8 @@ def add_replay(add: Add) -> None:
         "key gets the list)",
     )
     add_renamed(replay, "--with", changes)
-    replay.add_argument(
-        "--report",
-        type=Path,
-        metavar="FILE",
-        help="with --set: write a page that lays the changed plans over the recorded ones",
-    )
+    report_help = "with --set: write a page that lays the changed plans over the recorded ones"
+    add_output(replay, "--report", "FILE", report_help, require_file)
 
 
 def replay_bag(options: Namespace) -> int:
@@ -58,12 +62,14 @@ def replay_bag(options: Namespace) -> int:
             save_page(report_of_changes(found), options.report)
             print(f"{options.report}  {options.report.stat().st_size / 1e6:.1f} MB")
         return SOLVED
-    if options.report is not None:
-        allowed = "it goes with --set: `ff-planner report` shows a bag as it is"
-        raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
+    allowed = "it goes with --set: `ff-planner report` shows a bag as it is"
+    refuse_given(options, {"report": None}, allowed)
     from ff_planner_ros.runs.replay import print_replay
 
     return print_replay(options.bag)
+
+
+_PLANS = 20  # that a report draws
 
 
 def add_report(add: Add) -> None:
@@ -84,8 +90,11 @@ def add_report(add: Add) -> None:
         metavar="FILE.html|DIR",
         help="the page, or a directory for it (default: NAME_report.html, here)",
     )
-    plans_help = "draw the last N plans, up to 1 MB each (default: 20); the tables tell of all"
-    report.add_argument("--plans", type=int, default=20, metavar="N", help=plans_help)
+    plans_help = (
+        "draw the last N plans of a bag, up to 1 MB each (default: %(default)s); the tables tell "
+        "of all"
+    )
+    report.add_argument("--plans", type=int, default=_PLANS, metavar="N", help=plans_help)
 
 
 def report_run(options: Namespace) -> int:
@@ -100,13 +109,14 @@ def report_run(options: Namespace) -> int:
     source: Path = options.source
     if bags_below(source):
         return _report_fleet(source, options)
+    output = _page(options.output, source)
     if source.suffix == ".json":
+        refuse_given(options, {"plans": _PLANS}, "it counts for bags: an answer is drawn whole")
         report = report_of_answer(source)
     else:
         from ff_planner_ros.report.from_bag import report_of_bag
 
         report = report_of_bag(source, options.plans)
-    output = _page(options.output, source)
     save_page(report, output)
     print_notes(report.notes)
     print(f"{output}  {report.counts}, {output.stat().st_size / 1e6:.1f} MB")
@@ -114,13 +124,14 @@ def report_run(options: Namespace) -> int:
 
 
 def _page(output: Path | None, source: Path) -> Path:
-    """Return the file of a report; `output` names it or its directory."""
-    if output is not None and not output.is_dir():
-        return output
-    source = source.resolve()
-    # A directory's name has no ending: run.1 and run.2 are two.
-    name = source.name if source.is_dir() else source.stem
-    return (output or Path()) / f"{name}_report.html"
+    """Return the file of a report, which can be written; `output` names it or its directory."""
+    if output is None or output.is_dir():
+        source = source.resolve()
+        # A directory's name has no ending: run.1 and run.2 are two.
+        name = source.name if source.is_dir() else source.stem
+        output = (output or Path()) / f"{name}_report.html"
+    require_file("--output", output)
+    return output
 
 
 def _report_fleet(directory: Path, options: Namespace) -> int:
@@ -140,13 +151,15 @@ def add_export(add: Add) -> None:
     summary = "write the plans or the requests of a bag for other tools"
     export = add("export", export_plans, summary, parents=[_bag()])
     form = export.add_mutually_exclusive_group(required=True)
-    form.add_argument("--csv", type=Path, metavar="DIR", help="new directory, a table per plan")
-    form.add_argument("--npz", type=Path, metavar="FILE", help="new file of numpy")
+    directory, file = ("DIR", require_new_directory), ("FILE", require_new_file)
     parquet_help = "new file, a row per answer of a bag, or of all bags in a directory"
-    form.add_argument("--parquet", type=Path, metavar="FILE", help=parquet_help)
-    form.add_argument(
-        "--scenarios", type=Path, metavar="DIR", help="new directory, a scenario file per request"
-    )
+    for option, (metavar, require), words in (
+        ("--csv", directory, "new directory, a table per plan"),
+        ("--npz", file, "new file of numpy"),
+        ("--parquet", file, parquet_help),
+        ("--scenarios", directory, "new directory, a scenario file per request"),
+    ):
+        add_output(form, option, metavar, words, require)
 
 
 def export_plans(options: Namespace) -> int:
@@ -222,9 +235,8 @@ def add_recover(add: Add) -> None:
         "a new one; the old one stays as it is.",
         epilog="Exit code: 0 everything in it was saved, 3 a part of it, 1 nothing, 2 bad input.",
     )
-    recover.add_argument(
-        "--output", type=Path, metavar="DIR", help="the new bag (default: BAG_recovered beside it)"
-    )
+    output_help = "the new bag (default: BAG_recovered beside it)"
+    add_output(recover, "--output", "DIR", output_help, require_new_directory)
 
 
 def recover_bag(options: Namespace) -> int:

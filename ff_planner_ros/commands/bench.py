@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from argparse import SUPPRESS, Action, ArgumentParser, Namespace
-from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.commands import BAD_INPUT
-from ff_planner_ros.commands.options import Add
+from ff_planner_ros.commands.options import Add, add_output, require_file
 from ff_planner_ros.errors import InvalidInput, Status
 
 _MOST = 10_000  # scenarios of a class
@@ -24,7 +23,7 @@ def add_bench(add: Add) -> None:
     bench.add_argument(
         "--scenarios", type=int, metavar="N", help="of each class (default: 200; quick: 4)"
     )
-    bench.add_argument("--json", type=Path, metavar="FILE", help="write all figures")
+    add_output(bench, "--json", "FILE", "write all figures", require_file)
     bench.add_argument("--dataset", "--score", action=_Moved, nargs="*", help=SUPPRESS)
 
 

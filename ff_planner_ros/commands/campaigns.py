@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ff_planner_ros.commands import NO_PLAN, SOLVED
-from ff_planner_ros.commands.options import Add
+from ff_planner_ros.commands.options import (
+    Add,
+    add_output,
+    refuse_given,
+    require_directory,
+    require_file,
+)
 from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 
@@ -19,7 +25,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.campaign.study import Study
 
 REPORT = "report"
-_PLANS_OF_A_MAP = 100
+_PLANS_OF_A_REPORT, _PLANS_OF_A_MAP = 24, 100
 _PLANS = "plans"  # the directory of a campaign's table
 MOST_WORKERS = 10_000  # more than a scheduler of Dask's has been seen to bear
 
@@ -41,12 +47,12 @@ def add_campaign(add: Add) -> None:
         "study", type=Path, metavar="STUDY.yaml|report", help="docs/how_to/campaigns.md"
     )
     campaign.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="of a campaign")
-    campaign.add_argument("--out", type=Path, metavar="DIR", help="new, or one to go on with")
+    add_output(campaign, "--out", "DIR", "new, or one to go on with", require_directory)
     _add_cluster(campaign)
     library_help = "make a library of the plans: first guesses for `plan --library DIR`"
-    campaign.add_argument("--library", type=Path, metavar="DIR", help=library_help)
+    add_output(campaign, "--library", "DIR", library_help, require_directory)
     page_help = "of the report (default: DIR/report.html)"
-    campaign.add_argument("--output", type=Path, metavar="FILE.html", help=page_help)
+    add_output(campaign, "--output", "FILE.html", page_help, require_file)
     _add_plans(campaign)
     case_help = "write the page of this case alone"
     campaign.add_argument("--case", metavar="ID", help=case_help)
@@ -72,7 +78,7 @@ def add_map(add: Add) -> None:
         "too"
     )
     command.add_argument("--over", required=True, metavar="QUANTITY,QUANTITY", help=over_help)
-    command.add_argument("--out", type=Path, metavar="DIR", help="default: NAME_map, here")
+    add_output(command, "--out", "DIR", "default: NAME_map, here", require_directory)
     _add_cluster(command)
     _add_plans(command, default=_PLANS_OF_A_MAP)
 
@@ -87,7 +93,7 @@ def _add_cluster(command: ArgumentParser) -> None:
     command.add_argument("--dashboard", action="store_true", help=dashboard_help)
 
 
-def _add_plans(command: ArgumentParser, default: int = 24) -> None:
+def _add_plans(command: ArgumentParser, default: int = _PLANS_OF_A_REPORT) -> None:
     plans_help = (
         f"plan up to N cases again and draw each on a page of its own (default: {default}): all, "
         "if they are no more, or else the worst"
@@ -99,11 +105,18 @@ def run_campaign(options: Namespace) -> int:
     """Plan the cases of a study, or write the report of a campaign."""
     _require_cluster(options)
     if options.study == Path(REPORT) and options.directory is not None:
+        unused = dict.fromkeys(("out", "library", "scheduler", "workers")) | {"dashboard": False}
+        refuse_given(options, unused, "it counts where a study is planned, and nothing is here")
+        if options.case is not None:
+            unused = {"output": None, "plans": _PLANS_OF_A_REPORT}
+            refuse_given(options, unused, "not beside --case, which writes one page in DIR/cases")
         with _nothing_lost("the report", options.directory):
             return _report(options)
     if options.directory is not None:
         allowed = f"`ff-planner campaign {REPORT} DIR` or `ff-planner campaign STUDY.yaml`"
         raise InvalidInput(Status.UNSUPPORTED, "argument", options.directory, allowed)
+    unused = {"output": None, "plans": _PLANS_OF_A_REPORT, "case": None}
+    refuse_given(options, unused, f"it counts for `ff-planner campaign {REPORT} DIR`")
     if options.out is None:
         options.out = options.library
     if options.out is None:
@@ -136,6 +149,9 @@ def _require_cluster(options: Namespace) -> None:
     if options.workers is not None and not 1 <= options.workers <= MOST_WORKERS:
         allowed = f"it must be from 1 to {MOST_WORKERS}"
         raise InvalidInput(Status.OUT_OF_RANGE, "--workers", options.workers, allowed)
+    if options.dashboard and options.scheduler is not None:
+        allowed = "it is of a cluster on this machine: a scheduler has its own"
+        raise InvalidInput(Status.UNSUPPORTED, "--dashboard", "asked for", allowed)
     if options.dashboard and find_spec("bokeh") is None:
         allowed = "it needs bokeh: pip install bokeh"
         raise InvalidInput(Status.UNSUPPORTED, "--dashboard", "asked for", allowed)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.commands import BAD_INPUT, SOLVED
-from ff_planner_ros.commands.options import Add
+from ff_planner_ros.commands.options import Add, add_output, require_file
 from ff_planner_ros.commands.printed import print_table
 from ff_planner_ros.common.share import PACKAGE, share_directory
 
@@ -40,7 +40,7 @@ def add_doctor(add: Add) -> None:
         "bring them, the core, ROS, and one timed plan.",
         epilog="Exit code: 0 a plan can be made, 2 none can.",
     )
-    doctor.add_argument("--json", type=Path, metavar="FILE", help="write it all")
+    add_output(doctor, "--json", "FILE", "write it all", require_file)
 
 
 def examine(options: Namespace) -> int:

@@ -46,7 +46,7 @@ def check_files(options: Namespace) -> int:
     code = SOLVED
     for path in options.files:
         try:
-            print_notes(_load(path, defaults))
+            print_notes(_load(path, defaults, options.parameters))
             print(f"{path}: nothing is wrong with it")
         except InvalidInput as error:
             code = BAD_INPUT
@@ -55,7 +55,7 @@ def check_files(options: Namespace) -> int:
     return code
 
 
-def _load(path: Path, defaults: Defaults) -> tuple[str, ...]:
+def _load(path: Path, defaults: Defaults, parameters: Path | None) -> tuple[str, ...]:
     """Read a study, which has no robot but sources, or else a scenario; return notes on it."""
     from ff_planner_ros.common.yaml_file import read_yaml
 
@@ -63,7 +63,9 @@ def _load(path: Path, defaults: Defaults) -> tuple[str, ...]:
     if isinstance(document, dict) and "robot" not in document and _OF_STUDIES & document.keys():
         from ff_planner_ros.campaign.study import load_study
 
-        return load_study(path).notes
+        notes = load_study(path).notes
+        own = f"{path} is a study, which names its own parameters"
+        return notes if parameters is None else (*notes, own)
     from ff_planner_ros.planning.scenario.scenario import load_task
     from ff_planner_ros.planning.task.notes import notes_on_files
 

@@ -7,11 +7,19 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ff_planner_ros.baselines import METHODS, OPTIMAL
-from ff_planner_ros.commands import NO_PLAN, SOLVED
-from ff_planner_ros.commands.options import Add, add_renamed
-from ff_planner_ros.commands.printed import print_table, write_json
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.baselines import APF, METHODS, OPTIMAL, STRAIGHT
+from ff_planner_ros.commands import NO_PLAN, SCENARIOS, SOLVED
+from ff_planner_ros.commands.options import (
+    Add,
+    add_output,
+    add_renamed,
+    refuse_given,
+    require_directory,
+    require_file,
+    require_new_directory,
+)
+from ff_planner_ros.commands.printed import print_notes, print_table, write_json
+from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.problem.goal_words import Parametrisation
 
 if TYPE_CHECKING:
@@ -28,12 +36,11 @@ def add_plan(add: Add) -> None:
         summary,
         parents=[_how_to_plan(), _scenario()],
     )
-    plan.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
-    plan.add_argument(
-        "--bag", type=Path, metavar="DIR", help="write task and answer as a new bag (needs ROS)"
-    )
+    add_output(plan, "--json", "FILE", "write the answer", require_file)
+    bag_help = "write task and answer as a new bag (needs ROS)"
+    add_output(plan, "--bag", "DIR", bag_help, require_new_directory)
     draw_help = "draw the plan, of phases the first: figures over time as PNG and PDF, and a scene"
-    plan.add_argument("--draw", type=Path, metavar="DIR", help=draw_help)
+    add_output(plan, "--draw", "DIR", draw_help, require_directory)
     pareto = plan.add_argument(
         "--pareto",
         action="store_true",
@@ -41,22 +48,20 @@ def add_plan(add: Add) -> None:
         "and draw the Pareto front",
     )
     add_renamed(plan, "--front", pareto)
-    plan.add_argument(
-        "--output", type=Path, default="pareto", metavar="DIR", help="of the picture of --pareto"
-    )
+    output_help = "of the picture of --pareto (default: pareto)"
+    add_output(plan, "--output", "DIR", output_help, require_directory)
 
 
 def plan_scenario(options: Namespace) -> int:
     """Plan a scenario file, print the plan, and write the files that are asked for."""
-    from ff_planner_ros.analysis.summary import PHASES, phase_rows, plan_rows
     from ff_planner_ros.campaign.methods import method_of
     from ff_planner_ros.commands.tasks import task_of
-    from ff_planner_ros.common.text_table import print_table as print_columns
     from ff_planner_ros.planning.task.task import perform
-    from ff_planner_ros.planning.task.whole import whole
 
     if options.pareto:
         return _plan_pareto_front(options)
+    refuse_given(options, {"output": None}, "it counts beside --pareto alone")
+    _refuse_of_optimal(options)
     try:
         task, watch = task_of(options.scenario, options)
         if options.bag is not None:
@@ -74,22 +79,38 @@ def plan_scenario(options: Namespace) -> int:
         answer = error
     solve_time = time.perf_counter() - begun
 
-    _write_answer(options.json, answer, solve_time, task)
-    if options.bag is not None:
-        record_answer(options.bag, task, answer, solve_time, options.scenario, options.method)
+    try:
+        _write_answer(options.json, answer, solve_time, task)
+        if options.bag is not None:
+            record_answer(options.bag, task, answer, solve_time, options.scenario, options.method)
+    except (OSError, FfPlannerError) as error:
+        # What was found is said all the same.
+        if isinstance(answer, FfPlannerError):
+            print_notes([str(error)])
+            raise answer from None
+        _print_plan(task, answer, solve_time)
+        raise
     if isinstance(answer, FfPlannerError):
         raise answer
-    chosen = task.problem.duration_range is not None
-    total, robot, limits = whole(answer), task.problem.robot, task.problem.limits
-    print_table(plan_rows(robot, total, solve_time, task.digest, chosen, limits))
-    if answer.then:
-        print()
-        print_columns("Phases, each from where the one before ends", PHASES, phase_rows(answer))
+    _print_plan(task, answer, solve_time)
     if options.draw is not None:
         from ff_planner_ros.analysis.drawing.figures import plot_plan
 
         plot_plan(task.problem, answer, options.draw)
     return SOLVED
+
+
+def _print_plan(task: PlanningTask, plan: Plan, solve_time: float) -> None:
+    from ff_planner_ros.analysis.summary import PHASES, phase_rows, plan_rows
+    from ff_planner_ros.common.text_table import print_table as print_columns
+    from ff_planner_ros.planning.task.whole import whole
+
+    chosen = task.problem.duration_range is not None
+    total, robot, limits = whole(plan), task.problem.robot, task.problem.limits
+    print_table(plan_rows(robot, total, solve_time, task.digest, chosen, limits))
+    if plan.then:
+        print()
+        print_columns("Phases, each from where the one before ends", PHASES, phase_rows(plan))
 
 
 def _write_answer(
@@ -116,16 +137,10 @@ def _plan_pareto_front(options: Namespace) -> int:
     from ff_planner_ros.commands.tasks import task_of
     from ff_planner_ros.common.text_table import print_table as print_columns
 
-    for name, default in (
-        ("objective", None),
-        ("method", OPTIMAL),
-        ("bag", None),
-        ("draw", None),
-    ):
-        value = getattr(options, name)
-        if value != default:
-            allowed = "not beside --pareto, which plans with weights of its own"
-            raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
+    unused = {"objective": None, "method": OPTIMAL, "bag": None, "draw": None}
+    refuse_given(options, unused, "not beside --pareto, which plans with weights of its own")
+    output = options.output or Path("pareto")
+    require_directory("--output", output)
     begun = time.perf_counter()
     try:
         points = pareto_front.pareto_front(*task_of(options.scenario, options), time.perf_counter)
@@ -136,7 +151,7 @@ def _plan_pareto_front(options: Namespace) -> int:
     title = "Joint path against chaser attitude"
     print_columns(title, pareto_front.COLUMNS, pareto_front.front_rows(points))
     print()
-    print(pareto_front.save_front(points, options.output))
+    print(pareto_front.save_front(points, output))
     return SOLVED
 
 
@@ -158,6 +173,11 @@ def add_verify(add: Add) -> None:
         help="a scenario (.yaml) to plan first, an answer of `plan --json` (.json), or a bag with "
         "plans (a directory or .mcap)",
     )
+    engine_help = (
+        "execute them in this engine besides MuJoCo, or refuse if it is not installed; may be "
+        "given several times (default: every one that is installed)"
+    )
+    verify.add_argument("--engine", action="append", default=[], metavar="NAME", help=engine_help)
     sensitivity_help = "execute them with wrong masses, start velocities and friction, too"
     verify.add_argument("--sensitivity", action="store_true", help=sensitivity_help)
     verify.add_argument(
@@ -183,13 +203,17 @@ def add_verify(add: Add) -> None:
         "(by MuJoCo; for few runs)",
     )
     verify.add_argument("--seed", type=int, default=0, metavar="N", help="of the runs")
-    verify.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to a file")
+    add_output(verify, "--json", "FILE", "write all numbers to a file", require_file)
 
 
 def verify_plans(options: Namespace) -> int:
     """Execute plans in an independent physics engine, and print how far they are reproduced."""
     from ff_planner_ros.commands.verify import print_verdicts
 
+    if options.source.suffix in SCENARIOS:
+        _refuse_of_optimal(options)
+    else:
+        refuse_given(options, _HOW_TO_PLAN, "it counts for a scenario, which is planned first")
     return print_verdicts(options)
 
 
@@ -202,9 +226,9 @@ def add_compare(add: Add) -> None:
         summary,
         parents=[_scenario()],
     )
-    compare.add_argument(
-        "--output", type=Path, default="comparison", metavar="DIR", help="of the pictures"
-    )
+    output_help = "of the pictures (default: %(default)s)"
+    add_output(compare, "--output", "DIR", output_help, require_directory)
+    compare.set_defaults(output=Path("comparison"))
 
 
 def compare_methods(options: Namespace) -> int:
@@ -231,6 +255,22 @@ def _scenario() -> ArgumentParser:
     scenario = ArgumentParser(add_help=False)
     scenario.add_argument("scenario", type=Path, metavar="SCENARIO")
     return scenario
+
+
+# Options of planning, and their values if they are not given.
+_HOW_TO_PLAN = {"method": OPTIMAL} | dict.fromkeys(
+    ("objective", "parametrisation", "library", "parameters", "time_budget")
+)
+
+
+def _refuse_of_optimal(options: Namespace) -> None:
+    """Refuse options of the search beside a baseline, which has none."""
+    if options.method == OPTIMAL:
+        return
+    unused = ["library", "time_budget"]
+    if options.method in (STRAIGHT, APF):
+        unused += ["objective", "parametrisation"]
+    refuse_given(options, dict.fromkeys(unused), f"--method {options.method} makes nothing of it")
 
 
 def _how_to_plan() -> ArgumentParser:

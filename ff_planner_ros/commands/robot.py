@@ -9,9 +9,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ff_planner_ros.commands import SOLVED
+from ff_planner_ros.commands import SCENARIOS, SOLVED
 from ff_planner_ros.commands.campaigns import is_campaign, require_packages
-from ff_planner_ros.commands.options import Add
+from ff_planner_ros.commands.options import Add, add_output, refuse_given, require_file
 from ff_planner_ros.commands.printed import print_notes, print_table
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 # Distances that are printed, the smallest first.
 _PRINTED = 10
-_SCENARIOS = (".yaml", ".yml")
 _DAY = 86_400.0
 _PORTS = 65_535
+_PATIENCE = 10.0  # [s]
 
 
 def add_robot(add: Add) -> None:
@@ -49,14 +49,12 @@ def add_robot(add: Add) -> None:
         help="default: shapes where the arm has any <collision>",
     )
     draw_help = "draw it, bodies and lines, as a page for a browser"
-    robot.add_argument("--draw", type=Path, metavar="FILE.html", help=draw_help)
-    robot.add_argument(
-        "--srdf",
-        type=Path,
-        metavar="FILE",
-        help="write an SRDF of links that may touch: neighbours, and those that always or never "
-        "touch in 10,000 random postures",
+    add_output(robot, "--draw", "FILE.html", draw_help, require_file)
+    srdf_help = (
+        "write an SRDF of links that may touch: neighbours, and those that always or never touch "
+        "in 10,000 random postures"
     )
+    add_output(robot, "--srdf", "FILE", srdf_help, require_file)
 
 
 def show_robot(options: Namespace) -> int:
@@ -113,12 +111,8 @@ def add_scene(add: Add) -> None:
         "planned.",
     )
     scene.add_argument("scenario", type=Path, metavar="SCENARIO")
-    scene.add_argument(
-        "--output",
-        type=Path,
-        metavar="FILE.html",
-        help="the page (default: the scenario's name, here)",
-    )
+    output_help = "the page (default: the scenario's name, here)"
+    add_output(scene, "--output", "FILE.html", output_help, require_file)
 
 
 def show_scene(options: Namespace) -> int:
@@ -128,6 +122,8 @@ def show_scene(options: Namespace) -> int:
     from ff_planner_ros.planning.scenario.scenario import load_scenario
     from ff_planner_ros.planning.task.notes import notes_on_scene
 
+    path = options.output or Path(f"{options.scenario.stem}.html")
+    require_file("--output", path)
     problem = load_scenario(options.scenario)
     print_notes([*problem.robot.notes, *notes_on_scene(problem)])
     start, goal = gaps_at_start(problem), gaps_at_goal(problem)
@@ -138,7 +134,6 @@ def show_scene(options: Namespace) -> int:
         print("\nAt the goal: not known, the tool has no shape")
     else:
         _print_gaps(f"Of the tool at the goal, after {problem.duration:g} s", goal)
-    path = options.output or Path(f"{options.scenario.stem}.html")
     save_before_plan(problem, start, goal or (), path)
     print(f"\n{path}  {path.stat().st_size / 1e6:.1f} MB")
     return SOLVED
@@ -188,7 +183,7 @@ def add_console(add: Add) -> None:
     console.add_argument("--node", metavar="NAME", help=node_help)
     timeout_help = "how long to look for the node (default: %(default)g)"
     console.add_argument(
-        "--timeout", type=float, default=10.0, metavar="SECONDS", help=timeout_help
+        "--timeout", type=float, default=_PATIENCE, metavar="SECONDS", help=timeout_help
     )
     host_help = "where others can come to (default: this machine only)"
     console.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help=host_help)
@@ -208,6 +203,7 @@ def open_console(options: Namespace) -> int:
         raise InvalidInput(Status.OUT_OF_RANGE, "--port", options.port, allowed)
     if options.node is not None:
         return _open_live(options)
+    refuse_given(options, {"timeout": _PATIENCE}, "it counts beside --node alone")
     if options.source is None:
         allowed = "it must be given, or --node"
         raise InvalidInput(Status.UNSUPPORTED, "SCENARIO|BAG|MAP", "missing", allowed)
@@ -258,7 +254,7 @@ def _page_on(source: Path) -> Callable[[ViserServer], Page]:
 
 def _entries(source: Path) -> list[Entry]:
     """Return the page's first entries: an unplanned scenario, or the plans of a bag."""
-    if source.suffix in _SCENARIOS:
+    if source.suffix in SCENARIOS:
         from ff_planner_ros.console.entries import Entry
         from ff_planner_ros.parameters import load_parameters
         from ff_planner_ros.planning.scenario.scenario import Defaults, load_task

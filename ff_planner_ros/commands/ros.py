@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ff_planner_ros.commands import INTERRUPTED, SOLVED
-from ff_planner_ros.commands.options import Add, add_renamed
+from ff_planner_ros.commands.options import (
+    Add,
+    add_output,
+    add_renamed,
+    refuse_given,
+    require_directory,
+    require_file,
+)
 from ff_planner_ros.commands.printed import print_table, write_json
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 
@@ -56,11 +63,12 @@ def add_ask(add: Add) -> None:
     ask.add_argument("--time-budget", type=float, metavar="SECONDS", help=budget_help)
     timeout_help = "how long to look for the node (default: %(default)g)"
     ask.add_argument("--timeout", type=float, default=10.0, metavar="SECONDS", help=timeout_help)
-    ask.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
+    add_output(ask, "--json", "FILE", "write the answer", require_file)
 
 
 # The demonstration that continues after the grasp.
 _WHOLE = "whole_capture"
+_TESTBED = "lemur"
 
 
 def ask_node(options: Namespace) -> int:
@@ -140,14 +148,16 @@ def add_demo(add: Add) -> None:
     testbed = demo.add_argument(
         "--testbed",
         choices=("lemur", "lines", "planar", "tumbling", "following"),
-        default="lemur",
+        default=_TESTBED,
         help="lemur: the paper's capture, the whole robot collision-checked (default); lines: the "
         "same with the link centre lines, as in the paper; planar: one on an air-bearing table; "
         "tumbling: of a body that tumbles; following: by an arm that is heavier than its model, "
         "replanned five times a second",
     )
     add_renamed(demo, "--scene", testbed)
-    demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
+    output_help = "of the results (default: %(default)s)"
+    add_output(demo, "--output", "DIR", output_help, require_directory)
+    demo.set_defaults(output=Path("demo_output"))
 
 
 def show_demo(options: Namespace) -> int:
@@ -155,6 +165,7 @@ def show_demo(options: Namespace) -> int:
     import rclpy  # noqa: F401 (the processes of the demo need it: said before they start)
 
     if options.what == _WHOLE:
+        refuse_given(options, {"testbed": _TESTBED}, f"{_WHOLE} has a testbed of its own")
         from ff_planner_ros.demo.whole_capture import run_whole_capture
 
         return run_whole_capture(options.output)

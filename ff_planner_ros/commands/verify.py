@@ -18,8 +18,9 @@ from ff_planner_ros.analysis.plan_document import (
     uncertainty_in,
 )
 from ff_planner_ros.campaign.methods import method_of
-from ff_planner_ros.commands import NO_PLAN, SOLVED
+from ff_planner_ros.commands import NO_PLAN, SCENARIOS, SOLVED
 from ff_planner_ros.commands.monte_carlo import Draw, print_monte_carlo, uncertainty_of
+from ff_planner_ros.commands.options import refuse_given
 from ff_planner_ros.commands.printed import print_notes, write_json
 from ff_planner_ros.commands.tasks import task_of
 from ff_planner_ros.common.text_table import print_table
@@ -54,7 +55,7 @@ _COLUMNS = ("end effector [mm]", "[deg]", "chaser [mm]", "[deg]")
 def print_verdicts(options: Namespace) -> int:
     """Execute the plans of a source, print and write the verdicts, and return the exit code."""
     total, asked = _runs_asked_for(options)
-    engines, notes = other_engines()
+    engines, notes = other_engines(options.engine)
     print_notes(notes)
     verdicts, answers = list[bool](), list[dict[str, Any]]()
     for one in _motions(options.source, options):
@@ -72,11 +73,8 @@ def print_verdicts(options: Namespace) -> int:
 def _runs_asked_for(options: Namespace) -> tuple[int | None, Uncertainty | None]:
     """Return the number of Monte Carlo runs (None: none) and `--uncertainty` (None: not given)."""
     if options.monte_carlo is None:
-        for name, default in (("seed", 0), ("execution", "tracked"), ("uncertainty", None)):
-            value = getattr(options, name)
-            if value != default:
-                allowed = "it counts beside --monte-carlo alone"
-                raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
+        unused = {"seed": 0, "execution": "tracked", "uncertainty": None}
+        refuse_given(options, unused, "it counts beside --monte-carlo alone")
         return None, None
     require_runs(options.monte_carlo, options.seed)
     told = options.uncertainty
@@ -96,7 +94,7 @@ class _Motion(NamedTuple):
 
 def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
     """Yield each plan of a JSON file or bag, or of a scenario that is planned first."""
-    if source.suffix in (".yaml", ".yml"):
+    if source.suffix in SCENARIOS:
         task, watch = task_of(source, options)
         planned = perform(task, watch, method_of(options.method, task))
         usual = withstood(task.settings.robust)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from ff_planner_ros.common.plug_ins import names_in_group, plug_in
-from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.errors import FfPlannerError, InvalidInput
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
@@ -38,12 +38,24 @@ class Flown:
 Engine: TypeAlias = Callable[[Robot, Trajectory, Scene, int], Flown]
 
 
-def other_engines() -> tuple[Sequence[Engine], Sequence[str]]:
-    """Return the engines that are installed, and notes on those that lack something."""
+def other_engines(asked: Sequence[str] = ()) -> tuple[Sequence[Engine], Sequence[str]]:
+    """Return the engines that are asked for, or else all that are installed, and notes on others.
+
+    An engine that lacks packages of its own is not installed; one that is broken makes a note.
+
+    Args:
+        asked: Names of entry points; empty: all.
+
+    Raises:
+        InvalidInput: An engine that is asked for is not there, or cannot be loaded.
+    """
+    if asked:
+        return [plug_in(ENGINES, name, f"--engine {name}") for name in asked], ()
     engines, notes = list[Engine](), list[str]()
     for name in names_in_group(ENGINES):
         try:
             engines.append(plug_in(ENGINES, name, f"engine {name}"))
         except InvalidInput as error:
-            notes.append(str(error))
+            if not isinstance(error.__cause__, ModuleNotFoundError | FfPlannerError):
+                notes.append(str(error))
     return engines, notes
