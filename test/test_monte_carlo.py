@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import robots
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 from shaped_problems import among_cubes
 
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.intervals import exact_interval
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
@@ -27,11 +29,13 @@ from ff_planner_ros.planning.robust.margins import (
     CORRIDOR,
     ROTATION,
     TORQUE,
+    Margins,
     margins,
 )
 from ff_planner_ros.planning.robust.nearness import nearness
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.problems.twin import seen_from
 from ff_planner_ros.simulation.monte_carlo import MonteCarlo, monte_carlo
 from ff_planner_ros.simulation.torque_runs import torque_monte_carlo
 from ff_planner_ros.simulation.tracked_runs import tracked_runs
@@ -193,6 +197,51 @@ def test_margins_change_as_the_finite_differences_of_runs(
         scale = max(one.sigmas.max() * 1e-2, 1e-9)
         assert found.runs.mean == pytest.approx(found.linear.mean, abs=0.05 * scale), kind
         assert found.runs.std == pytest.approx(found.linear.std, abs=0.05 * scale), kind
+
+
+def test_margins_and_their_deviations_are_the_same_from_any_inertial_frame(
+    planned: tuple[PlanningProblem, Plan],
+) -> None:
+    """Turned, far from here and moving: the start has any attitude, and the scene drifts by."""
+    problem, made = planned
+    turn = Rotation.from_rotvec([0.4, 2.0, -1.0])
+    place, drift = np.array([300.0, -200.0, 500.0]), np.array([3.0, -1.0, 2.0])
+    there = seen_from(problem, pin.SE3(turn.as_matrix(), place), drift)
+    plain, motion = made.trajectory, dict[str, Array]()
+    for part in ("chaser", "ee"):
+        at, attitude, moves, turns = (
+            np.array(getattr(plain, f"{part}_{name}"))
+            for name in ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
+        )
+        motion[f"{part}_positions"] = turn.apply(at) + place + plain.time[:, None] * drift
+        motion[f"{part}_quaternions_xyzw"] = (turn * Rotation.from_quat(attitude)).as_quat()
+        motion[f"{part}_linear_velocities"] = turn.apply(moves) + drift
+        motion[f"{part}_angular_velocities"] = turn.apply(turns)
+    of = directions(problem.robot, Uncertainty())
+    limits, found = Limits(chaser_attitude=1.0, chaser_rotation=1.0), list[dict[str, Margins]]()
+    for asked, trajectory in ((problem, plain), (there, replace(plain, **motion))):
+        tracked = tracked_motion(problem.robot, trajectory)
+        scene = replace(scene_of(asked), approach=Approach(np.array([1.0, 0.2, 0.1]), 0.3))
+        scene = scene.seen_from(tracked.origin, tracked.velocity)
+        near = nearness(problem.robot, tracked.q, tracked.time, scene)
+        spread = base_spread(tracked, of)
+        kept = margins(tracked, scene, near, limits, of, spread)
+        every = Margins(
+            "all distances",
+            near.distance.ravel(),
+            near.sigmas(spread.pose).reshape(-1, 1),
+            np.zeros(near.distance.size, np.intp),
+            np.zeros(near.distance.size),
+        )
+        found.append({one.kind: one for one in (*kept, every) if one.kind != CLEARANCE})
+    here, other = found
+    assert here.keys() == other.keys() >= {ATTITUDE, ROTATION, CORRIDOR, TORQUE}
+    for kind, one in here.items():
+        finite = np.isfinite(one.values)
+        assert (np.isfinite(other[kind].values) == finite).all()
+        assert other[kind].values[finite] == pytest.approx(one.values[finite], abs=1e-6), kind
+        scale = 1e-5 * one.sigmas[finite].max()
+        assert other[kind].sigmas[finite] == pytest.approx(one.sigmas[finite], abs=scale), kind
 
 
 def test_more_runs_begin_with_the_fewer_ones(
