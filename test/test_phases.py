@@ -516,6 +516,8 @@ OTHERWISE: dict[str, Any] = {
     "payload": Payload("end_effector", 3.0, np.diag([1.0, 2.0, 2.5]), np.array([0.1, 0.2, 0.3])),
     "effort": 5,
 }
+# What a phase may leave out that the one before has.
+INHERITED = ("objective", "limits", "points", "parametrisation")
 PASSING = Sphere("passing", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.1, 0.2, 0.0]))
 
 
@@ -577,8 +579,7 @@ def test_each_field_of_a_later_phase_is_in_digests_files_and_requests(
 def test_each_field_of_a_phase_is_that_of_its_problem_and_of_no_other(
     three: PlanningTask, plan: Plan, name: str
 ) -> None:
-    inherited = ("objective", "limits", "points", "parametrisation")
-    second, third = (replace(one, **dict.fromkeys(inherited)) for one in three.then)
+    second, third = (replace(one, **dict.fromkeys(INHERITED)) for one in three.then)
     for number in (0, 1):
         then = [second, third]
         then[number] = replace(then[number], **{name: OTHERWISE[name]})
@@ -586,13 +587,27 @@ def test_each_field_of_a_phase_is_that_of_its_problem_and_of_no_other(
         for phase in (plan.phases[0], replace(plan.phases[1], duration=2.0)):
             one = following(one, phase)
             of_phases.append(getattr(one.problem, name))
-        usual = getattr(three.problem if name in inherited else second, name)
+        usual = getattr(three.problem if name in INHERITED else second, name)
         expected = [usual, usual]
         expected[number] = OTHERWISE[name]
         # What a phase leaves out is as in the phase before.
-        if number == 0 and name in inherited:
+        if number == 0 and name in INHERITED:
             expected[1] = OTHERWISE[name]
         assert [*map(digest_of, of_phases)] == [*map(digest_of, expected)]
+
+
+@pytest.mark.parametrize("name", INHERITED)
+def test_what_a_phase_leaves_out_is_the_same_as_saying_it_again(
+    three: PlanningTask, name: str
+) -> None:
+    second, third = three.then
+    told = {name: OTHERWISE[name]}
+    second = replace(second, **told)
+    again, left_out = (
+        replace(three, then=(second, replace(third, **{name: given})))
+        for given in (OTHERWISE[name], None)
+    )
+    assert left_out.digest == again.digest != three.digest
 
 
 @pytest.mark.parametrize("number", [0, 1])
