@@ -14,6 +14,7 @@ import pytest
 import yaml
 from test_tumbling import body_of
 
+from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
@@ -327,6 +328,20 @@ def test_the_joints_of_a_target_are_where_the_scenario_says_or_as_near_to_zero_a
     assert load_task(tmp_path / "again.yaml", Defaults(SETTINGS)).digest == task.digest
 
 
+@pytest.mark.parametrize("command", [["check"], ["scene", "--output", "page.html"]])
+def test_commands_print_notes_on_a_target(
+    command: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    scenario = scenario_with_urdf(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, str(scenario)]) == 0
+    told = "note: target_body.urdf: its joints are locked: drive at 0.5 rad\n"
+    assert capsys.readouterr().err == f"ff-planner: {told}"
+
+
 def test_a_message_and_a_scenario_have_the_joints_of_a_target_at_the_same_positions() -> None:
     note = "target_body.urdf: its joints are locked: drive at 0.5 rad"
     assert _read(URDF).notes == (note,)
@@ -336,13 +351,12 @@ def test_a_message_and_a_scenario_have_the_joints_of_a_target_at_the_same_positi
 
 
 def test_an_inertia_of_a_target_in_another_unit_is_noted() -> None:
-    """In g mm2: of a bus that is less than 2 m long, with 120 kg."""
+    """In g mm2: of a bus of 100 kg and 1 m."""
     told = 'ixx="10" iyy="12" izz="8" ixy="0.5"'
     note = _read(URDF.replace(told, 'ixx="10e9" iyy="12e9" izz="8e9" ixy="0.5e9"')).notes[-1]
-    radius = np.sqrt(1e9 * np.linalg.eigvalsh([[10, 0.5, 0], [0.5, 12, 0], [0, 0, 8]])[2] / 120.0)
-    assert note.startswith(
-        f"target_body.urdf: it has a radius of gyration sqrt(I/m) of {radius:.4g} m, "
-    )
+    radius = np.sqrt(1e9 * np.linalg.eigvalsh([[10, 0.5, 0], [0.5, 12, 0], [0, 0, 8]])[2] / 100.0)
+    told = f"link 'bus' has a radius of gyration sqrt(I/m) of {radius:.4g} m, "
+    assert note.startswith(f"target_body.urdf: {told}")
 
 
 @pytest.mark.parametrize(

@@ -503,3 +503,15 @@ def test_an_inertia_in_another_unit_is_noted(geometry: Geometry, factor: float) 
     assert note.startswith(f"link 'link_3' has a radius of gyration sqrt(I/m) of {radius:.4g} m, ")
     plain = robot_from_urdf_text(LEMUR, "chaser", "end_effector", geometry=geometry)
     assert plain.notes == ()
+
+
+def test_an_inertia_in_another_unit_is_noted_of_a_small_link_on_a_heavy_one() -> None:
+    """Of a camera of 100 g on a chaser of 350 kg, which is no wider for it."""
+    camera = (
+        '<link name="camera"><inertial><mass value="0.1"/><inertia ixx="100" iyy="100" izz="100" '
+        'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="mount" type="fixed">'
+        '<parent link="chaser"/><child link="camera"/></joint></robot>'
+    )
+    robot = robot_from_urdf_text(LEMUR.replace("</robot>", camera), "chaser", "end_effector")
+    (note,) = robot.notes
+    assert "link 'camera' has a radius of gyration sqrt(I/m) of 31.62 m, by 100 kg m2" in note

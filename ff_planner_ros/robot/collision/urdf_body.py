@@ -125,7 +125,7 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
         np.linalg.norm(one.place.act(one.solid.center)) + one.solid.radius for one in solids
     ] or [np.linalg.norm((center * place).translation) for place in places.values()]
     if size := 2.0 * float(max(reaches)):
-        notes += too_wide("it", weight.mass, weight.inertia, size)
+        notes += [note for link in tree.links.values() for note in too_wide(link, size)]
     return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass), tuple(notes))
 
 

@@ -64,7 +64,8 @@ def whole_body(
     if geometry is Geometry.LINES or not on_arm:
         only_chaser = joints and not on_arm
         note = "no link of the arm has a <collision>: its centre lines are kept clear of obstacles"
-        notes = [*_wide(model, ()), *([note] if only_chaser else [])]
+        notes = [*_wide(ElementTree.fromstring(checked), model, ())]
+        notes += [note] if only_chaser else []
         return WholeBody(Geometry.LINES, (), (), (), drawn, tuple(notes))
     robot = ElementTree.fromstring(checked)
     with Meshes(directory) as meshes:
@@ -84,7 +85,7 @@ def whole_body(
         may_touch += always_touching(model, bodies, known)
     may_touch = _that_count(may_touch, joints)
     notes = [*meshes.notes, *_notes(model, bodies, may_touch if srdf is None else [])]
-    notes += _wide(model, bodies)
+    notes += _wide(robot, model, bodies)
     return WholeBody(
         geometry=Geometry.SHAPES,
         bodies=bodies,
@@ -131,27 +132,23 @@ def _notes(model: pin.Model, bodies: tuple[Body, ...], may_touch: list[MayTouch]
     return found
 
 
-def _wide(model: pin.Model, bodies: tuple[Body, ...]) -> list[str]:
-    """Return notes on bodies with a radius of gyration larger than they, or the robot, are."""
+def _wide(robot: Element, model: pin.Model, bodies: tuple[Body, ...]) -> list[str]:
+    """Return notes on links with a radius of gyration larger than their body, or the robot, is."""
     places = [place.translation for place in model.jointPlacements]
-    lengths = [np.linalg.norm(place) for place in places[2:]]
     fixed = max(np.linalg.norm(frame.placement.translation) for frame in model.frames)
-    whole = float(sum(lengths) + fixed + 2.0 * max((body.radius for body in bodies), default=0.0))
+    widest = max((2.0 * body.radius for body in bodies), default=0.0)
+    whole = float(sum(map(np.linalg.norm, places[2:])) + fixed + widest)
+    sizes = dict[int, float]()  # by joint, of bodies that have solids
+    for body in bodies:
+        middle = model.inertias[body.joint].lever
+        ends = [np.zeros(3), *(places[child] for child in model.children[body.joint])]
+        reach = np.linalg.norm(body.center_in_joint - middle) + body.radius
+        reach = max(reach, *(np.linalg.norm(end - middle) for end in ends))
+        sizes[body.joint] = max(sizes.get(body.joint, 0.0), 2.0 * float(reach))
     found = []
-    for joint in range(1, model.njoints):
-        inertia, own = model.inertias[joint], [one for one in bodies if one.joint == joint]
-        ends = [np.zeros(3), *(places[child] for child in model.children[joint])]
-        reach = max(float(np.linalg.norm(end - inertia.lever)) for end in ends)
-        for one in own:
-            center = one.center_in_joint - inertia.lever
-            reach = max(reach, float(np.linalg.norm(center)) + one.radius)
-        links = [
-            frame.name
-            for frame in model.frames
-            if frame.type is pin.FrameType.BODY and frame.parentJoint == joint
-        ]
-        size = 2.0 * reach if own else whole
-        found += too_wide(f"link {links[0]!r}", inertia.mass, inertia.inertia, size)
+    for link in robot.findall("link[inertial]"):
+        frame = model.frames[model.getFrameId(str(link.get("name")), pin.FrameType.BODY)]
+        found += too_wide(link, sizes.get(frame.parentJoint, whole))
     return found
 
 

@@ -106,24 +106,26 @@ def joint_weight(tree: Tree, places: dict[str, pin.SE3], faults: Faults) -> Weig
     return _sum(weights)
 
 
-def too_wide(name: str, mass: float, inertia: Array, size: float) -> list[str]:
-    """Return a note on a body whose mass is, by its inertia, further out than the body reaches.
+def too_wide(link: Element, size: float) -> list[str]:
+    """Return a note on a link whose mass is, by its inertia, further out than its body reaches.
 
-    All mass within a distance R of the centre of mass means I <= m R^2. Exporters of CAD programs
-    write g mm2 for kg m2.
+    All mass within a distance R of the centre of mass means I <= m R^2. CAD programs export g mm2.
 
     Args:
-        mass: Of the body [kg].
-        inertia: About its centre of mass; shape (3, 3) [kg m2].
-        size: Length of the body [m], over twice what its mass is from the centre.
+        link: One with an inertia that has passed the check.
+        size: Length of the body that it belongs to [m], at least twice such an R.
     """
-    largest = float(np.linalg.eigvalsh(inertia)[2])
-    gyration = math.sqrt(max(0.0, largest) / mass)
+    weight = _weight_of_link("", link, Faults())
+    if weight is None or not weight.mass > 0.0:
+        return []
+    largest = max(0.0, float(np.linalg.eigvalsh(weight.inertia)[2]))
+    gyration = math.sqrt(largest / weight.mass)
     if not gyration > size:
         return []
     note = (
-        f"{name} has a radius of gyration sqrt(I/m) of {gyration:.4g} m, by {largest:.4g} kg m2 "
-        f"and {mass:.4g} kg, and a size of {size:.3g} m: an inertia must be in kg m2"
+        f"link {link.get('name')!r} has a radius of gyration sqrt(I/m) of {gyration:.4g} m, by "
+        f"{largest:.4g} kg m2 and {weight.mass:.4g} kg, and its body a length of {size:.3g} m: its "
+        "inertia is too large, or not in kg m2"
     )
     return [note]
 
