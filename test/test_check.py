@@ -139,12 +139,15 @@ def test_a_joint_beyond_its_limit_is_found_by_name_time_and_amount(problem, soun
     assert f"at t = {time:.2f} s" in str(error)
 
 
+@pytest.mark.parametrize("others", [0.5, np.inf])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_joint_beyond_its_velocity_limit_is_found_by_name_time_and_amount(problem, sound, sign):
+def test_a_joint_beyond_its_velocity_limit_is_found_by_name_time_and_amount(
+    problem, sound, sign, others
+):
     times, _, rates, _ = joints_between(sound.trajectory, 1000)
     rates = sign * rates
     time, joint = np.unravel_index(rates.argmax(), rates.shape)
-    limits = problem.robot.velocity_limits.copy()
+    limits = np.full(7, others)
     limits[joint] = rates[time, joint] - 0.03
     slow = replace(problem, robot=replace(problem.robot, velocity_limits=limits))
     answer = replace(sound, metrics=measure(slow, sound.trajectory, SETTINGS))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from robots import CANADARM2_URDF, LEMUR_URDF, random_urdf
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.analysis.summary import robot_rows
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
@@ -70,6 +72,23 @@ def test_an_effort_limit_of_zero_means_that_none_is_known() -> None:
     urdf = LEMUR_URDF.read_text().replace('effort="80.0"', 'effort="0"', 1)
     robot = robot_from_urdf_text(urdf, "chaser", "end_effector")
     np.testing.assert_array_equal(robot.effort_limits[:2], [np.inf, 80.0])
+
+
+def test_a_continuous_joint_needs_no_limit_and_has_none_then() -> None:
+    """As the format says; and so says the text that answers and bags hold."""
+    urdf = re.sub(
+        r'(<joint name="joint_2") type="revolute"(.*?)<limit [^>]*>',
+        r'\1 type="continuous"\2',
+        LEMUR_URDF.read_text(),
+        flags=re.DOTALL,
+    )
+    for text in (urdf, robot_from_urdf_text(urdf, "chaser", "end_effector").drawn_urdf):
+        robot = robot_from_urdf_text(text, "chaser", "end_effector")
+        assert robot.velocity_limits[:3].tolist() == [0.5, np.inf, 0.5]
+        assert robot.effort_limits[:3].tolist() == [80.0, np.inf, 80.0]
+        assert robot.upper_position_limits[1] == -robot.lower_position_limits[1] == 4.0 * np.pi
+    shown = dict(robot_rows(robot))
+    assert shown["  joint_2"].startswith(" -720.0 to  720.0 deg, any velocity, any torque, moves")
 
 
 def test_the_chaser_is_the_base_link_with_all_that_is_fixed_to_it() -> None:

@@ -223,6 +223,24 @@ def test_joint_rates_are_kept_within_their_limits_where_they_are_limited(
     assert 1.0 < longer < 1.02
 
 
+def test_without_velocity_limits_a_plan_is_the_one_whose_limits_are_out_of_reach(capture, settings):
+    def planned(limits):
+        robot = replace(capture.robot, velocity_limits=limits)
+        free = replace(capture, robot=robot, objective=LENGTH, limits=Limits(joint_velocities=True))
+        return plan(free, replace(settings, starts=1))
+
+    far, none = planned(np.full(7, 1e3)), planned(np.full(7, np.inf))
+    some = planned(np.array([np.inf, *[1e3] * 6]))
+    for answer in (none, some):
+        np.testing.assert_array_equal(
+            answer.trajectory.joint_positions, far.trajectory.joint_positions
+        )
+    assert none.metrics.min_velocity_margin == np.inf
+    assert some.metrics.min_velocity_margin == pytest.approx(
+        1e3 - np.abs(far.trajectory.joint_velocities[:, 1:]).max(), abs=1e-2
+    )
+
+
 def test_a_duration_too_short_for_the_velocity_limits_is_refused_and_a_longer_one_is_not(
     capture, settings
 ):

@@ -172,13 +172,14 @@ def robot_rows(robot: Robot) -> list[tuple[str, str]]:
 def _joint_limits(robot: Robot, joint: int) -> str:
     lower, upper = robot.lower_position_limits[joint], robot.upper_position_limits[joint]
     rate, effort = robot.velocity_limits[joint], robot.effort_limits[joint]
+    free = "" if np.isfinite(rate) else "any velocity"
     torque = f"{effort:6g} {robot.effort_unit(joint)}" if np.isfinite(effort) else "any torque"
     if robot.slides(joint):
         torque = torque.replace("torque", "force")
-        return f"{lower:7.3f} to {upper:6.3f} m, {rate:6.3f} m/s, {torque}"
+        return f"{lower:7.3f} to {upper:6.3f} m, {free or f'{rate:6.3f} m/s'}, {torque}"
     lower, upper, rate = np.rad2deg([lower, upper, rate])
     turns = "continuous" if robot.continuous[joint] else f"{lower:7.1f} to {upper:6.1f} deg"
-    return f"{turns}, {rate:6.1f} deg/s, {torque}"
+    return f"{turns}, {free or f'{rate:6.1f} deg/s'}, {torque}"
 
 
 def _body_rows(robot: Robot) -> list[tuple[str, str]]:

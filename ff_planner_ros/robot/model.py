@@ -23,7 +23,7 @@ from ff_planner_ros.robot.collision.whole_body import whole_body
 from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD, LockedJoint, with_locked
 from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.srdf import MayTouch
-from ff_planner_ros.robot.urdf.urdf import checked_urdf
+from ff_planner_ros.robot.urdf.urdf import NO_VELOCITY_LIMIT, checked_urdf
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, as_revolute
 from ff_planner_ros.robot.wheels import Wheels
 
@@ -89,6 +89,7 @@ class Robot:
     upper_position_limits: Array  # shape (joints,) [rad]
     # Joints that turn without end: positions a turn apart are one, and the limits are the planner's
     continuous: tuple[bool, ...]
+    # Infinite where a continuous joint has none
     velocity_limits: Array  # shape (joints,) [rad/s]
     # Infinite where the URDF says zero: exporters write zero for an unknown limit
     effort_limits: Array  # shape (joints,) [N m]
@@ -233,7 +234,7 @@ def robot_from_urdf_text(
     model.gravity = pin.Motion.Zero()
     base_frame = model.frames[model.getFrameId(checked.base_link, pin.FrameType.BODY)]
     # The first two joints are Pinocchio's: the universe and the free-flyer.
-    efforts = np.array(model.upperEffortLimit[6:])
+    efforts, rates = np.array(model.upperEffortLimit[6:]), np.array(model.upperVelocityLimit[6:])
     axes, slides = _joint_axes(model)
     if base is Base.PLANAR:
         _require_planar(model, base_frame)
@@ -253,7 +254,7 @@ def robot_from_urdf_text(
         lower_position_limits=frozen(model.lowerPositionLimit[7:]),
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
         continuous=tuple(name in endless for name in tuple(model.names)[2:]),
-        velocity_limits=frozen(model.upperVelocityLimit[6:]),
+        velocity_limits=frozen(np.where(rates < NO_VELOCITY_LIMIT, rates, np.inf)),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
         joint_weights=frozen(np.where(slides.any(axis=1), slide_weight, 1.0)),
         notes=(*checked.notes, *whole.notes),

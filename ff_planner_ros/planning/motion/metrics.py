@@ -20,6 +20,7 @@ _WITHOUT = {
     **dict.fromkeys(("peak_grasp_force", "peak_grasp_torque"), "no payload"),
     **dict.fromkeys(("capture_impulse", "capture_angular_impulse"), "no mass"),
     "min_self_clearance": "no pairs",
+    "min_velocity_margin": "no limits",
     "min_acceleration_margin": "no limits",
     "min_torque_margin": "no limits",
 }

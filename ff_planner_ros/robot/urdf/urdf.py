@@ -23,6 +23,7 @@ from ff_planner_ros.robot.urdf.locked_joints import (
 )
 from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, check_bodies, placement
 from ff_planner_ros.robot.urdf.urdf_faults import (
+    LARGEST,
     LONGEST_NOTE,
     Faults,
     finite_numbers,
@@ -36,6 +37,9 @@ from ff_planner_ros.robot.urdf.urdf_xml import LOCKED, read_elements, read_tags
 TURN_OF_CONTINUOUS = 4.0 * math.pi
 
 _LOCKED = "robot.locked_joints"
+
+# Velocity limit that stands for none [rad/s, m/s]: every reader of URDFs wants a number.
+NO_VELOCITY_LIMIT = LARGEST
 
 # What a URDF says of joints beside its limits.
 _OTHER_FACTS = frozenset(
@@ -241,9 +245,10 @@ def _check_limits(name: str, joint: Element, faults: Faults) -> None:
 def _limit_continuous(joint: Element) -> None:
     """Give a continuous joint the planner's bound, which the format has none of."""
     limit = joint.find("limit")
-    if limit is not None:
-        limit.set("lower", repr(-TURN_OF_CONTINUOUS))
-        limit.set("upper", repr(TURN_OF_CONTINUOUS))
+    if limit is None:  # by the format, it may be left out
+        limit = SubElement(joint, "limit", velocity=repr(NO_VELOCITY_LIMIT), effort="0")
+    limit.set("lower", repr(-TURN_OF_CONTINUOUS))
+    limit.set("upper", repr(TURN_OF_CONTINUOUS))
 
 
 def _not_counted(moving: Sequence[Element], text: str) -> list[str]:

@@ -10,7 +10,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_motion import least_highest_rates
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -23,6 +22,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     eased,
 )
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.urdf.urdf import NO_VELOCITY_LIMIT
 
 # A velocity below this fraction of its limit cannot reach it in one step of the solver.
 _OF_INTEREST = 0.4
@@ -86,7 +86,7 @@ class JointRates(Requirement):
         """Return what makes the rows in the core."""
         return (
             compiled.rates_within(
-                problem.robot.velocity_limits,
+                _finite_limits(problem.robot),
                 excess=ALLOWED_EXCESS,
                 margin=margin,
                 interest=1.0 - _OF_INTEREST,
@@ -98,7 +98,7 @@ class JointRates(Requirement):
         """Return the least distance as a fraction of its limit, or a positive bound below it."""
         if not self.concerns(problem):
             return np.inf
-        limits = problem.robot.velocity_limits
+        limits = _finite_limits(problem.robot)
         limits = eased(limits, np.abs(problem.start.joint_velocities), _allowed_excess(limits))
         distances = motion.joints.least_distances(-limits, limits, order=1)
         if distances.min() < 0.0:
@@ -115,8 +115,8 @@ class JointRates(Requirement):
         """Yield the joint whose velocity exceeds its limit by the largest fraction."""
         if not samples.problem.limits.joint_velocities or metrics.min_velocity_margin >= 0.0:
             return
-        robot, limits = samples.problem.robot, samples.problem.robot.velocity_limits
-        distances, times = _distances(robot, samples.followed.joints)
+        robot, limits = samples.problem.robot, _finite_limits(samples.problem.robot)
+        distances, times = samples.followed.joints.distances(-limits, limits, order=1)
         parts = distances / limits
         if (distances >= -_allowed_excess(limits)).all():
             return
@@ -138,6 +138,6 @@ def _allowed_excess(limits: Array) -> Array:
     return np.maximum(ALLOWED_EXCESS * limits, LIMIT_TOLERANCE)
 
 
-def _distances(robot: Robot, joints: JointMotion) -> tuple[Array, Array]:
-    """Return how near each rate comes to its limit either way, and when, of shape (2, joints)."""
-    return joints.distances(-robot.velocity_limits, robot.velocity_limits, order=1)
+def _finite_limits(robot: Robot) -> Array:
+    """Return the velocity limits; where there is none, one that no motion comes near."""
+    return np.minimum(robot.velocity_limits, NO_VELOCITY_LIMIT)
