@@ -186,6 +186,12 @@ def test_an_srdf_lets_a_link_touch_all_but_some_as_moveit_does(
         (disabling(("bus", "hand")), "robot.srdf disable_collisions link is hand: it must be one"),
         (disabling(("bus", "")), "robot.srdf disable_collisions link is missing"),
         (disabling(("a", "b"), ("c", "bus")), "at fault in 3 places"),
+        ("<robot><xacro:a/></robot>", "robot.srdf is with <xacro:a>, which is not expanded: run"),
+        (disabling(("${p}bus", "link_1")), "robot.srdf is with link1='.{p}bus', which is not exp"),
+        (
+            '<robot><disable_collisions link1="bus" link2="link_1" why="x"/></robot>',
+            "robot.srdf disable_collisions is with an unknown 'why': it may have link1",
+        ),
         ("", "robot.srdf is not XML"),
         ("<robot", "robot.srdf is not XML"),
         ("<srdf/>", "robot.srdf is a <srdf>"),
@@ -231,3 +237,17 @@ def test_a_robot_with_lines_has_no_srdf(tmp_path: Path, capsys: pytest.CaptureFi
     assert cli.main(command) == 2
     assert "only links with a <collision> can touch" in capsys.readouterr().err
     assert not (tmp_path / "arm.srdf").exists()
+
+
+def test_an_srdf_that_is_of_another_robot_or_holds_what_is_not_read_has_a_note() -> None:
+    name = ElementTree.fromstring(wrist()).get("name")
+    known = '<group name="arm"><link name="bus"/></group><virtual_joint/>'
+
+    def notes(robot: str, elements: str, geometry: Geometry | None = None) -> set[str]:
+        srdf = f'<robot name="{robot}">{elements}</robot>'
+        return set(robot_from_urdf_text(wrist(), *ENDS, srdf=srdf, geometry=geometry).notes)
+
+    usual = notes(name, known)
+    assert notes("other", known) - usual == {f"robot.srdf is of robot other, the URDF of {name}"}
+    assert notes(name, "<enable_colisions/>") - usual == {"not read: <enable_colisions> in <robot>"}
+    assert "robot.srdf is not read: robot.geometry is lines" in notes(name, known, Geometry.LINES)

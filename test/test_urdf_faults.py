@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Callable
+from copy import deepcopy
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -11,6 +13,8 @@ import pytest
 from robots import LEMUR_URDF
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.collision.urdf_body import urdf_body
+from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.urdf.urdf import checked_urdf
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
 
@@ -23,6 +27,13 @@ def set_limit(key: str, value: str) -> Callable[[Element], None]:
 
 def set_moment(value: str) -> Callable[[Element], None]:
     return lambda link: link.find("inertial/inertia").set("izz", value)
+
+
+def set_origin(link: Element) -> None:
+    inertial = link.find("inertial")
+    for given in inertial.findall("origin"):
+        inertial.remove(given)
+    inertial.append(Element("origin", xyz="a b c"))
 
 
 JOINT_FAULTS = {
@@ -39,10 +50,145 @@ LINK_FAULTS = {
     "mass is ": lambda link: link.find("inertial/mass").set("value", "1e308"),
     "inertia izz is ": set_moment("nan"),
     "inertia is of principal moments ": set_moment("-3"),
-    "inertial origin xyz is ": lambda link: link.find("inertial").insert(
-        0, Element("origin", xyz="a b c")
+    "inertial origin xyz is ": set_origin,
+    "inertial mass is there twice": lambda link: link.find("inertial").append(
+        Element("mass", value="5")
     ),
+    "with an unknown <intertial>": lambda link: link.append(Element("intertial")),
 }
+
+
+def parts_of(text: str) -> dict[str, tuple[str, ...]]:
+    """The attributes of each kind of element in links and joints, visuals left out, by its path."""
+    found: dict[str, tuple[str, ...]] = {}
+    for tag in ("link", "joint"):
+        for owner in ElementTree.fromstring(text).findall(tag):
+            waiting = [(tag, owner)]
+            for path, element in waiting:
+                found.setdefault(path, tuple(element.keys()))
+                parts = (one for one in element if one.tag != "visual")
+                waiting += [(f"{path}/{one.tag}", one) for one in parts]
+    return found
+
+
+PARTS = parts_of(LEMUR)
+
+
+def as_robot(text: str) -> None:
+    robot_from_urdf_text(text, "chaser", "end_effector")
+
+
+def as_target(text: str) -> None:
+    urdf_body(text, "target_body.urdf")
+
+
+@pytest.mark.parametrize("read", [as_robot, as_target])
+@pytest.mark.parametrize("path", PARTS)
+def test_what_is_misspelt_or_there_twice_is_refused_by_name(
+    path: str, read: Callable[[str], None]
+) -> None:
+    """Whatever a URDF holds: an element, each of its attributes, and a second such element."""
+    *above, tag = path.split("/")
+
+    def refusal_of(change: Callable[[Element, Element], None]) -> str:
+        robot = ElementTree.fromstring(LEMUR)
+        owners = robot.findall("/".join(above)) if above else [robot]
+        owner = next(one for one in owners if one.find(tag) is not None)
+        change(owner, owner.find(tag))
+        with pytest.raises(InvalidInput) as refusal:
+            read(ElementTree.tostring(robot, encoding="unicode"))
+        return str(refusal.value)
+
+    def misspell(_: Element, element: Element) -> None:
+        element.tag = f"{tag}x"
+
+    assert f"<{tag}x>" in refusal_of(misspell)
+    for name in PARTS[path]:
+
+        def misspell_name(_: Element, element: Element, name: str = name) -> None:
+            element.set(f"{name}x", element.attrib.pop(name))
+
+        told = refusal_of(misspell_name)
+        assert tag in told, name
+        assert f"{name}x" in told or "missing" in told or "nameless" in told or "no type" in told
+    if tag != "collision":
+        told = refusal_of(lambda owner, element: owner.append(deepcopy(element)))
+        assert "there twice" in told or "2 shapes" in told
+
+
+def within(tag: str, written: str) -> str:
+    """The first such element of the URDF with something more in it."""
+    return re.sub(rf"(<{tag}\b(?:[^>]*[^/>])?>)", rf"\1{written}", LEMUR, count=1)
+
+
+PANEL = (
+    '<link name="panel"><inertial><mass value="60"/></inertial></link>'
+    '<joint name="hinge" type="fixed"><parent link="chaser"/><child link="panel"/></joint>'
+)
+NOT_EXPANDED = "which is not expanded: run xacro first"
+
+
+@pytest.mark.parametrize("read", [as_robot, as_target])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (within("robot", f"<group>{PANEL}</group>"), "<group> is unknown, and holds <inertial>"),
+        (within("robot", f"<my:group>{PANEL}</my:group>"), "<my:group> is unknown, and holds <in"),
+        (within("link", PANEL), "link 'chaser' is with an unknown <link>: it may hold inertial"),
+        (within("inertial", "<pose>1 2 3 0 0 0</pose>"), "inertial is with an unknown <pose>"),
+        (LEMUR.replace("<mass ", "<mass unit='g' "), "inertial mass is with an unknown 'unit'"),
+        (within("joint", "<origin>1 2 3</origin>"), "origin text is '1 2 3': it must be in attr"),
+        (
+            re.sub(r"(</geometry>\s*</collision>)", r"<drake:capsule/>\1", LEMUR, count=1),
+            "collision geometry is with an unknown <drake:capsule>: it may hold box, capsule",
+        ),
+        (within("robot", '<xacro:panel side="2"/>'), f"with <xacro:panel>, {NOT_EXPANDED}"),
+        (within("robot", '<include filename="a"/>'), f"with <include>, {NOT_EXPANDED}"),
+        (within("robot", "<gazebo><xacro:a/></gazebo>"), f"with <xacro:a>, {NOT_EXPANDED}"),
+        (LEMUR.replace('"1.5 0.1626 0.0"', '"${x} 0 0"'), f"'${{x}} 0 0', {NOT_EXPANDED}"),
+        (LEMUR.replace("<inertial>", "<inertial xacro:if='1'>"), f"xacro:if='1', {NOT_EXPANDED}"),
+    ],
+)
+def test_what_is_not_read_and_may_count_is_refused(
+    text: str, message: str, read: Callable[[str], None]
+) -> None:
+    with pytest.raises(InvalidInput) as refusal:
+        read(text)
+    assert message in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("tag", "written", "notes"),
+    [
+        ("robot", "<drake:ignore a='b'><drake:x/></drake:ignore>", "<drake:ignore> in <robot>"),
+        ("robot", "<frame name='tcp' link='link_7'/>", "<frame> in <robot>"),
+        ("link", "<my:colour/><my:colour/>", "<my:colour> in <link>"),
+        ("robot", "<transmission><joint name='joint_1'/><actuator/></transmission>", ""),
+        ("robot", "<ros2_control><joint name='joint_1'><param/></joint></ros2_control>", ""),
+        ("robot", "<gazebo><link name='x'><inertial/></link></gazebo><material name='a'/>", ""),
+        ("link", "<contact><stiffness value='1'/></contact><self_collision_checking/>", ""),
+        ("link", "<origin xyz='0 0 0' rpy='0 -0 0'/>", ""),  # as onshape-to-robot writes it
+        ("joint", "<dynamics damping='0'/><safety_controller k_velocity='1'/>", ""),
+        ("collision", "<verbose value='x'/><compliant_contact/>", ""),
+        ("visual", "<orign/>", ""),
+    ],
+)
+def test_what_is_not_read_and_cannot_count_is_at_most_a_note(
+    tag: str, written: str, notes: str
+) -> None:
+    plain, robot = (
+        robot_from_urdf_text(text, "chaser", "end_effector")
+        for text in (LEMUR, within(tag, written))
+    )
+    assert robot.urdf == plain.urdf
+    assert robot.drawn_urdf == plain.drawn_urdf
+    assert robot.notes == ((f"not read: {notes}", *plain.notes) if notes else plain.notes)
+
+
+def test_a_limit_that_no_plan_keeps_is_a_note() -> None:
+    text = LEMUR.replace('effort="80.0"', 'effort="80.0" acceleration="1"')
+    robot = robot_from_urdf_text(text, "chaser", "end_effector")
+    assert "not read: acceleration of <limit>" in robot.notes
 
 
 @pytest.mark.law("FILE-03")

@@ -48,7 +48,7 @@ LINE_OF_LINK_5 = 1 + LEMUR[: LEMUR.index('"link_5"')].count("\n")
 HARMFUL: dict[str, tuple[Callable[[], str], str]] = {
     "nested deep": (lambda: "<robot>" * 400_000, "robot.urdf is not XML: no element found"),
     "nested deep in a shape": (
-        lambda: LEMUR.replace("</link>", f"{'<a>' * 200_000}{'</a>' * 200_000}</link>", 1),
+        lambda: LEMUR.replace("<visual>", f"<visual>{'<a>' * 200_000}{'</a>' * 200_000}", 1),
         "",
     ),
     "bomb of entities": (
@@ -110,7 +110,11 @@ HARMFUL: dict[str, tuple[Callable[[], str], str]] = {
     "a robot of nothing": (lambda: "<robot/>", "robot.urdf is without links: it must have links;"),
     "a xacro file": (
         lambda: '<robot xmlns:xacro="x"><xacro:arm/></robot>',
-        "robot.urdf is without links: it must have links; a xacro file has to be expanded first",
+        "robot.urdf is with <xacro:arm>, which is not expanded: run xacro first: xacro FILE ",
+    ),
+    "unknown elements alone": (
+        lambda: LEMUR.replace("<visual>", f"{'<a/>' * 500_000}<visual>", 1),
+        "robot.urdf is at fault in 10000 places: link 'chaser' is with an unknown <a>: it may hold",
     ),
     "a pose as quaternion": (
         lambda: LEMUR.replace('xyz="1.5 0.1626', 'quat_xyzw="0 0 1 0" xyz="1.5 0.1626'),

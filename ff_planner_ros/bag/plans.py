@@ -32,6 +32,7 @@ from ff_planner_ros.planning.motion.plan import (
     in_end_effector,
     with_end_effector,
 )
+from ff_planner_ros.robot.urdf.urdf_faults import Faults
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
 _AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
@@ -197,7 +198,7 @@ def planning_exchanges(bag: Bag) -> list[Exchange[dict[str, Cell], RecordedPlan]
 def _sliding(bag: Bag) -> frozenset[str]:
     """Return the prismatic joints of the attached URDF; empty without a valid URDF."""
     try:
-        robot = read_elements(bag.attachments["robot.urdf"].decode())
+        robot = read_elements(bag.attachments["robot.urdf"].decode(), Faults())
     except (InvalidInput, LookupError, UnicodeDecodeError):
         return frozenset()
     return frozenset(one.get("name", "") for one in robot.findall("joint[@type='prismatic']"))

@@ -90,7 +90,7 @@ def _of(told: str, error: InvalidInput) -> InvalidInput:
 
 def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float]) -> UrdfBody:
     faults, text = Faults(), urdf_of(text)
-    robot = read_elements(text)
+    robot = read_elements(text, faults)
     tree = tree_of(robot, faults)
     if len(tree.roots) > 1:
         allowed = f"all links must hang on one: {listed(tree.roots)} hang on none"
@@ -102,7 +102,7 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
         allowed = "it must have a mass: positions are from its centre"
         raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", f"of {weight.mass:g} kg", allowed)
     solids = list[PlacedSolid]()
-    shapes = read_shapes(text)
+    shapes = read_shapes(text, faults)
     if (count := len(shapes.findall("link/collision"))) > MAX_BODIES:
         told, allowed = f"there {count} times", f"it may be at most {MAX_BODIES} times"
         raise InvalidInput(Status.BAD_ROBOT, "<collision>", told, allowed)

@@ -19,7 +19,7 @@ from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.srdf import ALWAYS, Links, MayTouch, read_srdf, write_pairs
 from ff_planner_ros.robot.urdf.urdf_bodies import too_wide
-from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, listed
+from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, listed, shortened
 from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
 
@@ -55,7 +55,8 @@ def whole_body(
     Raises:
         InvalidInput: A shape, a mesh or the SRDF is refused.
     """
-    solids, drawn, faults = read_shapes(text), with_shapes(checked, text), Faults()
+    faults = Faults()
+    solids, drawn = read_shapes(text, faults), with_shapes(checked, text)
     joints = _joints_with_solids(solids, model)
     on_arm = any(joint > 1 for joint in joints.values())
     if geometry is Geometry.SHAPES and not on_arm:
@@ -66,14 +67,17 @@ def whole_body(
         note = "no link of the arm has a <collision>: its centre lines are kept clear of obstacles"
         notes = [*_wide(ElementTree.fromstring(checked), model, ())]
         notes += [note] if only_chaser else []
+        if srdf is not None:
+            notes.append("robot.srdf is not read: robot.geometry is lines")
         return WholeBody(Geometry.LINES, (), (), (), drawn, tuple(notes))
     robot = ElementTree.fromstring(checked)
     with Meshes(directory) as meshes:
         bodies = bodies_of(solids, model, meshes, faults)
     links = [str(link.get("name")) for link in robot.findall("link")]
-    told, enabled = read_srdf(text, links, faults, "robot.urdf")
+    name, told, enabled = read_srdf(text, links, faults, "robot.urdf")
+    other = name
     if srdf is not None:
-        more, also_enabled = read_srdf(srdf, links, faults)
+        other, more, also_enabled = read_srdf(srdf, links, faults)
         told, enabled = told + more, enabled | also_enabled
     faults.refuse_if_any()
     may_touch = neighbours(robot, bodies)
@@ -84,8 +88,11 @@ def whole_body(
     if srdf is None and not told and not apart:
         may_touch += always_touching(model, bodies, known)
     may_touch = _that_count(may_touch, joints)
-    notes = [*meshes.notes, *_notes(model, bodies, may_touch if srdf is None else [])]
+    notes = [*faults.notes, *meshes.notes]
+    notes += _notes(model, bodies, may_touch if srdf is None else [])
     notes += _wide(robot, model, bodies)
+    if other != name:
+        notes.append(f"robot.srdf is of robot {shortened(other)}, the URDF of {shortened(name)}")
     return WholeBody(
         geometry=Geometry.SHAPES,
         bodies=bodies,

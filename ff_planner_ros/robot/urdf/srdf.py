@@ -33,12 +33,17 @@ class MayTouch(NamedTuple):
         return frozenset((self.link1, self.link2))
 
 
-def read_srdf(
-    text: str, links: Collection[str], faults: Faults, field: str = "robot.srdf"
-) -> tuple[list[MayTouch], set[Links]]:
-    """Return the pairs that an SRDF, or a recorded URDF, disables, and those that it enables.
+class Srdf(NamedTuple):
+    """What an SRDF, or a recorded URDF, says of links that may touch."""
 
-    As in MoveIt, a pair that is disabled by name stays disabled even if it is enabled, too.
+    robot: str  # name of the robot that it is for
+    disabled: list[MayTouch]
+    # As in MoveIt, a pair that is disabled by name stays disabled even if it is enabled, too
+    enabled: set[Links]
+
+
+def read_srdf(text: str, links: Collection[str], faults: Faults, field: str = "robot.srdf") -> Srdf:
+    """Return what an SRDF, or a recorded URDF, says of links that may touch.
 
     Args:
         links: Names of the robot's links; others are faults.
@@ -47,7 +52,8 @@ def read_srdf(
         InvalidInput: The text is no XML, another document, or too large.
     """
     disabled, enabled, of_any = list[MayTouch](), set[Links](), list[str]()
-    for element in read_collisions(text, field):
+    robot = read_collisions(text, field, faults)
+    for element in robot:
         keys = ("link",) if element.tag == DISABLE_ALL else ("link1", "link2")
         names = [element.get(key, "") for key in keys]
         for name in names:
@@ -66,7 +72,7 @@ def read_srdf(
         for other in links
         if frozenset((link, other)) not in enabled
     ]
-    return disabled, enabled
+    return Srdf(robot.get("name", ""), disabled, enabled)
 
 
 def write_pairs(robot: Element, pairs: Iterable[MayTouch], apart: Iterable[Links] = ()) -> None:

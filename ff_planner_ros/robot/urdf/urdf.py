@@ -30,8 +30,8 @@ from ff_planner_ros.robot.urdf.urdf_faults import (
     listed,
     shortened,
 )
-from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
-from ff_planner_ros.robot.urdf.urdf_xml import LOCKED, read_elements, read_tags
+from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, read_tags, tree_of
+from ff_planner_ros.robot.urdf.urdf_xml import LOCKED, read_elements
 
 # The planner's bound of continuous joints, either way from the turn of the start [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi
@@ -83,7 +83,7 @@ def checked_urdf(
             impossible, or the URDF is otherwise faulty. The error tells all faults.
     """
     faults = Faults()
-    robot = read_elements(text)
+    robot = read_elements(text, faults)
     tree = tree_of(robot, faults)
     chain: Sequence[Element] | None = None
     if tree.links:
@@ -99,7 +99,7 @@ def checked_urdf(
         else None
         for link, joint in tree.above.items()
     }
-    notes, moving, locked = list[str](), list[Element](), list[LockedJoint]()
+    notes, moving, locked = faults.notes, list[Element](), list[LockedJoint]()
     if chain is not None:
         locked_kinds = ("fixed", "prismatic") if holds_slides else ("fixed",)
         moving = [
@@ -214,9 +214,8 @@ def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
     if kind == "continuous":
         _limit_continuous(joint)
         _check_limits(name, joint, faults)
-    elif kind not in ("revolute", "prismatic"):
-        allowed = "it must be revolute, prismatic or fixed"
-        faults.add("joint", name, "", kind or "of no type", allowed)
+    elif kind and kind not in ("revolute", "prismatic"):
+        faults.add("joint", name, "", kind, "it must be revolute, prismatic or fixed")
     else:
         _check_limits(name, joint, faults)
     has_axis(joint, faults)

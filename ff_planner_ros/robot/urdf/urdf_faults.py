@@ -43,6 +43,12 @@ class Faults:
     def __init__(self) -> None:
         """Start without any fault."""
         self._found: list[Fault] = []
+        self.unread: dict[str, None] = {}  # elements and attributes that a note names, once each
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes for the user, on what is no fault."""
+        return [f"not read: {listed(self.unread)}"] if self.unread else []
 
     def add(self, kind: str, name: str, part: str, value: object, allowed: str) -> None:
         """Add a fault; the arguments are those of `Fault`."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
 
@@ -105,6 +107,8 @@ def _hang_up(
     """Store a joint as the one above its child link, or add its faults."""
     parent, child = (link_of(joint, end) for end in ("parent", "child"))
     sound = True
+    if not joint.get("type"):
+        faults.add("joint", name, "", "of no type", "it must be revolute, prismatic or fixed")
     for end, link in (("parent", parent), ("child", child)):
         if link not in links:
             faults.add("joint", name, end, link or "missing", one_of(links))
@@ -126,3 +130,49 @@ def _from_the_root(links: dict[str, Element], above: dict[str, Element]) -> tupl
     for link in order:  # grows
         order.extend(carried[link])
     return tuple(order)
+
+
+def read_tags(text: str, tags: Collection[str]) -> Element:
+    """Return the `<robot>` of a text that `read_elements` accepts, with some of its elements.
+
+    Args:
+        tags: Of these elements; one in an element of another tag is left out with it.
+    """
+    builder, passed_over = TreeBuilder(), 0  # elements open, the innermost ones
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal passed_over
+        if passed_over or tag not in tags:
+            passed_over += 1
+        else:
+            builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal passed_over
+        if passed_over:
+            passed_over -= 1
+        else:
+            builder.end(tag)
+
+    def characters(data: str) -> None:
+        if not passed_over:
+            builder.data(data)
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = characters
+    parser.Parse(text, True)
+    return builder.close()
+
+
+def as_revolute(xml: str) -> tuple[str, list[str]]:
+    """Return a URDF with continuous joints as revolute ones, and their names.
+
+    Pinocchio has two numbers for the position of a continuous joint.
+    """
+    robot = ElementTree.fromstring(xml)
+    endless = robot.findall("joint[@type='continuous']")
+    for joint in endless:
+        joint.set("type", "revolute")
+    told = ElementTree.tostring(robot, encoding="unicode") if endless else xml
+    return told, [joint.get("name", "") for joint in endless]
