@@ -6,6 +6,7 @@ Where frames are follows from the format's own definitions, written out here wit
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree.ElementTree import canonicalize
@@ -294,6 +295,16 @@ def test_a_robot_moves_about_the_axes_of_its_sdf(tmp_path: Path) -> None:
         ('<link name="antenna">', "<link>", "link is nameless"),
         ("<inertial>", '<inertial auto="true">', "link 'bus' inertial auto is true"),
         ("<sdf", '<!DOCTYPE a [<!ENTITY b "c">]><sdf', "DOCTYPE"),
+        ("<inertial>", "<inertial/><inertial>", "<inertial> is there twice in <link>: it must be"),
+        ("<mass>", "<mass>5</mass><mass>", "<mass> is there twice in <inertial>"),
+        ("<xyz>0 1", "<xyz>1 0 0</xyz><xyz>0 1", "<xyz> is there twice in <axis>"),
+        ("<child>", "<child>bus</child><child>", "<child> is there twice in <joint>"),
+        ("<geometry><box", "<geometry><sphere/><box", "geometry is 2 shapes: it must be one of"),
+        ("relative_to=", "relativ_to=", "<pose> is with an unknown 'relativ_to': it may have rel"),
+        ("<xyz>", "<xyz expresed_in='root'>", "<xyz> is with an unknown 'expresed_in'"),
+        ("<mass>", "<mass unit='g'>", "<mass> is with an unknown 'unit': it may have no attrib"),
+        ("<of:thing>", "<xacro:thing>", "is with <xacro:thing>, which is not expanded: run xacro"),
+        ("<of:thing><anything/>", "<of:thing><link/>", "<of:thing> is unknown, and holds <link>"),
         ("</sdf>", "", "not XML"),
         ('<joint name="mast" type="fixed">', '<joint name="mast" type="fixed"><of2/>', "<of2>"),
     ],
@@ -367,6 +378,33 @@ def body_or_refusal(text: str) -> UrdfBody | InvalidInput:
         return urdf_body(text, "it")
     except InvalidInput as error:
         return error
+
+
+@pytest.mark.parametrize("limit", ["-1", "inf", "1e16", None])
+def test_a_velocity_limit_may_be_none_in_each_of_the_words_of_the_format(
+    tmp_path: Path, limit: str | None
+) -> None:
+    written = "" if limit is None else f"<velocity>{limit}</velocity>"
+    for name, text in (
+        ("none", ARM.replace("<velocity>0.5</velocity>", written)),
+        ("no limit", re.sub("<limit>.*0.5.*</limit>", "", ARM)),
+    ):
+        (tmp_path / f"{name}.sdf").write_text(text, encoding="utf-8")
+        robot = load_robot(tmp_path / f"{name}.sdf", "base", "hand")
+        assert robot.velocity_limits.tolist() == [np.inf, 0.7], name
+        assert robot.effort_limits.tolist() == [np.inf, 9.0], name
+
+
+def test_a_refusal_says_of_a_limit_what_stands_there() -> None:
+    for found, words in (
+        ("<lower>-1<", "limit upper is 'inf': it must be a finite number"),
+        ("<lower>-1e16<", "limit lower is -1e+16: its size must be at most"),
+    ):
+        slide = ARM.replace("<lower>-1<", found).replace("<upper>2<", "<upper>inf<")
+        slide = slide.replace('name="j1" type="revolute"', 'name="j1" type="prismatic"')
+        with pytest.raises(InvalidInput) as refused:
+            robot_from_urdf_text(urdf_of(slide), "base", "hand")
+        assert words in str(refused.value)
 
 
 def test_a_robot_that_is_recorded_is_a_urdf(tmp_path: Path) -> None:

@@ -458,8 +458,6 @@ WIDE = {"min": "-9", "max": "9"}
             [TORQUES + "joint_2 damping 500 N m s/rad, friction 15 N m"],
         ),
         (IN_JOINT_2, '<dynamics friction="0.1"/>', [TORQUES + "joint_2 friction 0.1 N m"]),
-        # With a prefix that nobody declares
-        (IN_JOINT_2, '<xacro:if/><dynamics friction="1"/>', [TORQUES + "joint_2 friction 1 N m"]),
     ],
 )
 def test_what_a_urdf_says_of_joints_beside_the_limits_that_are_kept_is_noted(

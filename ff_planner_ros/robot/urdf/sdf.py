@@ -17,6 +17,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.urdf.sdf_frames import Frames, named, words_of
 from ff_planner_ros.robot.urdf.sdf_xml import read_model
+from ff_planner_ros.robot.urdf.urdf import NO_VELOCITY_LIMIT
 from ff_planner_ros.robot.urdf.urdf_faults import finite_numbers, listed, shortened
 
 # Both formats have these, by the same words.
@@ -25,6 +26,8 @@ _SHAPES = ("box", "capsule", "cone", "cylinder", "sphere")
 _ENTRIES = {"ixx": None, "iyy": None, "izz": None, "ixy": "0", "ixz": "0", "iyz": "0"}
 # Larger limits are none: the format uses 1e16.
 _NO_LIMIT = 1e15
+# How a URDF says so.
+_NONE = {"velocity": repr(NO_VELOCITY_LIMIT), "effort": "0"}
 # Rounding error of products of poses.
 _SAME_PLACE = 1e-9
 # Schemes of files: a model's is resolved like a package's.
@@ -143,24 +146,22 @@ def _add_axis(made: Element, joint: Element, frames: Frames, told: str) -> None:
         resists = {one.tag.removeprefix("spring_"): words_of(one) or "" for one in dynamics}
         SubElement(made, "dynamics", resists)
     limit = axis.find("limit")
-    if limit is None:
-        return
-    found = {one.tag: (one.text or "").strip() for one in limit}
-    sizes = {key: finite_numbers(text) for key, text in found.items()}
-    # Infinite, or -1 of what cannot be negative: none
-    free = {
-        key
-        for key, numbers in sizes.items()
-        if found[key].lstrip("+-").lower().startswith("inf")
-        or (len(numbers) == 1 and abs(numbers[0]) >= _NO_LIMIT)
-        or (numbers == [-1.0] and key in ("effort", "velocity"))
-    }
-    kept = {key: text for key, text in found.items() if key not in free}
-    if "effort" not in kept:
-        kept["effort"] = "0"  # a URDF's word for unknown
-    if made.get("type") == "revolute" and not {"lower", "upper"} & kept.keys():
+    found = {} if limit is None else {one.tag: words_of(one) for one in limit}
+    free = {key for key in ("lower", "upper", *_NONE) if _is_none(key, found.get(key, ""))}
+    if made.get("type") == "revolute" and {"lower", "upper"} <= free:
         made.set("type", "continuous")
-    SubElement(made, "limit", kept)
+    SubElement(made, "limit", found | {key: text for key, text in _NONE.items() if key in free})
+
+
+def _is_none(key: str, text: str) -> bool:
+    """Tell whether a limit is none: absent, infinite, or -1 of what cannot be negative."""
+    numbers = finite_numbers(text)
+    return (
+        not text
+        or text.lstrip("+-").lower().startswith("inf")
+        or (len(numbers) == 1 and abs(numbers[0]) >= _NO_LIMIT)
+        or (numbers == [-1.0] and key in _NONE)
+    )
 
 
 def _add_ends(made: Element, parent: str, child: str, place: pin.SE3) -> None:

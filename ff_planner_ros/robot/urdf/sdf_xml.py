@@ -1,7 +1,8 @@
 """The XML of a model in SDFormat, reduced to inertias, solids and joints.
 
-Elements that only draw, sense or configure a simulator are ignored; any other unknown element is
-refused, since it might change poses or inertias.
+Elements that only draw, sense or configure a simulator are ignored; any other unknown element or
+attribute is refused, since it might change poses or inertias, and so is a second one of what may be
+there once.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from xml.parsers import expat
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.urdf.urdf_faults import listed, shortened
-from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS, require_expanded
 
 # Versions of the format: in older ones axes and poses mean something else.
 _OLDEST, _NEWEST = (1, 5), (1, 99)
@@ -46,6 +47,18 @@ _MODEL: dict[str, Any] = {
     "joint": {"parent": {}, "child": {}, "axis": _AXIS, **_POSE},
     "frame": _POSE,
     **_POSE,  # in a world, without effect here
+}
+_SEVERAL = frozenset(("model", "link", "joint", "frame", "collision"))
+_ATTRIBUTES = {
+    "model": ("name", "canonical_link", "placement_frame"),
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "frame": ("name", "attached_to"),
+    "pose": ("relative_to", "rotation_format", "degrees", "frame"),
+    "inertial": ("auto",),
+    "collision": ("name",),
+    "mesh": ("optimization",),
+    "xyz": ("expressed_in",),
 }
 # Ignored: they change no inertia, solid or motion.
 _PASSED_OVER = frozenset(
@@ -98,6 +111,7 @@ class _Reader:
         self._sdf = Element("sdf")
         self._open: list[tuple[Element, dict[str, Any], list[str]]] = []
         self._passed_over = 0  # elements open, the innermost ones
+        self._extension = ""  # the outermost of those, if it has a prefix
         self._count = 0
         self.is_other = True  # until its outermost tag is known
 
@@ -110,13 +124,17 @@ class _Reader:
             self._open.append((self._sdf, {"model": _MODEL}, []))
             return
         owner, parts, _ = self._open[-1]
+        require_expanded(tag, {} if self._passed_over else attributes)
         # By the format, elements with a prefix are extensions of their author's.
         if self._passed_over or tag in _PASSED_OVER or ":" in tag:
+            if not self._passed_over:
+                self._extension = tag if ":" in tag else ""
+            elif self._extension and tag in ("link", "joint"):
+                allowed = "links and joints must be directly in <model>"
+                _refuse(f"<{shortened(self._extension)}>", f"unknown, and holds <{tag}>", allowed)
             self._passed_over += 1
             return
-        if tag not in parts:
-            allowed = f"of a model, <{owner.tag}> may hold {listed(parts) or 'nothing else'}"
-            _refuse(f"<{shortened(tag)}>", f"in <{owner.tag}>", allowed)
+        _require_known(owner, parts, tag, attributes)
         self._count += 1
         if self._count > _MOST_ELEMENTS:
             _refuse("robot.urdf", "too large", f"it must have at most {_MOST_ELEMENTS} elements")
@@ -143,6 +161,22 @@ class _Reader:
         if len(models) != 1:
             _refuse("robot.urdf", f"{len(models)} models", "an SDF must hold one <model>")
         return models[0]
+
+
+def _require_known(
+    owner: Element, parts: dict[str, Any], tag: str, attributes: dict[str, str]
+) -> None:
+    if tag not in parts:
+        allowed = f"of a model, <{owner.tag}> may hold {listed(parts) or 'nothing else'}"
+        _refuse(f"<{shortened(tag)}>", f"in <{owner.tag}>", allowed)
+    # Shapes are counted at their link.
+    if tag not in _SEVERAL and owner.tag != "geometry" and owner.find(tag) is not None:
+        _refuse(f"<{tag}>", f"there twice in <{owner.tag}>", "it must be there once")
+    known = _ATTRIBUTES.get(tag, ())
+    for name in attributes:
+        if name not in known and ":" not in name and name != "xmlns":
+            allowed = f"it may have {listed(known) or 'no attributes'}"
+            _refuse(f"<{tag}>", f"with an unknown {shortened(name)!r}", allowed)
 
 
 def _require_version(text: str) -> None:
