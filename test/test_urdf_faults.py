@@ -191,6 +191,18 @@ def test_a_limit_that_no_plan_keeps_is_a_note() -> None:
     assert "not read: acceleration of <limit>" in robot.notes
 
 
+@pytest.mark.parametrize("base_link", [None, "chaser"])
+def test_beside_a_joint_at_fault_no_mass_is_missed(base_link: str | None) -> None:
+    """The world has none, and needs none when the chaser is fixed to it."""
+    free = (
+        '<link name="world"/><joint name="free" type="floating"><parent link="world"/>'
+        '<child link="chaser"/></joint>'
+    )
+    with pytest.raises(InvalidInput) as refusal:
+        checked_urdf(within("robot", free), base_link, "end_effector")
+    assert str(refusal.value).startswith("joint 'free' is ")
+
+
 @pytest.mark.law("FILE-03")
 @pytest.mark.parametrize("seed", range(20))
 def test_every_fault_is_told_in_one_run(seed: int) -> None:

@@ -60,6 +60,7 @@ def check_bodies(
         placements: Placement of each link in the frame of the one that carries it; None: faulty.
     """
     in_links = {name: _weight_of_link(name, link, faults) for name, link in tree.links.items()}
+    at_fault = _ends_of_faulty_joints(tree, base_link)
     notes = []
     for body, places in _bodies(tree, placements).items():
         weights = {link: _placed(in_links[link], place) for link, place in places.items()}
@@ -68,7 +69,9 @@ def check_bodies(
         if len(members) < len(weights) or (len(tree.roots) > 1 and body in tree.roots):
             continue
         total = _sum(members.values())
-        fault = _no_body(total)
+        # What hangs together by a joint that is at fault may be one body when that is mended.
+        hidden = total.mass < SMALLEST and at_fault & members.keys()
+        fault = None if hidden else _no_body(total)
         careless = {link: _no_link(weight) for link, weight in members.items()}
         for link, wrong in careless.items():
             if wrong and (fault or link == body):
@@ -85,6 +88,18 @@ def check_bodies(
             for link in members:
                 _write_inertia(tree.links[link], total if link == body else None)
     return notes
+
+
+def _ends_of_faulty_joints(tree: Tree, base_link: str) -> set[str]:
+    """Return the links at joints that cannot move, or that carry the base and do not hold it."""
+    below = list(tree.upwards(base_link))
+    return {
+        link_of(joint, end)
+        for joint in tree.above.values()
+        if joint.get("type") not in ("fixed", "revolute", "prismatic")
+        or (joint in below and joint.get("type") != "fixed")
+        for end in ("parent", "child")
+    }
 
 
 def joint_weight(tree: Tree, places: dict[str, pin.SE3], faults: Faults) -> Weight:
