@@ -278,7 +278,9 @@ def test_the_node_is_told_of_held_joints_in_one_line() -> None:
     assert "other_joint_1 at 0.4 rad" in robot.notes[0]
 
 
-@pytest.mark.parametrize("text", ["rail", "rail: far", "rail: nan", "rail: 0.1 hand: 0.2"])
+@pytest.mark.parametrize(
+    "text", ["rail", "rail: far", "rail: nan", "rail: 0.1 hand: 0.2", "rail: 0.1, rail: 0.2"]
+)
 def test_locked_joints_that_are_no_list_of_positions_are_refused(text: str) -> None:
     with pytest.raises(InvalidInput, match=r"robot\.locked_joints"):
         locked_joints_of(text)

@@ -122,6 +122,20 @@ def test_a_name_of_version_0_2_is_read_and_the_present_one_told(
         load_parameters(saved(former, present))
 
 
+def test_a_parameter_in_a_group_and_by_its_whole_name_is_refused_unless_for_two_nodes(
+    tmp_path: Path,
+) -> None:
+    path, name = tmp_path / "planner.yaml", "planner.starts"
+    whole, grouped = {name: 3}, {"planner": {"starts": 4}}
+    for node, told in (("/**", whole | grouped), ("ff_planner", grouped | whole)):
+        path.write_text(yaml.safe_dump({node: {"ros__parameters": told}}))
+        with pytest.raises(InvalidInput, match=f"^{name} is given twice: give it once"):
+            load_parameters(path)
+    of_each = {"/**": {"ros__parameters": whole}, "ff_planner": {"ros__parameters": grouped}}
+    path.write_text(yaml.safe_dump(of_each))
+    assert load_parameters(path).planner.starts == 4
+
+
 @pytest.mark.parametrize(
     ("rounds", "depth"),
     [(0, "quick"), (1, "normal"), (3, "normal"), (4, "thorough"), (1_000, "thorough")],

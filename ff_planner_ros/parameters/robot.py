@@ -151,9 +151,11 @@ def of_joints(field: str, text: str) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     for word in filter(None, map(str.strip, text.split(","))):
-        name, _, at = word.partition(":")
+        name, _, at = (part.strip() for part in word.partition(":"))
+        if name in found:
+            raise InvalidInput(Status.OUT_OF_RANGE, field, text, "each joint must be there once")
         try:
-            found[name.strip()] = finite_number(field, float(at))
+            found[name] = finite_number(field, float(at))
         except ValueError:
             allowed = "it must be names and numbers: `rail: 0.2, hand: -1.0`"
             raise InvalidInput(Status.OUT_OF_RANGE, field, text, allowed) from None

@@ -118,7 +118,10 @@ def flattened(document: Any) -> dict[str, Any]:
     nodes = mapping("", document, required=(), optional=("/**", "ff_planner", "/ff_planner"))
     values: dict[str, Any] = {}
     for node, block in nodes.items():
-        _flatten(mapping(node, block, required=("ros__parameters",))["ros__parameters"], "", values)
+        of_node = dict[str, Any]()
+        told = mapping(node, block, required=("ros__parameters",))["ros__parameters"]
+        _flatten(told, "", of_node)
+        values |= of_node
     for name in FORMER_NAMES.keys() & values.keys():
         if FORMER_NAMES[name] in values:
             allowed = f"give {FORMER_NAMES[name]} alone"
@@ -134,6 +137,8 @@ def _flatten(block: Any, prefix: str, values: dict[str, Any]) -> None:
         full = f"{prefix}{name}"
         if isinstance(value, dict) or full in _GROUPS:
             _flatten(value, f"{full}.", values)
+        elif full in values:  # as `robot.urdf` and below `robot`
+            raise InvalidInput(Status.OUT_OF_RANGE, full, "given twice", "give it once")
         else:
             values[full] = value
 
