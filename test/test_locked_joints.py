@@ -239,6 +239,11 @@ def test_the_links_of_joints_that_mimic_a_locked_joint_are_where_it_puts_them() 
             {"joint_2": 0.1, "rod": 0.1},
             "robot.locked_joints 'rod' is 0.1: it mimics joint_2, which puts it at -0.1",
         ),
+        (
+            '<mimic joint="joint_2" multiplier="-1"/>',
+            {"joint_2": 0.1, "rod": -0.3},
+            "robot.locked_joints 'rod' is -0.3: it mimics joint_2, which puts it at -0.1",
+        ),
     ],
 )
 def test_a_mimic_that_no_robot_can_have_is_refused(
@@ -265,6 +270,18 @@ def test_a_joint_beside_the_arm_that_cannot_be_locked_is_refused(kind: str) -> N
         checked_urdf(with_rods(("rod", kind, "link_1", "")), "chaser", "end_effector")
     told = f"joint 'rod' is {kind or 'of no type'}: it must be revolute, continuous, prismatic or "
     assert str(refused.value).startswith(told)
+
+
+def test_a_floating_joint_above_the_base_is_the_one_fault_that_is_told() -> None:
+    """And not that a link that floats, the world, must have mass."""
+    world = (
+        '<link name="world"/><joint name="free" type="floating"><parent link="world"/>'
+        '<child link="chaser"/></joint></robot>'
+    )
+    with pytest.raises(InvalidInput) as refused:
+        checked_urdf(LEMUR_URDF.read_text().replace("</robot>", world), "chaser", "end_effector")
+    told = "joint 'free' is movable and carries the base link: make it fixed"
+    assert str(refused.value) == told
 
 
 def test_the_node_is_told_of_held_joints_in_one_line() -> None:
