@@ -39,6 +39,10 @@ def codes() -> str:
             parts.append(f"## {number[0]}xx: {of_class}\n")
         retry, field, _, _ = REMEDIES[status]
         told = f"`field` is `{field}`" if field else "`field` names the value at fault"
+        if status is Status.STATE_TOO_OLD:
+            told += (
+                ". Of a state or scene in the request `retry` is `CHANGED`: it only becomes older"
+            )
         parts.append(
             f"### {number} {name}\n\n{_sentence(cause)} `retry` is `{retry.name}`; {told}.\n\n"
             f"**What to do:** {ADVICE[status]}\n"

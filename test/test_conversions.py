@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
 
@@ -19,6 +21,7 @@ from ff_planner_msgs.msg import (
     PlanStatus,
 )
 from ff_planner_msgs.msg import SolverReport as SolverReportMsg
+from pages import DOCS
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 
@@ -45,13 +48,16 @@ from ff_planner_ros.planning.problem.problem import (
     Orientation,
     Parametrisation,
     PlanningProblem,
+    Sphere,
 )
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.ros.messages.from_messages import (
     problem_from_request,
     spheres_from_message,
     state_from_message,
 )
+from ff_planner_ros.ros.messages.status_message import status_message
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
     answer_with_plan,
@@ -175,6 +181,114 @@ def test_a_refusal_that_names_no_field_is_of_a_code_that_does() -> None:
     for status in set(Status) - unnamed:
         told = answer_of_error(FfPlannerError(status, "so"), "run.1", 0.0).status
         assert all((told.field, told.value, told.allowed, told.retry)), status
+
+
+def documented() -> dict[Status, tuple[str, str]]:
+    """Return retry and field of each code, as the page of codes has them; empty: the value's."""
+    page = (DOCS / "reference" / "status_codes.md").read_text(encoding="utf-8")
+    told = re.compile(
+        r"^### (\d+) \w+\n\n[^\n]*`retry` is `(\w+)`; `field` "
+        r"(?:is `([^`]+)`|names the value at fault)\.",
+        re.MULTILINE,
+    )
+    return {Status(int(code)): (retry, field) for code, retry, field in told.findall(page)}
+
+
+def errors_of(status: Status) -> Iterator[FfPlannerError]:
+    """Yield errors that may have a status: of a value, without a plan, or of the planner itself."""
+    if status < Status.INTERNAL_ERROR:
+        yield InvalidInput(status, "obstacles[c1]", "around link_2", "it must be outside")
+    if status.is_no_plan:
+        failure = Failure(status, "target.position is 9 m away", ("a nearer goal",))
+        for failures in ((), (failure,)):
+            yield NoPlanFound(status, "target.position is 9 m away", failures=failures)
+        later = NoPlanFound(status, "phase 2 of 2: it fails")
+        later.cause = InvalidInput(status, "then[0].duration", -1.0, "it must be more")
+        yield later
+    elif status >= Status.INTERNAL_ERROR:
+        yield FfPlannerError(status, "so")
+
+
+@pytest.mark.law("NODE-07")
+@pytest.mark.parametrize("status", [one for one in Status if one is not Status.SOLVED])
+def test_an_answer_has_field_and_retry_as_the_page_of_codes_says(status: Status) -> None:
+    retry, field = documented()[status]
+    for error in errors_of(status):
+        told = status_message(error)
+        assert told.code == status
+        assert told.retry == getattr(PlanStatus, retry)
+        assert told.field == (field or getattr(error, "field", "")), error
+        for words in (told.message, told.value):
+            assert "target.position" not in words, "a request has no such field"
+        if isinstance(error, InvalidInput):
+            assert told.message == f"{told.field} is {told.value}: {told.allowed}"
+            for part in (error.field, error.value, error.allowed):
+                assert part in told.message
+
+
+@pytest.mark.parametrize(
+    ("field", "retry"),
+    [
+        ("start_state.header.stamp", PlanStatus.CHANGED),
+        ("scene.header.stamp", PlanStatus.CHANGED),
+        ("chaser_state.header.stamp", PlanStatus.LATER),
+        ("obstacles.header.stamp", PlanStatus.LATER),
+    ],
+)
+def test_what_a_request_brings_only_becomes_older_as_the_page_of_codes_says(
+    field: str, retry: int
+) -> None:
+    page = (DOCS / "reference" / "status_codes.md").read_text(encoding="utf-8")
+    assert "Of a state or scene in the request `retry` is `CHANGED`" in page
+    assert status_message(InvalidInput(Status.STATE_TOO_OLD, field, "9 s", "new")).retry == retry
+
+
+def _at_start(problem: PlanningProblem, **changes: Any) -> PlanningProblem:
+    return replace(problem, start=replace(problem.start, **changes))
+
+
+def _with_goal(problem: PlanningProblem, x: float, radius: float = 0.0) -> PlanningProblem:
+    place = problem.target.position + np.array([x, 0.0, 0.0])
+    clamp = (Sphere("clamp", place, radius),) if radius else ()
+    return replace(problem, target=replace(problem.target, position=place), obstacles=clamp)
+
+
+@pytest.mark.parametrize(
+    ("status", "spoil", "words"),
+    [
+        (
+            Status.START_IN_COLLISION,
+            lambda problem: replace(problem, obstacles=(Sphere("c1", np.zeros(3), 1.5),)),
+            "obstacles[c1]",
+        ),
+        (
+            Status.START_OUTSIDE_LIMITS,
+            lambda problem: _at_start(problem, joint_positions=np.full(7, 9.0)),
+            "joints.position[joint_1]",
+        ),
+        (
+            Status.START_SINGULAR,
+            lambda problem: _at_start(
+                replace(problem, obstacles=()),
+                joint_positions=problem.start.joint_positions * np.r_[1, 1, 1, 0, 1, 1, 1]
+                + np.pi / 2 * np.eye(7)[3],
+            ),
+            "singular value",
+        ),
+        (Status.GOAL_OUT_OF_REACH, lambda problem: _with_goal(problem, 90.0), "goal is 9"),
+        (Status.COLLISION, lambda problem: _with_goal(problem, 0.0, 0.05), "goal lies 0.05"),
+    ],
+)
+def test_what_is_wrong_with_start_and_goal_is_told_in_the_fields_of_requests(
+    lemur_capture: PlanningProblem, status: Status, spoil: Any, words: str
+) -> None:
+    problem = replace(spoil(lemur_capture), parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
+    with pytest.raises((InvalidInput, NoPlanFound)) as refused:
+        perform(PlanningTask(problem, load_parameters().planner))
+    told = status_message(refused.value)
+    assert (told.code, told.field) == (status, documented()[status][1])
+    assert words in told.message
+    assert told.value in told.message
 
 
 def test_an_answer_holds_the_plan_row_by_row(plan: Plan, answer: PlanAnswer) -> None:

@@ -61,7 +61,8 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.urdf.payload import Payload
 from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_in
-from ff_planner_ros.ros.messages.to_messages import request_message, status_message
+from ff_planner_ros.ros.messages.status_message import status_message
+from ff_planner_ros.ros.messages.to_messages import request_message
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 from ff_planner_ros.ros.outputs.prediction import predicted_relative_pose, predicted_target
 from ff_planner_ros.runs.offline_bag import record_answer, require_recordable

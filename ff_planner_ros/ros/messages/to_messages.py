@@ -34,17 +34,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import write_object
-from ff_planner_ros.common.shown import shortened, shown
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.errors import (
-    LONGEST_MESSAGE,
-    REMEDIES,
-    FfPlannerError,
-    InvalidInput,
-    NoPlanFound,
-    Retry,
-    Status,
-)
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.messages.obstacles import PRIMITIVES, primitive_sizes
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.obstacles import (
@@ -62,9 +53,7 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.messages.interfaces import entry_of
-
-# Field of a request that brings its own state.
-_OWN_STATE = "start_state."
+from ff_planner_ros.ros.messages.status_message import status_message
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanRequest:
@@ -235,28 +224,6 @@ def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> P
         answer.metrics = [PlanMetrics(**asdict(error.attempt.metrics))]
         answer.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
     return answer
-
-
-def status_message(error: FfPlannerError) -> PlanStatus:
-    """Return an error as a status: code, text, field, value, what is allowed, whether to retry."""
-    retry, field, value, allowed = REMEDIES[error.status]
-    refused = error.cause if isinstance(error, NoPlanFound) else error
-    if isinstance(refused, InvalidInput):
-        field, value, allowed = refused.field, shown(refused.value), refused.allowed
-        if error.status is Status.STATE_TOO_OLD and field.startswith(_OWN_STATE):
-            retry = Retry.CHANGED  # it only becomes older
-    elif isinstance(error, NoPlanFound):
-        value = error.failures[0].finding if error.failures else error.constraint
-        if error.failures and error.failures[0].advice:
-            allowed = "; ".join(error.failures[0].advice)
-    return PlanStatus(
-        code=int(error.status),
-        message=str(error),
-        field=shortened(field, LONGEST_MESSAGE),
-        value=shortened(value, LONGEST_MESSAGE),
-        allowed=shortened(allowed, LONGEST_MESSAGE),
-        retry=int(retry),
-    )
 
 
 def time_message(time_ns: int) -> Time:

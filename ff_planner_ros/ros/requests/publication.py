@@ -28,7 +28,8 @@ from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
-from ff_planner_ros.ros.messages.to_messages import plan_message, status_message
+from ff_planner_ros.ros.messages.status_message import status_message
+from ff_planner_ros.ros.messages.to_messages import plan_message
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS

@@ -1,0 +1,67 @@
+"""An error as the status of an answer, in the fields of requests."""
+
+from __future__ import annotations
+
+import re
+
+from ff_planner_msgs.msg import PlanStatus
+
+from ff_planner_ros.common.declared_messages import names_in
+from ff_planner_ros.common.shown import shortened, shown
+from ff_planner_ros.errors import (
+    LONGEST_MESSAGE,
+    REMEDIES,
+    FfPlannerError,
+    InvalidInput,
+    NoPlanFound,
+    Retry,
+    Status,
+)
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+
+# Fields of a request by the keys of a scenario that a refusal may name. The goal has no pose of its
+# own in every request: a body that is captured has.
+_FIELDS = names_in(PlanningProblem) | {"target.position": "goal", "target.quaternion_xyzw": "goal"}
+_KEYS = re.compile(
+    rf"(?<![\w.])({'|'.join(re.escape(key) for key in _FIELDS if '.' in key)})(?![\w.]\w)"
+)
+
+
+# Fields of a request that bring what a topic would.
+_BROUGHT = ("start_state.", "scene.")
+
+
+def status_message(error: FfPlannerError) -> PlanStatus:
+    """Return an error as a status: code, text, field, value, what is allowed, whether to retry.
+
+    Field and retry are those of the code, as docs/reference/status_codes.md has them; a code whose
+    field is not told there has the one that the error names.
+    """
+    retry, field, value, allowed = REMEDIES[error.status]
+    message = str(error)
+    refused = error.cause if isinstance(error, NoPlanFound) else error
+    if isinstance(refused, InvalidInput):
+        found, allowed = shown(refused.value), refused.allowed
+        if not field:
+            field, value = refused.field, found
+            if error.status is Status.STATE_TOO_OLD and field.startswith(_BROUGHT):
+                retry = Retry.CHANGED  # it only becomes older
+        else:
+            value = f"{value}, {refused.field} is {found}"
+            message = f"{field} is {value}: {allowed}" if refused is error else message
+    elif isinstance(error, NoPlanFound):
+        value = error.failures[0].finding if error.failures else error.constraint
+        if error.failures and error.failures[0].advice:
+            allowed = "; ".join(error.failures[0].advice)
+    told = (message, field, value, allowed)
+    message, field, value, allowed = (
+        shortened(_KEYS.sub(lambda key: _FIELDS[key[0]], one), LONGEST_MESSAGE) for one in told
+    )
+    return PlanStatus(
+        code=int(error.status),
+        message=message,
+        field=field,
+        value=value,
+        allowed=allowed,
+        retry=int(retry),
+    )
