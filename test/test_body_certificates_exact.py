@@ -309,7 +309,7 @@ def test_a_motion_too_fast_to_certify_closely_ends_with_a_lower_bound(
         return sphere_distances(*asked)
 
     monkeypatch.setattr(body_certificate, "sphere_distances", counted)
-    monkeypatch.setattr(body_certificate, "MOST_PIECES", 1 << 9)
+    monkeypatch.setattr(body_certificate, "_MOST_PIECES", 1 << 9)
     motion = turning(TIMES, np.array([-0.4 * rate, 0.0]), np.array([rate, 0.0]))
     above = [Sphere("above", [0.0, 0.0, 0.5], 0.05)]
     least = least_sphere_distance(ARM, motion, above, np.array([TIP]), LAST, 0.0)
@@ -330,7 +330,7 @@ def test_centre_lines_too_fast_to_certify_closely_end_with_a_lower_bound(
         return clearances(*asked)
 
     monkeypatch.setattr(certificate, "clearances", counted)
-    monkeypatch.setattr(certificate, "MOST_PIECES", 1 << 9)
+    monkeypatch.setattr(certificate, "_MOST_PIECES", 1 << 9)
     lines = straight_arm(0.0, 1.0, 0.6)
     motion = turning(TIMES, np.array([-120.0, 0.0]), np.array([300.0, 0.0]))
     beside = [Sphere("around", [0.0, 0.0, 0.5], 0.05)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 
+MOMENTS = ("ixx", "iyy", "izz")
 # Section 4.3 of the paper, joints 1 to 7.
 PRINTED_RATES_DEG = (0.261, -0.076, -0.071, -1.794, -5.066, -0.416, -0.969)
 
@@ -81,6 +83,23 @@ def test_a_singular_posture_is_refused(lemur_capture: PlanningProblem) -> None:
             lemur_capture.robot, replace(lemur_capture.start, joint_positions=stretched)
         )
     assert refusal.value.status is Status.START_SINGULAR
+
+
+def test_a_chaser_that_is_too_light_is_told_from_a_singular_posture() -> None:
+    six = LEMUR_URDF.read_text().replace('"joint_3" type="revolute"', '"joint_3" type="fixed"')
+    root = ElementTree.fromstring(six)
+    for name, moment in (("mass", {"value": "1e-6"}), ("inertia", dict.fromkeys(MOMENTS, "1e-10"))):
+        part = root.find(f"link[@name='chaser']/inertial/{name}")
+        assert part is not None
+        part.attrib.update(moment)
+    light, usual = (
+        robot_from_urdf_text(text, "chaser", "end_effector")
+        for text in (ElementTree.tostring(root, encoding="unicode"), six)
+    )
+    state = random_state(light, np.random.default_rng(0))
+    assert joint_rates_with_ee_at_rest(usual, state).any()
+    with pytest.raises(InvalidInput, match="the chaser, 1e-06 kg, is too light for the arm"):
+        joint_rates_with_ee_at_rest(light, state)
 
 
 def test_an_arm_with_too_few_joints_cannot_rest() -> None:

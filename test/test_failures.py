@@ -2,23 +2,51 @@
 
 from __future__ import annotations
 
+import ast
 import pickle
+import re
+from collections.abc import Iterator
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from shared_plans import planned
 
+import ff_planner_ros
+from ff_planner_ros.common.declared import declared
 from ff_planner_ros.errors import BagError, Failure, FfPlannerError, OutOfTime, Status
-from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.parameters import DECLARATIONS, load_parameters
 from ff_planner_ros.planning.check.check import failures, measure, refusal
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion.followed import Peaks
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.motion.wheel_motion import WheelPeaks
+from ff_planner_ros.planning.problem.problem import (
+    Limits,
+    Orientation,
+    PlanningProblem,
+    Posture,
+    Sphere,
+    Target,
+)
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.requirement import ANOTHER_DURATION
+from ff_planner_ros.planning.requirements.wheels import _judged as judged_wheels
+from ff_planner_ros.planning.scenario.scenario import scenario_schema
+from ff_planner_ros.robot.wheels import Wheels
+
+INACCURATE = {
+    "min_singular_value": 0.001,
+    "final_position_error": 0.1,
+    "final_orientation_error": 0.1,
+    "momentum_error": 0.1,
+    "torque_error": 0.1,
+    "start_velocity_jump": 0.1,
+}
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +67,22 @@ def judged(
     return list(failures(problem, replace(sound, metrics=measured), settings))
 
 
+def cramped(problem: PlanningProblem, sound: Plan) -> PlanningProblem:
+    """Return a problem of which the sound plan violates nearly everything."""
+    robot = problem.robot
+    return replace(
+        problem,
+        robot=replace(
+            robot,
+            upper_position_limits=robot.upper_position_limits - 3.0,
+            velocity_limits=robot.velocity_limits / 100.0,
+            effort_limits=robot.effort_limits / 100.0,
+        ),
+        obstacles=(Sphere("bolt", sound.trajectory.ee_positions[25], 0.05),),
+        limits=Limits(joint_velocities=True),
+    )
+
+
 def test_a_sound_plan_has_none(
     lemur_capture: PlanningProblem, sound: Plan, settings: PlannerSettings
 ) -> None:
@@ -49,27 +93,8 @@ def test_a_sound_plan_has_none(
 def test_every_constraint_is_told_and_the_first_gives_the_status(
     lemur_capture: PlanningProblem, sound: Plan, settings: PlannerSettings
 ) -> None:
-    robot = lemur_capture.robot
-    cramped = replace(
-        lemur_capture,
-        robot=replace(
-            robot,
-            upper_position_limits=robot.upper_position_limits - 3.0,
-            velocity_limits=robot.velocity_limits / 100.0,
-            effort_limits=robot.effort_limits / 100.0,
-        ),
-        obstacles=(Sphere("bolt", sound.trajectory.ee_positions[25], 0.05),),
-        limits=Limits(joint_velocities=True),
-    )
-    inaccurate = {
-        "min_singular_value": 0.001,
-        "final_position_error": 0.1,
-        "final_orientation_error": 0.1,
-        "momentum_error": 0.1,
-        "torque_error": 0.1,
-        "start_velocity_jump": 0.1,
-    }
-    found = judged(cramped, sound, settings, **inaccurate)
+    problem = cramped(lemur_capture, sound)
+    found = judged(problem, sound, settings, **INACCURATE)
     assert [failure.status for failure in found] == [
         Status.COLLISION,
         Status.LIMIT_VIOLATED,
@@ -84,9 +109,80 @@ def test_every_constraint_is_told_and_the_first_gives_the_status(
     for failure in found:
         assert failure.finding in str(error)
         for word in failure.advice:
-            assert str(error).count(word) >= 1
+            assert str(error).count(word) >= 1 or word == ANOTHER_DURATION
     # Both position and velocity limits say so, the operator reads it once.
     assert str(error).count("more planner.starts") == 1
+
+
+GOALS: dict[str, tuple[dict[str, Any], str, tuple[str, ...]]] = {
+    "pose": ({}, "another goal orientation or start posture", ("posture at",)),
+    "place": ({"orientation": Orientation.FREE}, "another goal or start posture", ("orientation",)),
+    "posture": (
+        {"posture": Posture(np.zeros(7))},
+        "another goal or start posture",
+        ("orientation", "nearer"),
+    ),
+    "rest": ({"posture": Posture(at_rest=True)}, "another start posture", ("goal",)),
+}
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_advice_is_of_what_the_goal_has_and_is_given_once(
+    lemur_capture: PlanningProblem, sound: Plan, settings: PlannerSettings, goal: str
+) -> None:
+    """A place has no orientation to change, rest no goal, and a posture is no nearer."""
+    changes, other, never = GOALS[goal]
+    problem = cramped(lemur_capture, sound)
+    if "orientation" in changes:
+        target = Target(problem.target.position, [0.0, 0.0, 0.0, 1.0], **changes)
+        changes = {"target": target}
+    metrics, plan = INACCURATE, sound
+    if "posture" in changes:  # of which no pose of the end effector is asked
+        metrics, plan = {}, replace(sound, family="joint_spline")
+    error = refusal(plan, judged(replace(problem, **changes), plan, settings, **metrics))
+    advice = str(error).partition("What may help: ")[2].split(", ")
+    assert other in advice
+    assert not [word for word in advice for part in never if part in word]
+    assert len(set(advice)) == len(advice)
+    assert ANOTHER_DURATION not in advice  # a longer one is in it
+    assert "a longer duration" in advice
+
+
+def test_wheels_that_hold_nothing_cannot_hold_less_at_the_start() -> None:
+    for held, told in ((np.zeros(3), False), (np.array([0.0, 0.1, 0.0]), True)):
+        along = np.array([held, held + 1.0])
+        peaks = Peaks(along[-1], np.zeros(3))
+        wheels = Wheels(momentum=(0.5,))
+        momenta, torques = judged_wheels(wheels, WheelPeaks(peaks, peaks, (along, 0.0 * along)))
+        assert ("wheels that hold less at the start" in momenta.advice) is told
+        assert "a larger objective.wheel_momentum" in momenta.advice
+        assert torques.advice == ()
+
+
+def test_every_key_that_a_message_names_is_one_that_the_user_may_write() -> None:
+    """Of all text of the rooms that refuse: keys of scenarios, parameters, paths in messages."""
+
+    def keys(schema: Any, prefix: str = "") -> Iterator[str]:
+        for name, one in schema.get("properties", {}).items():
+            yield f"{prefix}{name}"
+            yield from keys(one, f"{prefix}{name}.")
+        for one in (*schema.get("anyOf", ()), *filter(None, [schema.get("items")])):
+            yield from keys(one, prefix)
+
+    known = {*keys(scenario_schema())}
+    heads = "|".join(key for key in known if "." not in key)
+    known |= {*DECLARATIONS, *(str(one.message) for one in declared(PlanningProblem).values())}
+    named = re.compile(rf"(?<![\w./])(?:{heads})\.[a-z_]+(?:\.[a-z_]+)*")
+    root, found = Path(ff_planner_ros.__file__).parent, dict[str, str]()
+    for path in (one for room in ("planning", "robot") for one in (root / room).rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        prose = {id(one.value) for one in ast.walk(tree) if isinstance(one, ast.Expr)}
+        for one in ast.walk(tree):
+            if isinstance(one, ast.Constant) and isinstance(one.value, str):
+                words = [] if id(one) in prose else named.findall(one.value)
+                found |= dict.fromkeys(words, str(path.relative_to(root)))
+    assert len(found) > 50
+    assert {key: place for key, place in found.items() if key not in known} == {}
 
 
 def test_the_number_of_attempts_is_told(sound: Plan) -> None:

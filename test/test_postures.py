@@ -21,7 +21,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
-from ff_planner_ros.planning.check.preconditions import require_time
+from ff_planner_ros.planning.check.preconditions import require_plannable, require_time
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
@@ -46,7 +46,7 @@ from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import captured, joint_goals
 from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.model import Base, robot_from_urdf_text
+from ff_planner_ros.robot.model import Base, load_robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momenta
 from ff_planner_ros.simulation.verification import verify
 
@@ -319,6 +319,30 @@ def test_a_posture_just_beyond_a_limit_is_told_with_all_its_digits() -> None:
     assert f"to {limit!r} rad" in str(found.value)
 
 
+@pytest.mark.parametrize(
+    ("folded", "pair"),
+    [
+        ([0.0, 1.8, 0.0, -2.7, 0.0, -1.8, 0.0], ("link_4#2", "link_7")),
+        ([0.0, 2.6, 0.0, 2.7, 0.0, -0.4, 0.0], ("chaser", "link_3")),
+    ],
+)
+def test_a_posture_in_which_the_robot_touches_itself_is_refused_before_the_search(
+    folded: list[float], pair: tuple[str, str]
+) -> None:
+    """Neither a longer duration nor more guesses can help, and neither is offered."""
+    robot = load_robot(LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.SHAPES)
+    problem = asking(Posture(np.array(folded)), robot=robot)
+    for seen in (problem, replace(problem, duration=100.0)):
+        with pytest.raises(NoPlanFound) as refused:
+            require_plannable(seen, SETTINGS)
+        told = str(refused.value)
+        assert refused.value.status is Status.COLLISION
+        assert all(name in told for name in pair)
+        assert "choose another posture" in told
+        assert "duration" not in told
+    require_plannable(asking(Posture(FOLDED), robot=robot), SETTINGS)
+
+
 def test_what_needs_a_place_of_the_goal_is_refused_with_a_goal_of_the_joints() -> None:
     corridor = Approach(direction=np.array([1.0, 0.0, 0.0]), distance=0.1)
     with pytest.raises(InvalidInput, match=r"approach .*the goal has no place"):
@@ -443,13 +467,15 @@ def test_no_time_is_refused_in_which_a_joint_alone_can_be_as_asked() -> None:
         require_time(enough)
         with pytest.raises(
             NoPlanFound, match="s is too short for joint joint_1 to reach the posture"
-        ):
+        ) as short:
             require_time(replace(asked, duration=0.99 * enough.duration))
+        kept = "velocity and acceleration" if limits.joint_velocities else "acceleration"
+        assert f"within the limits of its {kept} alone" in str(short.value)
     stopping = replace(problem, posture=Posture(at_rest=True), limits=limits, obstacles=())
     rates = np.append(0.1, np.zeros(robot.joints - 1))
     stopping = replace(stopping, start=replace(problem.start, joint_velocities=rates))
     require_time(replace(stopping, duration=0.5))
-    with pytest.raises(NoPlanFound, match="joint joint_1 to come to rest within") as error:
+    with pytest.raises(NoPlanFound, match="rest within the limits of its acceleration") as error:
         require_time(replace(stopping, duration=0.49))
     assert error.value.status is Status.LIMIT_VIOLATED
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.task.task import perform
 
 # Every key of the format; the robot lies in the directory that `saved` writes to.
 SCENARIO: dict[str, Any] = {
@@ -329,6 +332,29 @@ def test_the_end_effector_cannot_be_at_rest_in_a_singular_posture(directory: Pat
     stretched = [0.0, 0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0]
     joints = {"position": stretched, "end_effector_at_rest": True}
     assert refusal_of(saved(directory, "joints", joints)).status is Status.START_SINGULAR
+
+
+@pytest.mark.parametrize("limited", ["from_urdf", "none"])
+@pytest.mark.parametrize("ahead", [0.0, 0.001])
+def test_a_chaser_too_fast_for_an_end_effector_at_rest_is_what_the_file_says(
+    directory: Path, limited: str, ahead: float
+) -> None:
+    """A file in a frame in which the chaser orbits: it gives no joint velocity."""
+    scenario = deepcopy(SCENARIO)
+    joints = {"position": scenario["joints"]["position"], "end_effector_at_rest": True}
+    scenario["chaser"]["linear_velocity"] = [7500.0, 0.0, 0.0]
+    scenario |= {"joints": joints, "limits": {"velocity": limited}, "start_after": ahead}
+    path = directory / "scenario.yaml"
+    path.write_text(yaml.safe_dump(scenario))
+    task = load_task(path, Defaults(load_parameters().planner))
+    with pytest.raises(InvalidInput) as refused:
+        perform(task)
+    error = refused.value
+    assert error.field == "joints.end_effector_at_rest"
+    assert re.match(r"true, for which joint_\d (moves at|comes to) -?\d+", str(error.value))
+    assert "while the chaser moves at 7500 m/s" in str(error.value)
+    given = replace(task.problem, start=replace(task.problem.start, ee_at_rest=False))
+    assert replace(task, problem=given).digest == task.digest
 
 
 @pytest.mark.parametrize("content", ["", "[1, 2]", "text", "duration: [", "\x00"])

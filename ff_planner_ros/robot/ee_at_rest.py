@@ -27,7 +27,8 @@ def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
     arm in any posture.
 
     Raises:
-        InvalidInput: The chaser moves, and the arm is in a singular posture or has too few joints.
+        InvalidInput: The chaser moves, and the arm is in a singular posture, is too heavy beside
+            the chaser, or has too few joints.
     """
     rows, of_tip = robot.base.rows, robot.base.tip_rows
     data = robot.model.createData()
@@ -49,11 +50,18 @@ def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
     rates_to_twist = jacobian[:, 6:] @ row_space
     condition = np.linalg.cond(rates_to_twist)
     if not condition < MAX_CONDITION:
+        arm, why = jacobian[:, 6:], "in this posture no joint rates hold the end effector at rest"
+        if np.linalg.cond(arm @ arm.T) < MAX_CONDITION:
+            chaser, *links = (link.mass for link in robot.model.inertias[1:])
+            why = (
+                f"the chaser, {chaser:g} kg, is too light for the arm, {sum(links):.4g} kg, to "
+                "rest its end effector: on a base that stands still it could in this posture"
+            )
         raise InvalidInput(
             Status.START_SINGULAR,
             "joints.position",
             np.array2string(state.joint_positions, precision=4),
-            "in this posture no joint rates hold the end effector at rest",
+            why,
         )
     rates: Array = row_space @ np.linalg.solve(rates_to_twist, -jacobian[:, rows] @ v[rows])
     return rates

@@ -84,6 +84,8 @@ class SystemState:
     )
     # Of each wheel that holds the chaser's attitude [N m s]; None: zero, or there are none
     wheel_momenta: Array | None = None
+    # Whether a file asked for the joint velocities that hold the end effector at rest
+    ee_at_rest: bool = False
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""

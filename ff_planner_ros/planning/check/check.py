@@ -19,7 +19,7 @@ from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements import requirements_of
-from ff_planner_ros.planning.requirements.requirement import Samples
+from ff_planner_ros.planning.requirements.requirement import ANOTHER_DURATION, Samples
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.robot.wheels import momenta_of
 
@@ -81,6 +81,8 @@ def refusal(
     attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
     if advice is None:
         advice = list(dict.fromkeys(word for failure in found for word in failure.advice))
+        if "a longer duration" in advice:
+            advice = [word for word in advice if word != ANOTHER_DURATION]
     message = f"no plan found in {attempts}, {_findings(found)}. What may help: {', '.join(advice)}"
     return NoPlanFound(found[0].status, message, plan, found)
 

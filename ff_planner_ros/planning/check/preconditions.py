@@ -10,11 +10,12 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.distance.contact import tool_contact
+from ff_planner_ros.planning.distance.contact import self_contact, tool_contact
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target_body import MOST_TURNS
 from ff_planner_ros.planning.requirements import REQUIREMENTS, requirements_of
+from ff_planner_ros.planning.requirements.requirement import LIMIT_TOLERANCE
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 
@@ -28,7 +29,8 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
     Raises:
         InvalidInput: The start violates a requirement, a plug-in has the name of one of ours, or
             within the duration the system turns too far.
-        NoPlanFound: The goal is out of reach or inside an obstacle.
+        NoPlanFound: The goal is out of reach or inside an obstacle, or in its posture the robot
+            touches itself.
     """
     robot = problem.robot
     q_start, v_start = configuration(robot, problem.start)
@@ -41,6 +43,8 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
         required.refuse_start(problem, q_start, settings)
     if problem.posture is None:
         _require_reachable_goal(problem, q_start, v_start)
+    elif problem.posture.positions is not None:
+        _require_apart(problem, problem.posture.positions)
     _require_foretold(problem, v_start)
 
 
@@ -74,10 +78,13 @@ def require_time(problem: PlanningProblem) -> None:
     joint = int(lacks.argmax())
     if lacks[joint] > 1.0:
         reached = "come to rest" if posture.positions is None else "reach the posture asked for"
+        limits = problem.limits
+        kept = ["velocity"] if limits.joint_velocities and posture.positions is not None else []
+        kept += ["acceleration"] if limits.joint_accelerations is not None else []
         raise NoPlanFound(
             Status.LIMIT_VIOLATED,
             f"{duration:g} s is too short for joint {robot.joint_names[joint]} to {reached} within "
-            "the limits of its velocity and acceleration alone; choose a longer duration",
+            f"the limits of its {' and '.join(kept)} alone; choose a longer duration",
         )
 
 
@@ -93,6 +100,17 @@ def _require_foretold(problem: PlanningProblem, v_start: Array) -> None:
             f"too far to be foretold; {MOST_TURNS:g} rad are allowed"
         )
         raise InvalidInput(Status.OUT_OF_RANGE, "duration", f"{problem.duration:g} s", allowed)
+
+
+def _require_apart(problem: PlanningProblem, positions: Array) -> None:
+    """Refuse a posture in which two bodies of the robot touch: every plan would end so."""
+    contact = self_contact(problem, positions)
+    if contact is not None and contact.distance < -LIMIT_TOLERANCE:
+        raise NoPlanFound(
+            Status.COLLISION,
+            f"in the posture of the goal {contact.first} is {-contact.distance:.4f} m inside "
+            f"{contact.second}, however the robot gets there: choose another posture",
+        )
 
 
 def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: Array) -> None:

@@ -35,7 +35,7 @@ from ff_planner_ros.planning.distance.body_motion import (
     seen_at,
     times_at,
 )
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, MOST_PIECES
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_bounds,
@@ -52,6 +52,8 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 EXACT_PART = 0.02
 # Number of steps in the first intervals: most pairs stay far apart for long.
 _STRIDE = 8
+# Pieces that are looked at: a motion that needs more, no joint makes, and the bound is lower.
+_MOST_PIECES = 1 << 16
 # Relative to a pair's whole displacement: its distance is not known more closely than this.
 _ROUNDING = 1e-14
 
@@ -303,7 +305,7 @@ def _least(
         short = np.flatnonzero((bound < enough) & (pieces.end - pieces.begin <= 1.0))
         if short.size:
             bound[short] = np.maximum(bound[short], kind.gaps(pieces.rows(short)))
-        open_ = (bound < enough) & (looked < MOST_PIECES)
+        open_ = (bound < enough) & (looked < _MOST_PIECES)
         looked += len(pieces.pair)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():

@@ -41,7 +41,7 @@ _CUTS = np.arange(_PIECES + 1)[:, None] / _PIECES
 # Fraction of an interval between points that is not cut further: the rest is rounding.
 SHORTEST_PIECE = 1e-12
 # Pieces that are looked at: a motion that needs more, no arm makes, and the bound is lower.
-MOST_PIECES = 1 << 16
+_MOST_PIECES = 1 << 20
 _TINY = np.finfo(float).tiny
 
 
@@ -128,7 +128,7 @@ def certified_clearance(
         part = (end - begin)[:, None]
         bound = _lower_bounds(at_begin, at_end, ways[index] * part, bends[index] * part**2, radii)
         bound = bound.min(axis=1)
-        open_ = (bound < lowest - gap) & (end - begin > SHORTEST_PIECE) & (looked < MOST_PIECES)
+        open_ = (bound < lowest - gap) & (end - begin > SHORTEST_PIECE) & (looked < _MOST_PIECES)
         looked += len(index)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():

@@ -69,6 +69,15 @@ def deepest_contact(
     return _deepest(found, within)
 
 
+def self_contact(problem: PlanningProblem, positions: Array) -> Contact | None:
+    """Return the deepest contact of two bodies in a goal posture; positions: shape (joints,)."""
+    if not problem.robot.pairs:
+        return None
+    q = np.concatenate([pin.neutral(problem.robot.model)[:7], positions])
+    placed = placed_bodies(problem.robot, positions[None])
+    return _deepest(_of_pairs(problem, placed, q, problem.duration), 0.0)
+
+
 def _of_pairs(problem: PlanningProblem, placed: Placed, q: Array, time: float) -> Iterator[Contact]:
     """Yield contacts of two bodies, and what may be one."""
     robot, bodies = problem.robot, problem.robot.bodies

@@ -184,17 +184,33 @@ def as_measured(
 ) -> InvalidInput:
     """Return an error of a predicted state; that of a joint is completed by its measured value.
 
+    A velocity that holds the end effector at rest is the chaser's doing: it was not given.
+
     Args:
         error: Error of the predicted state.
         measured: State that was carried forward.
         seconds: Time by which it was; zero: the error is unchanged.
     """
-    for quantity, values, per_time in (
-        ("position", measured.joint_positions, ""),
-        ("velocity", measured.joint_velocities, "/s"),
+    for quantity, values, per_time, verb in (
+        ("position", measured.joint_positions, "", "comes to"),
+        ("velocity", measured.joint_velocities, "/s", "moves at"),
     ):
         for joint, (name, value) in enumerate(zip(robot.joint_names, values, strict=True)):
-            if seconds and error.field == f"joints.{quantity}[{name}]":
+            if error.field != f"joints.{quantity}[{name}]":
+                continue
+            if measured.ee_at_rest and (per_time or seconds):
+                linear = np.linalg.norm(measured.linear_velocity_chaser_in_inertial)
+                angular = np.linalg.norm(measured.angular_velocity_chaser_in_inertial)
+                told = (
+                    f"true, for which {name} {verb} {error.value}, while the chaser moves at "
+                    f"{linear:.4g} m/s and {angular:.4g} rad/s"
+                )
+                allowed = (
+                    f"{error.allowed}; the end effector is at rest in the inertial frame: choose "
+                    "one in which the chaser is slow, or give joints.velocity"
+                )
+                return InvalidInput(error.status, "joints.end_effector_at_rest", told, allowed)
+            if seconds:
                 unit = robot.unit(joint) + per_time
                 told = f"{error.value}, measured as {value:.6f} {unit} {seconds:.3f} s before"
                 return InvalidInput(error.status, error.field, told, error.allowed)

@@ -47,18 +47,16 @@ from ff_planner_ros.planning.requirements.body_rows import (
     pairs_in_core,
 )
 from ff_planner_ros.planning.requirements.collisions import (
-    DETOURS,
     SLACK_PART,
     collision,
+    detours,
     refuse_nearness,
 )
 from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
 )
-from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
-
-_POSTURES = ("another goal or start posture", "a longer duration", "more planner.starts")
+from ff_planner_ros.planning.requirements.requirement import Requirement, Samples, elsewhere
 
 
 class BodyClearance(Requirement):
@@ -144,7 +142,7 @@ class BodyClearance(Requirement):
         if problem.obstacle_bodies and least.certified >= 0.0:
             return
         body, sphere = _body_and_sphere(problem, least)
-        yield collision(samples, least, body, f"obstacle {sphere}", DETOURS)
+        yield collision(samples, least, body, f"obstacle {sphere}", detours(problem))
 
 
 class SelfClearance(Requirement):
@@ -191,7 +189,8 @@ class SelfClearance(Requirement):
             return
         least = _of_pairs(samples.problem, samples.followed)
         first, second = _two_bodies(samples.problem, least)
-        yield collision(samples, least, first, second, _POSTURES)
+        advice = elsewhere(samples.problem), "a longer duration", "more planner.starts"
+        yield collision(samples, least, first, second, advice)
 
 
 @lru_cache(maxsize=4)

@@ -80,7 +80,7 @@ class ChaserAttitude(Requirement):
                 f"than limits.chaser_attitude, {limit:g} rad",
                 (
                     "a larger limits.chaser_attitude",
-                    "a weight on the chaser's attitude",
+                    "a larger objective.chaser_attitude",
                     "a longer duration",
                     "more planner.starts",
                 ),

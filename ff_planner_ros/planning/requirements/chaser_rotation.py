@@ -94,7 +94,7 @@ class ChaserRotation(Requirement):
                 f"{angles[worst] - limit:.3g} rad more than limits.chaser_rotation, {limit:g} rad",
                 (
                     "a larger limits.chaser_rotation",
-                    "a weight on the chaser's attitude",
+                    "a larger objective.chaser_attitude",
                     "a longer duration",
                     "more planner.starts",
                 ),

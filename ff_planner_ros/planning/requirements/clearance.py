@@ -43,7 +43,7 @@ from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
-from ff_planner_ros.planning.requirements.collisions import SLACK_PART, refuse_nearness
+from ff_planner_ros.planning.requirements.collisions import SLACK_PART, detours, refuse_nearness
 from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
@@ -52,6 +52,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     OF_INTEREST,
     Requirement,
     Samples,
+    elsewhere,
 )
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
@@ -179,12 +180,7 @@ class Clearance(Requirement):
         yield Failure(
             Status.COLLISION,
             f"{link} is {depth:.3g} m inside obstacle {obstacle} at {when}",
-            (
-                "a longer duration",
-                "a goal or start posture on another side of the obstacle",
-                "more planner.starts",
-                *([margin] if depth < samples.settings.clearance_margin else []),
-            ),
+            (*detours(problem), *([margin] if depth < samples.settings.clearance_margin else [])),
         )
 
 
@@ -207,7 +203,7 @@ def _too_near_at_end(samples: Samples) -> Iterator[Failure]:
             Status.COLLISION,
             f"at its last point {body} is {distance * 1e3:.4f} mm from obstacle {obstacle}, where "
             f"{CLEARANCE_AT_END * 1e3:g} mm are needed so that another plan may start there",
-            ("another goal", "a larger planner.clearance_margin"),
+            (elsewhere(problem), "a larger planner.clearance_margin"),
         )
 
 

@@ -7,17 +7,20 @@ from typing import NoReturn
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.body_certificate import Least
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Samples
 
 # Relative accuracy of certificates in the search, which only asks whether a clearance is positive;
 # what is left of one is far more than rounding.
 SLACK_PART = 0.95
 
-DETOURS = (
-    "a longer duration",
-    "a goal or start posture on another side of the obstacle",
-    "more planner.starts",
-)
+
+def detours(problem: PlanningProblem) -> tuple[str, ...]:
+    """Return advice for a body that is in an obstacle on the way."""
+    posture = problem.posture
+    ends = "" if posture is not None and posture.at_rest else "goal or "
+    aside = f"a {ends}start posture on another side of the obstacle"
+    return "a longer duration", aside, "more planner.starts"
 
 
 def collision(

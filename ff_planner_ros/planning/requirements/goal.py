@@ -22,7 +22,7 @@ from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Robot
 
 # A motion leaves its path where steps are long, or where a singularity lies between two.
-_FOLLOW = "more points, or a nearer goal if it is at the edge of the workspace"
+_FOLLOW = "more points"
 # Of two axes that are opposite but for less than this [rad] rounding says which one is across both,
 # and it may say one of theirs.
 _OPPOSITE = 1e-8
@@ -52,7 +52,9 @@ class Goal(Requirement):
             yield from _off_posture(samples, samples.problem.posture)
         for quantity, unit in (("position", " m"), ("orientation", " rad")):
             tolerance = getattr(samples.settings, f"{quantity}_tolerance")
-            yield from too_large(metrics, f"final_{quantity}_error", tolerance, unit, _FOLLOW)
+            yield from too_large(
+                metrics, f"final_{quantity}_error", tolerance, unit, _FOLLOW, "a nearer goal"
+            )
 
 
 def _off_posture(samples: Samples, posture: Posture) -> Iterator[Failure]:
@@ -71,7 +73,7 @@ def _off_posture(samples: Samples, posture: Posture) -> Iterator[Failure]:
                 Status.CHECK_FAILED,
                 f"at the goal joint {robot.joint_names[worst]} {verb} than asked "
                 f"by {misses[worst]:.3g} {unit}, allowed is {allowed[worst]:.3g} {unit}",
-                (_FOLLOW,),
+                (_FOLLOW, "a longer duration"),
             )
 
 

@@ -43,7 +43,7 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
     asked_of_core,
 )
-from ff_planner_ros.planning.requirements.collisions import DETOURS, SLACK_PART, collision
+from ff_planner_ros.planning.requirements.collisions import SLACK_PART, collision, detours
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.collision.lines import with_bodies
 
@@ -121,7 +121,7 @@ class ObstacleClearance(Requirement):
         least = least_from_obstacles(problem, samples.followed)
         if least.certified < 0.0:
             body, obstacle = body_and_obstacle(problem, least)
-            yield collision(samples, least, body, f"obstacle {obstacle}", DETOURS)
+            yield collision(samples, least, body, f"obstacle {obstacle}", detours(problem))
 
 
 @lru_cache(maxsize=4)

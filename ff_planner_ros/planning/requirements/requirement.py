@@ -23,6 +23,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.system_frame import SystemFrame
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.dynamics import joint_torques
@@ -36,6 +37,8 @@ LIMIT_TOLERANCE = 1e-6
 # is measured at its limit and moves outward cannot stop at once. The search keeps the limits
 # themselves, but for what the start already exceeds.
 ALLOWED_EXCESS = 1e-4
+# Advice that "a longer duration" says better, where both are given.
+ANOTHER_DURATION = "another duration"
 # A joint or the chaser further from its limit [rad], or a link further from a sphere [m], cannot
 # reach it in one step of the solver that the linearisation still describes.
 OF_INTEREST = 0.25
@@ -232,6 +235,15 @@ class Requirement:
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield where, and by how much, a plan violates the requirement, and what may help."""
         yield from ()
+
+
+def elsewhere(problem: PlanningProblem) -> str:
+    """Return advice to begin or to end in another posture, as far as the goal has one."""
+    if problem.posture is not None:
+        ends = problem.posture.positions is not None
+        return "another goal or start posture" if ends else "another start posture"
+    is_free = problem.target.orientation is Orientation.FREE
+    return f"another goal{'' if is_free else ' orientation'} or start posture"
 
 
 def eased(limits: Array, at_start: Array, excess: Array | float = ALLOWED_EXCESS) -> Array:

@@ -14,12 +14,14 @@ from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
+    ANOTHER_DURATION,
     LIMIT_TOLERANCE,
     Requirement,
     Samples,
+    elsewhere,
 )
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import smallest_singular_values
+from ff_planner_ros.robot.momentum import arm_jacobian, smallest_singular_values
 
 # A singular value above this many margins does not fall below one margin in one solver step.
 _OF_INTEREST = 4.0
@@ -39,15 +41,18 @@ class SingularValues(Requirement):
         """Refuse a singular posture, unless joint splines may begin there."""
         if problem.parametrisation is not Parametrisation.END_EFFECTOR_POLYNOMIAL:
             return
-        if not is_regular(problem.robot, q_start, settings):
-            smallest = float(smallest_singular_values(problem.robot, q_start[None])[0])
+        robot, least = problem.robot, settings.singular_value_threshold - LIMIT_TOLERANCE
+        smallest = float(smallest_singular_values(robot, q_start[None])[0])
+        if not smallest >= least:
+            alone = arm_jacobian(robot, robot.model.createData(), q_start) / robot.joint_weights
+            of_arm = float(np.linalg.svd(alone, compute_uv=False)[-1])
             raise InvalidInput(
                 Status.START_SINGULAR,
                 "joints.position",
                 np.array2string(problem.start.joint_positions, precision=4),
                 "in this posture the end effector cannot move in every direction: the smallest "
-                f"singular value of the generalised Jacobian is {smallest:.3g}, allowed is "
-                f"{settings.singular_value_threshold:g}",
+                f"singular value of the generalised Jacobian is {smallest:.3g} ({of_arm:.3g} on a "
+                f"base that stands still), allowed is {settings.singular_value_threshold:g}",
             )
 
     def concerns(self, problem: PlanningProblem) -> bool:
@@ -78,7 +83,7 @@ class SingularValues(Requirement):
             f"the arm is in a dynamic singularity at {samples.when(point)}: the smallest "
             f"singular value of the generalised Jacobian is {metrics.min_singular_value:.3g}, "
             f"allowed is {threshold:g}",
-            ("a nearer goal", "another goal orientation, start posture or duration"),
+            ("a nearer goal", elsewhere(samples.problem), ANOTHER_DURATION),
         )
 
 

@@ -159,7 +159,7 @@ class WheelLimits(Requirement):
                 f"wheel {wheel + 1} {one.verb} {value:.4g} {one.unit}, {abs(value) - limit:.3g} "
                 f"{one.unit} more than its limit of {limit:g} {one.unit}, at "
                 f"{samples.at(float(one.times[wheel]))}",
-                ("a longer duration", one.advice, "more planner.starts"),
+                ("a longer duration", *one.advice, "more planner.starts"),
             )
 
 
@@ -168,7 +168,7 @@ class _Judged(NamedTuple):
 
     verb: str
     unit: str
-    advice: str
+    advice: tuple[str, ...]
     values: Array  # shape (wheels,)
     times: Array  # shape (wheels,) [s]
     limits: Array  # eased for what the start has already; shape (wheels,)
@@ -177,14 +177,16 @@ class _Judged(NamedTuple):
 
 def _judged(wheels: Wheels, peaks: WheelPeaks) -> list[_Judged]:
     """Return the peaks of momenta and torques against their limits."""
-    holds = "holds", "N m s", "wheels that hold less at the start", wheels.momentum_limits
-    gives = "gives", "N m", "a smaller weight on the duration", wheels.torque_limits
-    judged = []
+    holds = "holds", "N m s", ("a larger objective.wheel_momentum",), wheels.momentum_limits
+    gives = "gives", "N m", (), wheels.torque_limits
+    judged = list[_Judged]()
     for (verb, unit, advice, limits), along, found in zip(
         (holds, gives), peaks.along, (peaks.momenta, peaks.torques), strict=True
     ):
         kept = eased(limits, np.abs(along[0]), ALLOWED_EXCESS * limits)
         left = 1.0 + (LIMIT_TOLERANCE - np.abs(found.values)) / kept
+        if advice and along[0].any():
+            advice = ("wheels that hold less at the start", *advice)
         judged.append(_Judged(verb, unit, advice, found.values, found.times, kept, left))
     return judged
 
@@ -200,7 +202,7 @@ def _uncertain(judged: Sequence[_Judged], certain: Array, allowed: Array) -> Ite
             f"wheel {wheel + 1} may exceed its limit of {one.limits[wheel]:g} {one.unit} between "
             f"the points: all that is certain is that it {one.verb} {certain[worst]:.4g} "
             f"{one.unit} or less",
-            ("more points", "a longer duration", one.advice),
+            ("more points", "a longer duration", *one.advice),
         )
 
 

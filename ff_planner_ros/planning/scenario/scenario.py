@@ -300,7 +300,7 @@ def _start(robot: Robot, read: Mapping[str, Any]) -> SystemState:
     given["wheel_momenta"] = None if told is None else told.stored
     if given["joint_velocities"] is not True:
         return SystemState(**given)
-    state = SystemState(**given | {"joint_velocities": np.zeros(robot.joints)})
+    state = SystemState(**given | {"joint_velocities": np.zeros(robot.joints)}, ee_at_rest=True)
     return replace(state, joint_velocities=joint_rates_with_ee_at_rest(robot, state))
 
 

@@ -24,6 +24,7 @@ from ff_planner_ros.robot.collision.bodies import defining_numbers
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.state import SystemState
 
 _DIGITS = 16
 # What fields were called until version 0.3: the digest of a task stays what it was.
@@ -94,7 +95,7 @@ def _is_absent(value: Any, name: str) -> bool:
     given = getattr(value, name)
     if isinstance(value, Sphere | ObstacleBody) and value.body is not None:
         return name not in ("id", "radius", "shape")
-    if isinstance(value, Solid) and name == "hull_added":
+    if isinstance(value, Solid | SystemState) and name in ("hull_added", "ee_at_rest"):
         return True
     if isinstance(value, PlanningProblem):
         if name in ("allowed_collisions", "contact_distance"):

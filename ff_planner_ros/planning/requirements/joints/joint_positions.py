@@ -17,11 +17,13 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
+    ANOTHER_DURATION,
     LIMIT_TOLERANCE,
     OF_INTEREST,
     Requirement,
     Samples,
     eased,
+    elsewhere,
 )
 from ff_planner_ros.robot.configuration import whose_limits
 from ff_planner_ros.robot.model import Robot
@@ -102,8 +104,7 @@ class JointPositions(Requirement):
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint furthest outside, or one that cannot stop inside after the last point."""
         robot = samples.problem.robot
-        goal = "goal orientation" if samples.problem.posture is None else "goal posture"
-        advice = f"another {goal}, start posture or duration", "more planner.starts"
+        advice = elsewhere(samples.problem), ANOTHER_DURATION, "more planner.starts"
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
         if metrics.min_joint_margin < 0.0:
             distances, times = _distances(robot, samples.followed.joints)
