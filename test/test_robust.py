@@ -117,6 +117,18 @@ def test_a_plan_that_keeps_enough_already_stays_what_it_is() -> None:
     assert (same.trajectory.joint_positions == plain.trajectory.joint_positions).all()
 
 
+def test_limits_that_have_no_margin_are_told_in_the_answer() -> None:
+    """The plan keeps them as it is computed; errors may break them."""
+    task = task_of("lemur_capture", sigmas=0.01)
+    limits = replace(task.problem.limits, grasp_force=1e6, capture_impulse=1e6)
+    limited = replace(task, problem=replace(task.problem, limits=limits))
+    words = "planner.robust keeps no margin on limits.grasp_force, limits.capture_impulse"
+    plan = perform(limited)
+    assert plan.notes == (words,)
+    assert words in plan.message
+    assert perform(task).notes == perform(asking(limited, 0.0)).notes == ()
+
+
 def test_no_deviations_asked_for_is_the_plain_task_whatever_the_errors() -> None:
     task, plain = (
         task_of("lemur_capture", 0.0, mass=0.5, inertia=1.0),

@@ -3,7 +3,8 @@
 A margin is a distance to a limit at one time of a plan with controlled joints; it must not be
 negative. There are margins of obstacles, of the chaser's Euler angles and rotation angle, of the
 approach corridor and of joint torques. Joint positions, velocities and accelerations, and distances
-between the robot's bodies, do not change with the errors.
+between the robot's bodies, do not change with the errors. The wrench and the impulse of a grasp and
+the view of a camera do, and have no margin: a note says so.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import numpy as np
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.configuration import whole_turns
 
@@ -40,9 +41,11 @@ def notes_on_scene(problem: PlanningProblem) -> tuple[str, ...]:
     return (*(() if body is None else body.notes), *hull_notes(problem.obstacle_bodies))
 
 
-def notes_on(problem: PlanningProblem) -> tuple[str, ...]:
-    """Return notes on scene, plug-ins, which the core does not know, and postures a turn away."""
+def notes_on(problem: PlanningProblem, settings: PlannerSettings) -> tuple[str, ...]:
+    """Return notes on scene, postures a turn away, margins, and plug-ins that the core lacks."""
     notes = (*notes_on_scene(problem), *_turn_notes(problem))
+    if settings.robust.sigmas and (without := list(_without_margin(problem))):
+        notes += (f"planner.robust keeps no margin on {', '.join(without)}",)
     slower = ", ".join(one.name for one in problem.requirements if one.concerns(problem))
     if slower:
         notes += (f"the search asks Python for the rows of {slower}, which makes it slower",)
@@ -64,6 +67,16 @@ def _turn_notes(problem: PlanningProblem) -> Iterator[str]:
                 f"{posture.positions[joint]:.4g} rad, and {nearest[joint]:.4g} rad, the same "
                 f"posture, is {abs(way - whole_turns(way))[joint]:.3g} rad away"
             )
+
+
+def _without_margin(problem: PlanningProblem) -> Iterator[str]:
+    """Yield what errors affect and a robust plan keeps without a margin, by its key."""
+    for name in ("grasp_force", "grasp_torque", "capture_impulse"):
+        if np.isfinite(getattr(problem.limits, name)):
+            yield f"limits.{name}"
+    if problem.camera is not None:
+        yield "camera"
+    yield from (f"requirements.{one.name}" for one in problem.requirements)
 
 
 def with_notes(refused: NoPlanFound, notes: Sequence[str]) -> NoPlanFound:

@@ -216,7 +216,7 @@ def _perform(task: PlanningTask, watch: Watch, method: Method) -> Plan:
         guess = Remainder(rest, task.running_goal - task.ahead)
         frame, problem = _seen_from_system(problem, start)
     steps, bodies = Steps(watch, task.effort), task.problem.obstacle_bodies
-    notes = notes_on(problem)
+    notes = notes_on(problem, task.settings)
     try:
         found = _performed(task, problem, steps, method, guess)
         return frame.plan_seen_by_user(replace(found, effort=steps.ended_at, notes=notes))

@@ -162,7 +162,8 @@ def lock(joint: Element, at: float, place: pin.SE3 | None, faults: Faults) -> pi
     name, kind = joint.get("name", ""), joint.get("type", "")
     if kind not in _UNITS:
         allowed = f"it must be {', '.join(_UNITS)} or fixed"
-        faults.add("joint", name, "", kind or "of no type", allowed)
+        if kind:  # one of no type is a fault already
+            faults.add("joint", name, "", kind, allowed)
         return None
     if at == 0.0 or place is None:
         return place

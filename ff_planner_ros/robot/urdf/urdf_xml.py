@@ -22,6 +22,7 @@ MAX_LINKS = 1000
 # Element of a recorded URDF: where a joint is locked that is a fixed one there.
 LOCKED = "locked"
 
+
 def _without_effect(*tags: str) -> dict[str, Any]:
     """Return elements of the format, of simulators or of other readers that are passed over."""
     return dict.fromkeys(tags)
