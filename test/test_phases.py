@@ -48,10 +48,12 @@ from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.captured import captured_in
+from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.following import following, held_body, phase_tasks
 from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.planning.task.whole import whole, whole_scene
 from ff_planner_ros.report.from_bag import report_of_bag
@@ -625,6 +627,77 @@ def test_what_no_request_holds_of_a_later_goal_is_in_no_bag(
     with pytest.raises(InvalidInput, match="a request to the node cannot ask for it") as refused:
         require_recordable(replace(three, then=tuple(then)))
     assert refused.value.field == f"phases[{number + 1}].target.{name}"
+
+
+@pytest.mark.parametrize(
+    "rules", [(True, False, 0.0), (True, True, 0.01), (False, True, 0.0), (False, False, 0.02)]
+)
+def test_a_bag_holds_every_rule_that_the_plan_had_to_keep(
+    three: PlanningTask, rules: tuple[bool, bool, float], tmp_path: Path
+) -> None:
+    """The controller's, and all others: what is read again is what was asked for."""
+    controller = Controller(three.problem.robot.joint_names, *rules)
+    planner = replace(three.settings, clearance_margin=0.03, capture_turn_rate_tolerance=0.004)
+    asked = replace(
+        three,
+        settings=replace(planner, robust=replace(planner.robust, sigmas=2.0, mass=0.03)),
+        controller=controller,
+        end_behaviour=EndBehaviour.STOP_JOINTS,
+        tail=1.5,
+    )
+    record_answer(tmp_path / "bag", asked, NoPlanFound(Status.COLLISION, "none"), 0.1)
+    again = only_request(tmp_path / "bag").read_request().task
+    assert again.controller == controller
+    assert again.settings == asked.settings
+    assert again.digest == asked.digest
+
+
+# Of three phases in turn.
+LIMITS: dict[str, tuple[Limits, Limits, Limits]] = {
+    "ever laxer": (
+        Limits(True, 0.5, (0.1,), True, 0.6, 2.0, 3.0, 4.0),
+        Limits(True, 0.6, (0.2,), True, 0.7, 3.0, 4.0, 5.0),
+        Limits(True),
+    ),
+    "ever stricter": (
+        Limits(False),
+        Limits(False, 0.6, (0.2,), True, 0.7, 3.0, 4.0, 5.0),
+        Limits(False, 0.5, (0.1,), True, 0.6, 2.0, 3.0, 4.0),
+    ),
+    "each its own": (
+        Limits(True, 0.5, (0.1, *6 * (0.3,)), False),
+        Limits(True, 0.6, (0.3, *6 * (0.1,)), False, grasp_force=2.0),
+        Limits(True, 0.4, (0.2,), False, capture_impulse=1.0),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LIMITS)
+def test_a_bag_holds_the_limits_of_each_phase(
+    three: PlanningTask, case: str, tmp_path: Path
+) -> None:
+    """A later phase may have laxer ones than the first, as in a scenario."""
+    first, *others = LIMITS[case]
+    phases = zip(three.then, others, strict=True)
+    then = tuple(replace(one, limits=limits.of_joints(7)) for one, limits in phases)
+    asked = replace(three, problem=replace(three.problem, limits=first), then=then)
+    record_answer(tmp_path / "bag", asked, NoPlanFound(Status.COLLISION, "none"), 0.1)
+    assert only_request(tmp_path / "bag").read_request().task.digest == asked.digest
+
+
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize(
+    ("name", "limits"),
+    [("velocity", Limits(False)), ("effort", Limits(True, joint_torques=False))],
+)
+def test_what_no_request_can_limit_in_one_phase_alone_is_in_no_bag(
+    three: PlanningTask, name: str, limits: Limits, number: int
+) -> None:
+    then = list(three.then)
+    then[number] = replace(then[number], limits=limits)
+    with pytest.raises(InvalidInput, match="a request to the node cannot ask for it") as refused:
+        require_recordable(replace(three, then=tuple(then)))
+    assert refused.value.field == f"phases[{number + 1}].limits.{name}"
 
 
 @pytest.mark.ci

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
@@ -23,7 +24,7 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.common.yaml_file import MOST_BYTES
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER
+from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
@@ -160,6 +161,7 @@ def require_recordable(task: PlanningTask) -> None:
         "target": None if problem.target_body is not None else problem.target
     }
     targets |= {f"phases[{k}].target": one.target for k, one in enumerate(task.then, 1)}
+    first, *others = _limits_of_phases(task)
     for field, given in (
         ("running", task.running is not None),
         ("running_goal", task.running_goal is not None),
@@ -169,6 +171,11 @@ def require_recordable(task: PlanningTask) -> None:
             for name, target in targets.items()
             for acceleration in ("linear_acceleration", "angular_acceleration")
             if isinstance(target, Target)
+        ),
+        *(
+            (f"phases[{k}].limits.{limit}", getattr(one, flag) is not getattr(first, flag))
+            for k, one in enumerate(others, 1)
+            for limit, flag in (("velocity", "joint_velocities"), ("effort", "joint_torques"))
         ),
         (
             "phases.target_body",
@@ -181,9 +188,15 @@ def require_recordable(task: PlanningTask) -> None:
             raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
 
 
+def _limits_of_phases(task: PlanningTask) -> list[Limits]:
+    return [task.problem.limits, *(one.limits for one in task.then if one.limits is not None)]
+
+
 def _used(task: PlanningTask) -> dict[str, Any]:
     """Return the parameters with which a node reads the same task from the request."""
-    robot, limits, controller = task.problem.robot, task.problem.limits, task.controller
+    robot, controller, limits = task.problem.robot, task.controller, _limits_of_phases(task)
+    each = [one.joint_accelerations or (math.inf,) for one in limits]
+    fastest = np.max(np.broadcast_arrays(*each), axis=0)
     required = requirements_written(task.problem.requirements)
     wheels = robot.wheels or Wheels()  # without, they are not looked at
     return {
@@ -214,19 +227,23 @@ def _used(task: PlanningTask) -> dict[str, Any]:
         "end_behaviour": task.end_behaviour.value,
         "post_goal_duration": task.tail or 1.0,
         "limits": {
-            "velocity": "from_urdf" if limits.joint_velocities else "none",
-            "acceleration": list(limits.joint_accelerations or (0.0,)),
-            "effort": "from_urdf" if limits.joint_torques else "none",
+            # The laxest of all phases: each asks for its own, which may be lower.
+            "velocity": "from_urdf" if limits[0].joint_velocities else "none",
+            "acceleration": fastest.tolist() if np.isfinite(fastest).all() else [0.0],
+            "effort": "from_urdf" if limits[0].joint_torques else "none",
             **{
                 name: float(most) if math.isfinite(most) else 0.0
                 for name in OF_ONE_NUMBER
-                for most in (getattr(limits, name),)
+                for most in (max(getattr(one, name) for one in limits),)
             },
         },
         "controller": {
             "allow_nonzero_velocity_at_trajectory_end": controller is None
             or controller.allow_nonzero_velocity_at_trajectory_end,
             "effort_interface": controller is not None and controller.effort_interface,
+            "stopped_velocity_tolerance": 0.0
+            if controller is None
+            else controller.stopped_velocity_tolerance,
         },
         "planner": asdict(task.settings)
         | {"search": str(task.settings.search)}
