@@ -241,7 +241,7 @@ def test_a_robot_with_lines_has_no_srdf(tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_an_srdf_that_is_of_another_robot_or_holds_what_is_not_read_has_a_note() -> None:
     name = ElementTree.fromstring(wrist()).get("name")
-    known = '<group name="arm"><link name="bus"/></group><virtual_joint/>'
+    known = '<group name="arm"><link name="bus"/></group><virtual_joint/><gripper/>'
 
     def notes(robot: str, elements: str, geometry: Geometry | None = None) -> set[str]:
         srdf = f'<robot name="{robot}">{elements}</robot>'

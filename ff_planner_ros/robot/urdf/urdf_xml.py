@@ -34,7 +34,7 @@ DISABLE, DISABLE_ALL = "disable_collisions", "disable_default_collisions"
 ENABLE = "enable_collisions"
 _COLLISIONS: dict[str, Any] = {DISABLE: {}, DISABLE_ALL: {}, ENABLE: {}} | _without_effect(
     *("end_effector", "group", "group_state", "joint_property", "link_sphere_approximation"),
-    *("passive_joint", "virtual_joint"),
+    *("gripper", "passive_joint", "rotor_params", "specificities", "virtual_joint"),
 )
 _MOST_DISABLED = 100_000  # a humanoid's SRDF has two thousand
 # Elements that are read, by their parents. Those of shapes are read apart: a missing mesh shall not
@@ -68,12 +68,13 @@ _SHAPE: dict[str, Any] = {"origin": {}, "geometry": _GEOMETRY} | _without_effect
     *("max_contacts", "surface", "verbose"),
 )
 _SHAPES: dict[str, Any] = {"link": {"visual": _SHAPE, "collision": _SHAPE}}
+_REFUSED = "quat_xyzw"  # by what reads an origin
 _SEVERAL, _MOST_OF_THEM = tuple(_SHAPES["link"]), 10_000
 _ATTRIBUTES = {
     "link": ("name",),
     "joint": ("name", "type"),
     "inertial": (),
-    "origin": ("xyz", "rpy", "quat_xyzw"),
+    "origin": ("xyz", "rpy", _REFUSED),
     "mass": ("value",),
     "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
     "parent": ("link",),
@@ -299,7 +300,8 @@ class _Reader:
         if ":" in name or self._parts[-1] or name in _OTHER_LIMITS:
             self._note(f"{shortened(name)} of <{tag}>")
         else:
-            allowed = f"it may have {listed(_ATTRIBUTES[tag])}"
+            known = (key for key in _ATTRIBUTES[tag] if key != _REFUSED)
+            allowed = f"it may have {listed(known)}"
             self._add("", f"with an unknown {shortened(name)!r}", allowed)
 
     def _is_told(self) -> bool:
