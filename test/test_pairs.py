@@ -187,6 +187,7 @@ def test_an_srdf_lets_a_link_touch_all_but_some_as_moveit_does(
         (disabling(("bus", "")), "robot.srdf disable_collisions link is missing"),
         (disabling(("a", "b"), ("c", "bus")), "at fault in 3 places"),
         ("<robot><xacro:a/></robot>", "robot.srdf is with <xacro:a>, which is not expanded: run"),
+        (wrist(), "robot.srdf is with an unknown <link>: it may hold dis"),
         (disabling(("${p}bus", "link_1")), "robot.srdf is with link1='.{p}bus', which is not exp"),
         (
             '<robot><disable_collisions link1="bus" link2="link_1" why="x"/></robot>',

@@ -132,8 +132,19 @@ NOT_EXPANDED = "which is not expanded: run xacro first"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (within("robot", f"<group>{PANEL}</group>"), "<group> is unknown, and holds <inertial>"),
-        (within("robot", f"<my:group>{PANEL}</my:group>"), "<my:group> is unknown, and holds <in"),
+        (within("robot", f"<group>{PANEL}</group>"), ".urdf <group> is unknown, and holds <link>"),
+        (
+            within("robot", f"<my:group>{PANEL}</my:group>"),
+            ".urdf <my:group> is unknown, and holds <l",
+        ),
+        (
+            within("robot", "<group><link name='a'/></group>"),
+            "<group> is unknown, and holds <link>",
+        ),
+        (
+            within("robot", "<inertial/>"),
+            ".urdf is with an unknown <inertial>: it may hold link, joint",
+        ),
         (within("link", PANEL), "link 'chaser' is with an unknown <link>: it may hold inertial"),
         (within("inertial", "<pose>1 2 3 0 0 0</pose>"), "inertial is with an unknown <pose>"),
         (LEMUR.replace("<mass ", "<mass unit='g' "), "inertial mass is with an unknown 'unit'"),
@@ -143,6 +154,10 @@ NOT_EXPANDED = "which is not expanded: run xacro first"
             "collision geometry is with an unknown <drake:capsule>: it may hold box, capsule",
         ),
         (within("robot", '<xacro:panel side="2"/>'), f"with <xacro:panel>, {NOT_EXPANDED}"),
+        (
+            within("robot", "<x:panel/>").replace("<robot ", "<robot xmlns:x='http://a/xacro' "),
+            f"with <x:panel>, {NOT_EXPANDED}",
+        ),
         (within("robot", '<include filename="a"/>'), f"with <include>, {NOT_EXPANDED}"),
         (within("robot", "<gazebo><xacro:a/></gazebo>"), f"with <xacro:a>, {NOT_EXPANDED}"),
         (LEMUR.replace('"1.5 0.1626 0.0"', '"${x} 0 0"'), f"'${{x}} 0 0', {NOT_EXPANDED}"),

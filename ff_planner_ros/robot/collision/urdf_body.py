@@ -81,7 +81,7 @@ def urdf_body(
 
 def _of(told: str, error: InvalidInput) -> InvalidInput:
     """Return an error of a robot's URDF, renamed to that of a body's."""
-    inside = error.field.removeprefix("robot.urdf")
+    inside = error.field.removeprefix("robot.urdf").strip()
     field = f"{told} {inside}" if inside else told
     if inside.startswith(LOCKED_JOINTS):  # a key beside that of the URDF
         field = told.removesuffix("urdf") + inside

@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.urdf.urdf_faults import listed, shortened
-from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS, require_expanded
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS, Expanded
 
 # Versions of the format: in older ones axes and poses mean something else.
 _OLDEST, _NEWEST = (1, 5), (1, 99)
@@ -113,6 +113,7 @@ class _Reader:
         self._passed_over = 0  # elements open, the innermost ones
         self._extension = ""  # the outermost of those, if it has a prefix
         self._count = 0
+        self._expanded = Expanded()
         self.is_other = True  # until its outermost tag is known
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -120,11 +121,12 @@ class _Reader:
             if tag != "sdf":
                 raise _OtherDocument
             self.is_other = False
+            self._expanded.require(tag, attributes)
             _require_version(attributes.get("version", ""))
             self._open.append((self._sdf, {"model": _MODEL}, []))
             return
         owner, parts, _ = self._open[-1]
-        require_expanded(tag, {} if self._passed_over else attributes)
+        self._expanded.require(tag, {} if self._passed_over else attributes)
         # By the format, elements with a prefix are extensions of their author's.
         if self._passed_over or tag in _PASSED_OVER or ":" in tag:
             if not self._passed_over:

@@ -100,10 +100,10 @@ _ATTRIBUTES = {
 _OTHER_LIMITS = frozenset(
     ("acceleration", "command_effort", "current", "deceleration", "gear_velocity", "jerk")
 )
-# Of links and joints alone: what holds such parts is no mere extension.
-_OF_LINKS_AND_JOINTS = frozenset(("inertial", "collision", "child"))
+# What holds such an element is no mere extension.
+_OF_ROBOTS = frozenset(("link", "joint", "inertial", "collision", "child"))
 # Elements of xacro's that needed no prefix once.
-_XACRO, _OLD_XACRO = "xacro:", frozenset(("include", "macro", "property"))
+_XACRO, _OLD_XACRO = "xacro", frozenset(("include", "macro", "property"))
 _EXPAND = "run xacro first: xacro FILE > EXPANDED"
 _URDF = "robot.urdf"
 _MOST_FAULTS = 10_000
@@ -150,18 +150,29 @@ def read_collisions(text: str, field: str, faults: Faults) -> Element:
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
 
 
-def require_expanded(tag: str, attributes: dict[str, str]) -> None:
-    """Refuse an element of xacro's, or one with attributes or expressions of xacro's.
+class Expanded:
+    """What xacro has expanded: none of its elements, attributes or expressions is left."""
 
-    Raises:
-        InvalidInput: It is one.
-    """
-    found = [f"<{tag}>"] if tag.startswith(_XACRO) else []
-    for name, value in attributes.items():
-        if name.startswith(_XACRO) or "${" in value or "$(" in value:
-            found.append(f"{name}={value!r}")
-    if found:
-        _refuse(f"with {shortened(found[0])}, which is not expanded", _EXPAND)
+    def __init__(self) -> None:
+        """Know xacro's usual prefix."""
+        self._prefixes = [f"{_XACRO}:"]
+
+    def require(self, tag: str, attributes: dict[str, str]) -> None:
+        """Refuse an element that is xacro's, or has attributes or expressions of xacro's.
+
+        Raises:
+            InvalidInput: It is one.
+        """
+        for name, value in attributes.items():
+            if name.startswith("xmlns:") and _XACRO in value:
+                self._prefixes.append(f"{name.removeprefix('xmlns:')}:")
+        prefixes = tuple(self._prefixes)
+        found = [f"<{tag}>"] if tag.startswith(prefixes) else []
+        for name, value in attributes.items():
+            if name.startswith(prefixes) or "${" in value or "$(" in value:
+                found.append(f"{name}={value!r}")
+        if found:
+            _refuse(f"with {shortened(found[0])}, which is not expanded", _EXPAND)
 
 
 def _require_short(text: str) -> None:
@@ -205,17 +216,18 @@ class _Reader:
         self._parts: list[dict[str, Any]] = []
         self._passed_over = 0  # elements open, the innermost ones
         self._unknown = ""  # the outermost of those, while nothing but a note is due
+        self._expanded = Expanded()
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         if self._passed_over:
-            require_expanded(tag, {})
+            self._expanded.require(tag, {})
             self._passed_over += 1
-            if self._unknown and tag in _OF_LINKS_AND_JOINTS:
+            if self._unknown and tag in _OF_ROBOTS and not self._field:
                 allowed = "links and joints must be directly in <robot>"
                 self._add(self._unknown, f"unknown, and holds <{tag}>", allowed)
                 self._unknown = ""
             return
-        require_expanded(tag, attributes)
+        self._expanded.require(tag, attributes)
         if not self._open:
             if tag != "robot":
                 _refuse(f"a <{tag[:50]}>", "its outermost tag must be <robot>")
@@ -280,7 +292,9 @@ class _Reader:
     def _tell_unknown(self, parent: Element, tag: str, attributes: dict[str, str]) -> None:
         if parent is self.robot and tag in _OLD_XACRO:
             _refuse(f"with <{tag}>, which is not expanded", _EXPAND)
-        if parent is self.robot or (":" in tag and parent.tag != "geometry"):
+        if (parent is self.robot and tag not in _ATTRIBUTES) or (
+            ":" in tag and parent.tag != "geometry"
+        ):
             self._unknown = f"<{shortened(tag)}>"
             self._note(f"{self._unknown} in <{parent.tag}>")
             return
@@ -315,8 +329,8 @@ class _Reader:
         """Add a fault of the innermost open element that is read, or of a part of it."""
         if not self._is_told():
             return
-        kind, name, (_, *inside) = self._field, "", self._open
-        if inside and not kind:
+        kind, name, (_, *inside) = self._field or _URDF, "", self._open
+        if inside and not self._field:
             owner, *inside = inside
             kind, name = owner.tag, owner.get("name", "")
         words = [one.tag for one in inside]
