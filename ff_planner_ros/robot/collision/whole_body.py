@@ -140,7 +140,10 @@ def _notes(model: pin.Model, bodies: tuple[Body, ...], may_touch: list[MayTouch]
 
 
 def _wide(robot: Element, model: pin.Model, bodies: tuple[Body, ...]) -> list[str]:
-    """Return notes on links with a radius of gyration larger than their body, or the robot, is."""
+    """Return notes on links with a radius of gyration larger than their body is.
+
+    Of a link without a solid, which may be of any size: larger than the robot is.
+    """
     places = [place.translation for place in model.jointPlacements]
     fixed = max(np.linalg.norm(frame.placement.translation) for frame in model.frames)
     widest = max((2.0 * body.radius for body in bodies), default=0.0)
@@ -152,10 +155,9 @@ def _wide(robot: Element, model: pin.Model, bodies: tuple[Body, ...]) -> list[st
         reach = np.linalg.norm(body.center_in_joint - middle) + body.radius
         reach = max(reach, *(np.linalg.norm(end - middle) for end in ends))
         sizes[body.joint] = max(sizes.get(body.joint, 0.0), 2.0 * float(reach))
-    found = []
+    found, known = [], {body.link: sizes[body.joint] for body in bodies}
     for link in robot.findall("link[inertial]"):
-        frame = model.frames[model.getFrameId(str(link.get("name")), pin.FrameType.BODY)]
-        found += too_wide(link, sizes.get(frame.parentJoint, whole))
+        found += too_wide(link, known.get(str(link.get("name")), whole))
     return found
 
 

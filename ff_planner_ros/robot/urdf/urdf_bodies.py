@@ -122,13 +122,13 @@ def joint_weight(tree: Tree, places: dict[str, pin.SE3], faults: Faults) -> Weig
 
 
 def too_wide(link: Element, size: float) -> list[str]:
-    """Return a note on a link whose mass is, by its inertia, further out than its body reaches.
+    """Return a note on a link whose mass is, by its inertia, further out than a length allows.
 
     All mass within a distance R of the centre of mass means I <= m R^2. CAD programs export g mm2.
 
     Args:
         link: One with an inertia that has passed the check.
-        size: Length of the body that it belongs to [m], at least twice such an R.
+        size: Of its body, or of the robot [m]: at least twice such an R.
     """
     weight = _weight_of_link("", link, Faults())
     if weight is None or not weight.mass > 0.0:
@@ -139,8 +139,8 @@ def too_wide(link: Element, size: float) -> list[str]:
         return []
     note = (
         f"link {link.get('name')!r} has a radius of gyration sqrt(I/m) of {gyration:.4g} m, by "
-        f"{largest:.4g} kg m2 and {weight.mass:.4g} kg, and its body a length of {size:.3g} m: its "
-        "inertia is too large, or not in kg m2"
+        f"{largest:.4g} kg m2 and {weight.mass:.4g} kg, and the room of {size:.3g} m: its inertia "
+        "is too large, or not in kg m2"
     )
     return [note]
 
