@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import warnings
@@ -10,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
 from pathlib import Path
-from traceback import extract_tb
+from traceback import extract_tb, walk_tb
 
 from ff_planner_ros.commands import BAD_INPUT, INTERRUPTED, NO_PLAN
 from ff_planner_ros.commands.options import require_outputs
@@ -20,6 +21,7 @@ from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput,
 
 # Faults of one input that are printed: a screen, where thousands of obstacles may be wrong alike.
 _MOST_FAULTS = 20
+_OF_ROS = re.compile(r"rclpy|rpyutils|rosidl\w*|launch\w*|ament\w*|\w+_(msgs|srvs|interfaces)")
 DEFECT = "this is a defect of ff-planner, please report it"
 
 
@@ -67,21 +69,38 @@ def _run(parser: ArgumentParser, options: Namespace) -> int:
         return _fail(parser.prog, error, NO_PLAN)
     except (FfPlannerError, OSError) as error:
         return 0 if _is_of_reader(error) else _fail(parser.prog, error, BAD_INPUT)
-    except ModuleNotFoundError as error:
-        missing = str(error.name)
-        if missing.startswith(__package__):
-            raise
-        return _fail(
-            parser.prog,
-            f"this command needs ROS 2, and there is no module {missing}: "
-            "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace",
-            BAD_INPUT,
-        )
+    except ImportError as error:
+        module = _module_at_fault(error)
+        if not module or module.partition(".")[0] == __package__:
+            raise  # it is no file's fault
+        return _fail(parser.prog, _why_not_loaded(module, error), BAD_INPUT)
     except Exception as error:  # unexpected: a script can still go on
-        if sys.flags.dev_mode or isinstance(error, ImportError):  # the latter is no file's fault
+        if sys.flags.dev_mode:
             raise
         defect = f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}"
         return _fail(parser.prog, defect, BAD_INPUT)
+
+
+def _module_at_fault(error: ImportError) -> str:
+    """Return which module is missing, or cannot be loaded though it is there; empty: not known."""
+    if isinstance(error, ModuleNotFoundError):
+        return error.name or ""
+    frames = walk_tb(error.__traceback__)
+    modules = [str(frame.f_globals.get("__name__", "")) for frame, _ in frames]
+    # What we import first that is not ours; below it, it imports its own.
+    inside = [one for one in modules if one.partition(".")[0] not in (__package__, "importlib")]
+    others = [one for one in inside if one not in ("__main__", "builtins")]
+    return others[0].partition(".")[0] if others else error.name or ""
+
+
+def _why_not_loaded(module: str, error: ImportError) -> str:
+    """Return in words what to do about a module that is missing, or is there but broken."""
+    first, is_missing = str(error).splitlines()[0], isinstance(error, ModuleNotFoundError)
+    found = f"there is no module {module}" if is_missing else f"{module} cannot be loaded: {first}"
+    if not _OF_ROS.fullmatch(module.partition(".")[0]):
+        return f"this command needs {module}: {found}; `ff-planner doctor` says what brings it"
+    brings = "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace"
+    return f"this command needs ROS 2, and {found}: {brings}"
 
 
 def _is_of_reader(error: Exception) -> bool:

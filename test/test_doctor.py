@@ -8,6 +8,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from doc_figures import ours
+from pages import README, text_of
 from test_without_ros import ff_planner
 
 from ff_planner_ros.cli import main
@@ -30,6 +32,11 @@ def test_a_whole_installation_plans_and_both_forms_say_the_same(
     assert facts["plan"]["joint_path_length"] == pytest.approx(1.1072, abs=1e-4)
     for told in (facts["version"], facts["ros"]["RMW"], "1.1072 rad in ", "42", facts["core"]):
         assert told in screen
+
+
+def test_it_compares_with_the_time_that_the_benchmark_has() -> None:
+    assert float(ours("time [s]", "min(L)")) == doctor.REFERENCE
+    assert doctor.REFERENCE_MACHINE in text_of(README)
 
 
 def test_a_missing_extra_comes_with_the_command_that_brings_it(

@@ -9,15 +9,18 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import rclpy
 from builtin_interfaces.msg import Time
 from ff_planner_msgs.msg import PlanAnswer
 from quick_capture import resting_capture
+from rclpy.context import Context
 from ros_processes import DEADLINE, Scene, connected_client, private_domain, running_planner
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.ros.parameter_files import not_taken
 
 in_ci = partial(pytest.param, marks=pytest.mark.ci)  # each starts a node
 
@@ -52,6 +55,35 @@ def test_a_node_that_cannot_start_says_why_in_one_line(
         assert word in own_lines[0]
 
 
+@pytest.mark.parametrize("namespace", ["/", "/sat1"])
+def test_what_is_given_of_other_nodes_is_told_as_ros_has_it(tmp_path: Path, namespace: str) -> None:
+    keys = ("ff_planner", "/ff_planner", "/**", "/*", "/**/ff_planner", "'**'", "/*/ff_planner")
+    keys += ("/sat1/ff_planner", "sat1/ff_planner", "/sat1/*", "/sat1/**", "/sat2/**", "planner")
+    texts = {key: f"{key}: {{ros__parameters: {{points: 30}}}}" for key in keys}
+    for outer in ("sat1", "/sat1", "/**"):
+        texts[outer] = f"{outer}: {{ff_planner: {{ros__parameters: {{points: 30}}}}}}"
+    files, taken = {name: tmp_path / f"{n}.yaml" for n, name in enumerate(texts)}, set()
+    with private_domain():
+        for name, file in files.items():
+            file.write_text(texts[name], encoding="utf-8")
+            arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(file)]
+            rclpy.init(args=arguments, context=(context := Context()))
+            node = rclpy.create_node("ff_planner", context=context)
+            told = list(not_taken(arguments, node.get_fully_qualified_name()))
+            assert bool(told) is ("points" not in node._parameter_overrides), (name, told)
+            taken |= set() if told else {name}
+            node.destroy_node()
+            context.try_shutdown()
+    assert 0 < len(taken) < len(files)
+
+
+def test_a_parameter_of_another_node_is_told_and_what_is_not_for_ros_is_none() -> None:
+    given = ("-p", "other:points:=30", "--param", "ff_planner:points:=30", "-p", "points:=30")
+    (told,) = not_taken(["node", "--ros-args", *given, "--", "-p", "it:points:=3"], "/ff_planner")
+    assert told.startswith("-p other:points:=30 is a parameter of other and not of /ff_planner")
+    assert not list(not_taken(["node", *given], "/ff_planner"))
+
+
 def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
     tmp_path: Path,
 ) -> None:
@@ -60,8 +92,12 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
     parameters.write_text(
         "/**:\n  ros__parameters:\n    points: 20\n    planning_lead_time: 60.0\n", encoding="utf-8"
     )
+    (tmp_path / "other.yaml").write_text(
+        "planner_node: {ros__parameters: {points: 30}}\narm: {planner: {ros__parameters: {}}}\n",
+        encoding="utf-8",
+    )
     arguments = (
-        *("--params-file", str(parameters)),
+        *("--params-file", str(parameters), "--params-file", str(tmp_path / "other.yaml")),
         *("-r", "__ns:=/servicer", "-r", "__node:=planner"),
         *("-r", "obstacles:=/vision/spheres"),
     )
@@ -76,6 +112,11 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
             client.wait_until(lambda: client.received["joint_trajectory"], "the trajectory")
         assert planner.stop(signal.SIGTERM) == 0
     assert f"[servicer.planner]: ready; recording to {planner.bag}" in planner.log
+    assert "; robot lemur of /" in planner.log
+    assert "/lemur.urdf, joints joint_1, joint_2, " in planner.log
+    other = f"{tmp_path / 'other.yaml'} has parameters of planner_node, arm/planner and none of "
+    assert planner.log.count(f"{other}/servicer/planner: nothing of it was taken") == 1
+    assert "mine.yaml has" not in planner.log
     assert "self-clearance no pairs, " in planner.log, "with lines"
     with AnyReader([planner.bag]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}

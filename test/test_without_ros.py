@@ -91,6 +91,47 @@ def test_a_command_that_needs_ros_says_in_one_line_what_to_install(
     assert re.fullmatch(r"ff-planner: this command needs ROS 2, .*pip install .*\n", done.stderr)
 
 
+# As rclpy raises where its libraries are not on the path, as of a ROS that is not sourced.
+BROKEN = """
+from pathlib import Path
+raise ImportError(
+    "librcl_action.so: cannot open shared object file: No such file or directory\\nThe C extension "
+    "'_rclpy_pybind11.so' failed to be imported while being present on the system."
+)
+"""
+
+
+@pytest.mark.parametrize("arguments", [("node",), ("demo",), ("replay", GOLDEN_BAG)])
+@pytest.mark.parametrize("fault", ["absent", "broken"])
+def test_a_ros_that_is_broken_is_told_as_one_that_is_absent(
+    tmp_path: Path, arguments: tuple[str, ...], fault: str
+) -> None:
+    broken = tmp_path / "rclpy" / "impl"
+    broken.mkdir(parents=True)
+    (broken.parent / "__init__.py").write_text("from rclpy.impl import implementation_singleton")
+    (broken / "__init__.py").write_text("")
+    (broken / "implementation_singleton.py").write_text(BROKEN)
+    code = "from ff_planner_ros.cli import main; sys.exit(main(sys.argv[1:]))"
+    first = f"sys.path.insert(0, {str(tmp_path)!r})\n" if fault == "broken" else ""
+    hidden = ROS - {"rclpy"} if fault == "broken" else ROS
+    if arguments[0] == "replay":
+        hidden = hidden & {"rclpy"}
+    done = python(first + code, *arguments, cwd=tmp_path, hidden=hidden)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("ff-planner: this command needs ROS 2, and ")
+    assert "source a ROS workspace" in line
+    assert "rclpy cannot be loaded: librcl_action.so" in line or fault == "absent"
+
+
+def test_another_module_that_is_missing_is_not_told_as_ros(tmp_path: Path) -> None:
+    done = ff_planner("plan", CAPTURE, cwd=tmp_path, hidden={"pinocchio"})
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "this command needs pinocchio: there is no module pinocchio" in line
+    assert "ROS" not in line
+
+
 def test_the_benchmark_can_be_imported(tmp_path: Path) -> None:
     done = python("import ff_planner_ros.bench.report", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -19,7 +19,7 @@ from ff_planner_ros.commands.printed import print_table
 from ff_planner_ros.common.share import PACKAGE, share_directory
 
 # Processor time of the second plan of a process [s], and where it was measured (README.md).
-REFERENCE, REFERENCE_MACHINE = 0.05, "one core of an AMD EPYC"
+REFERENCE, REFERENCE_MACHINE = 0.015, "one core of an AMD EPYC"
 MESSAGES = "ff_planner_msgs"  # no package of an index: they come from the sources
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)[^;]*(;.*extra == [\"'](?P<extra>[\w-]+)[\"'])?")
 # Read by ROS when it starts, and what it takes where they are not set.

@@ -10,9 +10,11 @@ import rclpy
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.ros.background import StopRequest, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros, security_gap
+from ff_planner_ros.ros.parameter_files import not_taken
 from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.requests.worker import Worker
 
@@ -31,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with joining_ros():
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        return _run(stop)
+        return _run(stop, sys.argv if arguments is None else arguments)
     except FfPlannerError as error:
         print(f"planner_node: {error}", file=sys.stderr)
         return 2
@@ -39,12 +41,14 @@ def main(arguments: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def _run(stop: StopRequest) -> int:
+def _run(stop: StopRequest, arguments: list[str]) -> int:
     with closing(Worker()) as worker:
         with joining_ros():
             node = PlannerNode(worker)
         if gap := security_gap():
             node.get_logger().warning(gap)
+        for words in not_taken(arguments, node.get_fully_qualified_name()):
+            node.get_logger().warning(in_log(words))
         executor = MultiThreadedExecutor(num_threads=_THREADS)
         executor.add_node(node)
         try:

@@ -63,7 +63,7 @@ class Session:
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
         robot = now.robot.load(self._description, urdf.parent)
-        self._robot = robot
+        self._robot, self._urdf = robot, urdf
         now.publication.require_joints(robot.joint_names)
         for note in robot.notes:
             node.get_logger().warning(f"robot.urdf: {in_log(note)}")
@@ -146,7 +146,9 @@ class Session:
         self._output.describe_robot(self._description)
         self._service.activate()
         recording = "not recording" if self._recorder.health.failure else "recording"
-        self._node.get_logger().info(f"ready; {recording} to {self._bag}")
+        name, joints = self._robot.model.name, ", ".join(self._robot.joint_names)
+        of_robot = in_log(f"robot {name} of {self._urdf}, joints {joints}")
+        self._node.get_logger().info(f"ready; {recording} to {self._bag}; {of_robot}")
 
     def stop_planning(self, status: Status, message: str) -> None:
         """Refuse new requests, give up the current one, and abort plans not yet handed over."""
