@@ -49,7 +49,8 @@ FLOORS = (
     {"problems"},
     {"bench"},
     {"bag", "time_budget"},
-    {"ros", "ros.background", "ros.joining", "ros.qos"},  # "ros" is ros/__init__.py
+    # "ros" is ros/__init__.py
+    {"ros", "ros.background", "ros.joining", "ros.parameter_files", "ros.qos"},
     {"ros.messages"},
     {"ros.client", "ros.inputs"},
     {"ros.parameters"},
