@@ -1,14 +1,16 @@
 """The laws of the scenario generator, checked with formulas of their own."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
-from ff_planner_ros.problems import scenarios
+from ff_planner_ros.problems import robots, scenarios
 from ff_planner_ros.problems.paths import roll_out
 from ff_planner_ros.problems.robots import ROBOTS, arm_urdf, bench_robot
 from ff_planner_ros.problems.scenarios import KINDS, SINGULAR_VALUE_BOUND, scenario
@@ -171,3 +173,17 @@ def test_generated_arms_have_the_joints_and_the_length_that_they_shall(joints):
     points = arm_points(robot, pin.neutral(robot.model)[None])[0]
     assert robot.joints == joints == arm_urdf(joints).count('"revolute"')
     assert np.linalg.norm(points[-1] - points[0]) == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_class_without_a_sound_draw_is_refused(monkeypatch):
+    """Every class draws this way: what none of so many draws gives was drawn for ever."""
+    monkeypatch.setattr(robots, "_MOST_DRAWS", 3)
+    drawn = iter([None, None, "sound", None, None, None])
+    assert robots.first_sound("a class", lambda: next(drawn)) == "sound"
+    with pytest.raises(InvalidInput, match="a class is drawn: none of 3 draws is sound"):
+        robots.first_sound("a class", lambda: next(drawn))
+    assert not [
+        path
+        for path in Path(robots.__file__).parent.glob("*.py")
+        if "while True" in path.read_text(encoding="utf-8")
+    ]

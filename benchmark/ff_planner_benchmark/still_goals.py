@@ -19,7 +19,7 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Target,
 )
-from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.robots import bench_robot, first_sound
 from ff_planner_ros.problems.tumbling_witness import (
     FROM_LIMITS,
     Grip,
@@ -80,10 +80,7 @@ def problem(kind: str, number: int) -> StillGoal:
     robot = bench_robot(asked.robots[number % len(asked.robots)])
     orientation = asked.orientations[number % len(asked.orientations)]
     rng = np.random.default_rng([*kind.encode(), number])
-    while True:
-        drawn = _drawn(robot, asked, orientation, rng)
-        if drawn is not None:
-            return drawn
+    return first_sound(kind, lambda: _drawn(robot, asked, orientation, rng))
 
 
 def _drawn(

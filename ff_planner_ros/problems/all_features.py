@@ -22,7 +22,7 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     PlanningProblem,
 )
-from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.robots import bench_robot, first_sound
 from ff_planner_ros.problems.tumbling import Capture, Kind, drawn_capture
 from ff_planner_ros.problems.tumbling_witness import Witness
 from ff_planner_ros.problems.twin import seen_from
@@ -64,11 +64,9 @@ def problem(number: int) -> EverythingProblem:
     """Return a problem by its number, which seeds the draw."""
     robot = bench_robot(ROBOTS[number % len(ROBOTS)], _KIND.geometry)
     rng = np.random.default_rng([*b"all features", number])
-    while True:
-        drawn = drawn_capture(robot, _KIND, rng)
-        if drawn is not None:
-            weight = _DURATION_WEIGHTS[number // len(ROBOTS) % len(_DURATION_WEIGHTS)]
-            return _with_everything(drawn, Objective(1.0, 0.0, weight), rng)
+    drawn = first_sound("all features", lambda: drawn_capture(robot, _KIND, rng))
+    weight = _DURATION_WEIGHTS[number // len(ROBOTS) % len(_DURATION_WEIGHTS)]
+    return _with_everything(drawn, Objective(1.0, 0.0, weight), rng)
 
 
 def _with_everything(

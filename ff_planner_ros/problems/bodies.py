@@ -21,7 +21,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out, within_limits
-from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.robots import bench_robot, first_sound
 from ff_planner_ros.problems.scenarios import (
     SINGULAR_VALUE_BOUND,
     draw_motion,
@@ -70,10 +70,7 @@ def problem(robot: str, number: int) -> BodiesProblem:
 def drawn_problem(robot: Robot, name: str, number: int) -> BodiesProblem:
     """Return a problem of any robot with bodies; name and number seed the draw."""
     rng = np.random.default_rng([*name.encode(), number])
-    while True:
-        drawn = _draw(robot, rng)
-        if drawn is not None:
-            return drawn
+    return first_sound(name, lambda: _draw(robot, rng))
 
 
 def _draw(robot: Robot, rng: np.random.Generator) -> BodiesProblem | None:

@@ -34,7 +34,7 @@ from ff_planner_ros.planning.task.following import held_body
 from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap
-from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.robots import bench_robot, first_sound
 from ff_planner_ros.problems.tumbling import Kind, drawn_capture
 from ff_planner_ros.problems.tumbling_witness import FROM_LIMITS
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -92,10 +92,8 @@ def problem(kind: str, number: int) -> CapturedBodyProblem:
     name = ROBOTS[number % len(ROBOTS)]
     robot, rng = bench_robot(name, Geometry.SHAPES), np.random.default_rng([*kind.encode(), number])
     draw = {"captured stop": _stop, "payload stow": _stow, "whole capture": _whole}[kind]
-    while True:
-        drawn = draw(robot, rng)
-        if drawn is not None:
-            return CapturedBodyProblem(name, *drawn)
+    drawn = first_sound(f"{kind} of {name}", lambda: draw(robot, rng))
+    return CapturedBodyProblem(name, *drawn)
 
 
 Drawn = tuple[PlanningProblem, tuple[Phase, ...], tuple[JointMotion, ...]]

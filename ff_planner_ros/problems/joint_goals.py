@@ -36,7 +36,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.robots import bench_robot, first_sound
 from ff_planner_ros.problems.witnessed import (
     drawn_with_witness,
     random_posture,
@@ -92,25 +92,30 @@ def problem(kind: str, number: int) -> JointGoal:
     robot = bench_robot(name)
     if kind == "held":
         robot = replace(robot, base=Base.ATTITUDE_HELD, wheels=Wheels())
-    while True:
-        posture = random_posture(robot, False, rng)
-        if posture is None:
-            continue
-        drawn = drawn_with_witness(robot, posture, Orientation.FIXED, _SPHERES, rng)
-        if drawn is None:
-            continue
-        asked, witness = drawn
-        if kind == "held":
-            factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
-            limited = _with_wheels(asked, witness, factor, rng)
-            return JointGoal(name, _moving_as_reached(limited, witness), witness)
-        if kind == "rail":
-            return JointGoal(name, _moving_as_reached(asked, witness), witness)
-        if kind == "stow":
-            return JointGoal(name, replace(asked, posture=Posture(witness.positions[-1])), witness)
-        stopping = _stopping(asked, rng)
-        if stopping is not None:
-            return JointGoal(name, *stopping)
+    return first_sound(kind, lambda: _draw(kind, number, name, robot, rng))
+
+
+def _draw(
+    kind: str, number: int, name: str, robot: Robot, rng: np.random.Generator
+) -> JointGoal | None:
+    """Draw a problem with a witness; None if what was drawn is not sound."""
+    posture = random_posture(robot, False, rng)
+    if posture is None:
+        return None
+    drawn = drawn_with_witness(robot, posture, Orientation.FIXED, _SPHERES, rng)
+    if drawn is None:
+        return None
+    asked, witness = drawn
+    if kind == "held":
+        factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
+        limited = _with_wheels(asked, witness, factor, rng)
+        return JointGoal(name, _moving_as_reached(limited, witness), witness)
+    if kind == "rail":
+        return JointGoal(name, _moving_as_reached(asked, witness), witness)
+    if kind == "stow":
+        return JointGoal(name, replace(asked, posture=Posture(witness.positions[-1])), witness)
+    stopping = _stopping(asked, rng)
+    return None if stopping is None else JointGoal(name, *stopping)
 
 
 def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
@@ -119,14 +124,16 @@ def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
     The system's centre of mass is at rest in the origin.
     """
     robot, goal, spheres = _scene()
-    while True:
+
+    def draw() -> Array | None:
         posture = random_posture(robot, False, rng)
         if posture is None:
-            continue
+            return None
         points = arm_points(robot, _at_origin(robot, posture)[None])
         away = clearances(points, np.zeros(1), segments(points), spheres).distance.min()
-        if away >= _AWAY:
-            break
+        return posture if away >= _AWAY else None
+
+    posture = first_sound("random start", draw)
     still = np.zeros(3)
     start = SystemState(
         position_chaser_in_inertial=_at_origin(robot, posture)[:3] + robot.position_chaser_in_base,
@@ -156,13 +163,17 @@ def _scene() -> tuple[Robot, Array, tuple[Sphere, ...]]:
     """Return the robot of random starts, its configuration at the goal, and spheres beside it."""
     robot = replace(bench_robot(RANDOM_STARTS), base=Base.ATTITUDE_HELD, wheels=Wheels())
     rng = np.random.default_rng(0)
-    while True:
+
+    def draw() -> tuple[Robot, Array, tuple[Sphere, ...]] | None:
         posture = random_posture(robot, False, rng)
-        if posture is not None:
-            goal = _at_origin(robot, posture)
-            spheres = spheres_beside(robot, goal[None], np.zeros(1), _SPHERES, 0.0, rng)
-            if smallest_singular_values(robot, goal[None])[0] > _REGULAR:
-                return robot, goal, spheres
+        if posture is None:
+            return None
+        goal = _at_origin(robot, posture)
+        spheres = spheres_beside(robot, goal[None], np.zeros(1), _SPHERES, 0.0, rng)
+        is_regular = smallest_singular_values(robot, goal[None])[0] > _REGULAR
+        return (robot, goal, spheres) if is_regular else None
+
+    return first_sound("scene of random starts", draw)
 
 
 def _at_origin(robot: Robot, posture: Array) -> Array:

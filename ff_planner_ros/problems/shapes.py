@@ -41,7 +41,7 @@ from ff_planner_ros.problems.placing import (
     gap_of,
     random_turn,
 )
-from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.robots import bench_robot, first_sound
 from ff_planner_ros.problems.scenarios import stretched_length
 from ff_planner_ros.problems.tumbling_witness import FROM_LIMITS, Grip, Witness, witness_to_grip
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -105,10 +105,8 @@ def problem(number: int) -> ShapesProblem:
     lines = number % LINES_EVERY == LINES_EVERY - 1
     robot = bench_robot(name, Geometry.LINES if lines else Geometry.SHAPES)
     rng = np.random.default_rng([*b"shapes", number])
-    while True:
-        drawn = _Draw(robot, situation, rng).problem()
-        if drawn is not None:
-            return ShapesProblem(*drawn, situation, name)
+    drawn = first_sound(situation, lambda: _Draw(robot, situation, rng).problem())
+    return ShapesProblem(*drawn, situation, name)
 
 
 class _Draw:

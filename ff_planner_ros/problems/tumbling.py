@@ -27,7 +27,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap, sphere_gap
-from ff_planner_ros.problems.robots import ROBOTS, bench_robot
+from ff_planner_ros.problems.robots import ROBOTS, bench_robot, first_sound
 from ff_planner_ros.problems.tumbling_witness import (
     FROM_LIMITS,
     Grip,
@@ -101,10 +101,7 @@ def problem(kind: str, number: int) -> PlanningProblem:
     asked = KINDS[kind]
     robot = bench_robot(asked.robots[number % len(asked.robots)], asked.geometry)
     rng = np.random.default_rng([*kind.encode(), number])
-    while True:
-        drawn = drawn_capture(robot, asked, rng)
-        if drawn is not None:
-            return drawn.problem
+    return first_sound(kind, lambda: drawn_capture(robot, asked, rng)).problem
 
 
 class Capture(NamedTuple):

@@ -26,7 +26,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.robots import bench_robot, first_sound
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import (
@@ -87,12 +87,14 @@ def problem(kind: str, number: int) -> PlanningProblem:
     robot = bench_robot(asked.robots[number % len(asked.robots)])
     orientation = asked.orientations[number % len(asked.orientations)]
     rng = np.random.default_rng([*kind.encode(), number])
-    while True:
+
+    def draw() -> PlanningProblem | None:
         posture = random_posture(robot, asked.singular, rng)
-        if posture is not None:
-            drawn = drawn_problem(robot, posture, orientation, asked.spheres, rng)
-            if drawn is not None:
-                return drawn
+        if posture is None:
+            return None
+        return drawn_problem(robot, posture, orientation, asked.spheres, rng)
+
+    return first_sound(kind, draw)
 
 
 def drawn_problem(
