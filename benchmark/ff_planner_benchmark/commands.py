@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import time
@@ -17,7 +16,7 @@ from ff_planner_benchmark.contest import results
 from ff_planner_benchmark.flown import HEADER, flown_rows
 from ff_planner_benchmark.method_process import ENTRANTS
 from ff_planner_benchmark.scorer import score as scorer
-from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.analysis.json_file import json_text, read_json
 from ff_planner_ros.common.process_environment import PLANNING
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import InvalidInput, Status
@@ -103,7 +102,7 @@ def score(options: argparse.Namespace) -> int:
         allowed = f"it must be a scenario of the data set: {type(error).__name__}: {error}"
         raise InvalidInput(Status.UNSUPPORTED, "SCENARIO", options.scenario, allowed) from None
     judged = scorer.judged(*loaded, answer)
-    print(json.dumps(asdict(judged), indent=1))
+    print(json_text(asdict(judged), indent=1))
     return 0 if judged.solved else 3
 
 

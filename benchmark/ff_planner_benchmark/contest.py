@@ -113,7 +113,7 @@ def _judged_in_turn(seconds: float, task: tuple[str, list[OwnCopy]]) -> list[Res
                 running = None
             if asked.failed is not None:
                 score = Score(False, (asked.failed,))
-            elif asked.seconds > seconds and method != "ours":
+            elif asked.seconds > seconds:
                 score = Score(False, (f"it took {asked.seconds:.1f} s",))
             else:
                 score = judged(*loaded, asked.answer)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ff_planner_benchmark.scorer.score import Score
-from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.analysis.json_file import json_text, read_json
 from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.shown import printable
 from ff_planner_ros.errors import InvalidInput, Status
@@ -59,7 +58,7 @@ class Kept:
     def write(self, done: Sequence[Result]) -> None:
         """Replace the file by one with all results."""
         if self.file is not None:
-            text = json.dumps(self.of | {"answers": [asdict(one) for one in done]}, indent=1)
+            text = json_text(self.of | {"answers": [asdict(one) for one in done]}, indent=1)
             beside = self.file.with_name(f"{self.file.name}.part")
             beside.write_text(text + "\n", encoding="utf-8")
             beside.replace(self.file)

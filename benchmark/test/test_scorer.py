@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import ff_planner_benchmark.scorer as scorer
 from ff_planner_benchmark import contest, contest_results, dataset, method_process
 from ff_planner_benchmark.own_copy import own_copy
-from ff_planner_benchmark.scorer.clearance import clearance
+from ff_planner_benchmark.scorer.clearance import _between, clearance
 from ff_planner_benchmark.scorer.flight import flown, joint_motion, momenta, torques
 from ff_planner_benchmark.scorer.score import Score, load, score
 from ff_planner_ros.analysis.plan_json import plan_dictionary
@@ -382,3 +382,16 @@ def test_a_foreign_method_may_be_a_command_line(plans, tmp_path):
 def test_a_method_that_is_not_known_is_refused_by_name(tmp_path):
     with pytest.raises(InvalidInput, match=r"not_there\.py"):
         list(contest.results([str(tmp_path / "not_there.py")], tmp_path, 1, 1.0, 1))
+
+
+@pytest.mark.parametrize("end", np.linspace(0.01, 0.3, 30))
+def test_a_box_that_passes_through_a_point_between_two_moments_is_as_deep_as_it_gets(end):
+    """From one side to the other, outside at both ends or not, beside moments of rest."""
+    half, fine = 0.1, np.linspace(-end, end, 1001)
+    places = np.array([end, end, -end, -end])
+    corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    seen = corners + places[:, None, None] * np.array([1.0, 0.0, 0.0])
+    least, bound = _between(np.abs(places) - half, seen, radius=0.02)
+    deepest = (np.abs(fine) - half).min() - 0.02
+    assert least == pytest.approx(end - half - 0.02)
+    assert bound <= deepest + 1e-12

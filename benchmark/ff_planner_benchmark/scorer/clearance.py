@@ -128,7 +128,8 @@ def _between(away: Array, seen: Array, radius: float) -> tuple[float, float]:
     bends = np.concatenate([bends[:1], np.maximum(bends[:-1], bends[1:]), bends[-1:]])
     nearer = np.minimum(away[:-1], away[1:])
     half_way = np.sqrt(np.maximum(np.maximum(nearer, 0.0) ** 2 - (chords / 2) ** 2, 0.0))
-    lowest = np.where(nearer > 0.0, half_way, nearer) - _MORE_BENT * bends / 8
+    # Deep in a solid the distance, negative there, changes by as much as the points move.
+    lowest = np.where(nearer > chords / 2, half_way, nearer - chords / 2) - _MORE_BENT * bends / 8
     return float(away.min() - radius), float(lowest.min() - radius)
 
 
