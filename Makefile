@@ -135,6 +135,7 @@ test: env $(VENV)/extras_$(TIER)
 # docs/reference/evidence.md. Of a run of all tests it is `test/evidence.py ci build/tests_ci.xml`.
 evidence: TIER := ci
 evidence: env $(VENV)/extras_ci
+	rm -f build/evidence.xml
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --tier $(TIER) -m law --junitxml build/evidence.xml || true
 	$(BIN)/python test/evidence.py $(TIER) build/evidence.xml
 

@@ -8,7 +8,17 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from evidence import DOCS, PAGE, expected, faults, known_ids, laws, provoking_tests, results_of
+from evidence import (
+    DOCS,
+    PAGE,
+    SOURCE_TREE,
+    expected,
+    faults,
+    known_ids,
+    laws,
+    provoking_tests,
+    results_of,
+)
 from tiers import require_known_laws
 
 JUNIT = """<testsuites><testsuite>
@@ -77,3 +87,10 @@ def test_faults_that_tests_let_survive_count_for_nothing() -> None:
     """Those of the check are noticed, by its tests of one law each."""
     name = "test_check_by_hand.py::test_a_singular_posture_is_refused_wherever_it_is"
     assert faults()[name] > 0
+
+
+def test_results_are_of_this_run_even_where_pytest_writes_none() -> None:
+    """Or else those of the run before would be told with the present date and commit."""
+    recipe = (SOURCE_TREE / "Makefile").read_text(encoding="utf-8").split("\nevidence: env", 1)[1]
+    commands = recipe.split("\n\n")[0]
+    assert commands.index("rm -f build/evidence.xml") < commands.index("--junitxml")
