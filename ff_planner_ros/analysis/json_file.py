@@ -1,8 +1,9 @@
-"""JSON files from outside: bounded before they are read, refused by line and column."""
+"""JSON: files from outside, bounded before they are read and refused by line; texts of ours."""
 
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,22 @@ def json_document(text: str, field: str, value: object) -> Any:
         number = _LONG_NUMBER.search(text)
         reason = f"a number is too long, {_place(text, number.start())}" if number else str(error)
     raise InvalidInput(Status.UNSUPPORTED, field, value, reason)
+
+
+def json_text(document: Any, indent: int | None = None) -> str:
+    """Return a document as JSON; a number that is not finite, which JSON does not know, is null."""
+    try:
+        return json.dumps(document, indent=indent, allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(document), indent=indent, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _require_moderate(text: str) -> None:

@@ -266,5 +266,5 @@ def _nearness(group: Sequence[Steadiness]) -> Iterator[str]:
     yield f"{sum(steady > short for short, steady in both)}"
     ratios = [e.steadiest / e.best_known for e in group if e.steadiest is not None]
     seconds = [each.seconds for each in group]
-    yield from (f"{np.median(ratios):.2f}", f"{max(ratios):.2f}")
+    yield from (median(ratios, 2), f"{max(ratios):.2f}" if ratios else "-")
     yield from (f"{np.median(seconds):.2f}", f"{max(seconds):.2f}")

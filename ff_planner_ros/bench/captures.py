@@ -110,10 +110,10 @@ def _errors(problem: PlanningProblem, plan: Plan) -> tuple[float, ...]:
     return (found.position_error, found.orientation_error, found.linear_speed) if found else ()
 
 
-def _worst(errors: Sequence[float | None], unit: float) -> str:
-    """Return the largest known error times `unit`, as text."""
-    known = [error for error in errors if error is not None]
-    return f"{unit * max(known):.4f}" if known else "-"
+def _worst(values: Sequence[float | None], unit: float, digits: int = 4) -> str:
+    """Return the largest known value times `unit`, as text; `-` of none."""
+    known = [value for value in values if value is not None]
+    return f"{unit * max(known):.{digits}f}" if known else "-"
 
 
 def fastest_measurement(count: int, settings: PlannerSettings, *, quick: bool) -> Measurement:
@@ -123,7 +123,7 @@ def fastest_measurement(count: int, settings: PlannerSettings, *, quick: bool) -
         group = [*fastest_attempts(name, count, settings, sweep=not quick)]
         tried += group
         parts = [[each.of_witness for each in group], [each.of_sweep for each in group]]
-        slowest = (f"{max(one or 0.0 for one in part):.3f}" for part in parts)
+        slowest = (_worst(part, 1.0, digits=3) for part in parts)
         rows.append((name, *solved_and_times(group), *slowest))
     table = Table("Fastest captures", _FASTEST_HEADER, rows)
     return Measurement(tried, [table], misses(tried, "{0.shortest} {0.number}"))
@@ -183,7 +183,7 @@ class CapturedAttempt(Attempt):
     kind: str  # of `captured.KINDS`
     robot: str  # of `captured.ROBOTS`
     number: int
-    force: float  # peak force at the grasp in the last phase [N]; NaN: there is no plan
+    force: float | None  # peak force at the grasp in the last phase [N]; None: there is no plan
 
 
 def captured_measurement(count: int, settings: PlannerSettings) -> Measurement:
@@ -193,7 +193,7 @@ def captured_measurement(count: int, settings: PlannerSettings) -> Measurement:
     for kind in captured.KINDS:
         group = [each for each in tried if each.kind == kind]
         worst = f"{max(each.seconds for each in group):.3f}"
-        force = f"{max((each.force for each in group if each.solved), default=0.0):.1f}"
+        force = _worst([each.force for each in group], 1.0, digits=1)
         rows.append((kind, *solved_and_times(group), worst, force))
     table = Table("With a captured body, time of each phase", _CAPTURED_HEADER, rows)
     return Measurement(tried, [table], misses(tried, "{0.kind} {0.robot} {0.number}"))
@@ -204,7 +204,7 @@ def captured_attempts(count: int, settings: PlannerSettings) -> Iterator[Capture
     for kind in captured.KINDS:
         for number, drawn in enumerate(captured.problems(kind, count)):
             task, phases, begun = drawn.task(settings), 1 + len(drawn.then), time.process_time()
-            status, message, force = Status.SOLVED, "", float("nan")
+            status, message, force = Status.SOLVED, "", None
             try:
                 force = perform(task).phases[-1].metrics.peak_grasp_force
             except FfPlannerError as error:

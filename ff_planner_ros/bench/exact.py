@@ -111,6 +111,7 @@ class ExactFunctions:
     rollouts: int = 0  # linearisations so far
     _x: Array = field(default_factory=lambda: np.empty(0))
     _here: Linearisation | None = None
+    _sound: Linearisation | None = None  # the last that is defined
 
     def start(self, x: Array | None = None) -> Array:
         """Return z of a path; None: of the straight path."""
@@ -157,12 +158,12 @@ class ExactFunctions:
             self._x, self.rollouts = x.copy(), self.rollouts + 1
             here = self.program.linearise(x)
             if here.is_defined:
-                self._here = here
-            elif self._here is None:
+                self._here = self._sound = here
+            elif self._sound is None:
                 time = here.motion.singular_at or 0.0
                 raise singular_refusal(time, self.program.problem.duration)
             else:  # a singularity: nothing there is worth going to
-                self._here = replace(self._here, value=self._here.value + 1e3)
+                self._here = replace(self._sound, value=self._sound.value + 1e3)
         return self._here
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.text_table import Table
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
@@ -100,11 +100,17 @@ def timed_plans(
     """Return the plans of all problems that are solved, and their median processor time [s].
 
     Args:
-        warm_up: Number of first plans that do not count in the median.
+        warm_up: Number of first problems whose times do not count.
+
+    Raises:
+        NoPlanFound: None is solved whose time counts; that of the last problem.
     """
     timed = [timed_plan(PlanningTask(problem, settings)) for problem in problems]
-    solved = [(made, outcome["seconds"]) for made, outcome in timed if made]
-    return [made for made, _ in solved], statistics.median(s for _, s in solved[warm_up:])
+    seconds = [outcome["seconds"] for made, outcome in timed[warm_up:] if made]
+    if not seconds:
+        _, last = timed[-1]
+        raise NoPlanFound(last["status"], last["message"])
+    return [made for made, _ in timed if made], statistics.median(seconds)
 
 
 def solved_and_times(attempts: Sequence[Attempt]) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import gc
 import importlib.metadata
-import json
 import os
 import platform
 import subprocess
@@ -19,6 +18,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.analysis.json_file import json_text
 from ff_planner_ros.bench import (
     attitude,
     beliefs,
@@ -157,10 +157,10 @@ def figures_json(figures: dict[str, Any]) -> str:
     """Return JSON with a line for each table and for each result."""
     blocks = []
     for name, block in figures.items():
-        lines = json.dumps(block, indent=1)
+        lines = json_text(block, indent=1)
         if isinstance(block, list):
-            lines = "[\n" + ",\n".join(map(json.dumps, block)) + "\n]"
-        blocks.append(f"{json.dumps(name)}: {lines}")
+            lines = "[\n" + ",\n".join(map(json_text, block)) + "\n]"
+        blocks.append(f"{json_text(name)}: {lines}")
     return "{\n" + ",\n".join(blocks) + "\n}\n"
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from ff_planner_ros.bench.measurement import Measurement, timed_plans
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import Table
+from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.problem.obstacles import bodies_in
@@ -54,8 +55,8 @@ class Growth:
 
     of: str  # quantity that grows: spheres, points or joints
     size: int
-    seconds: float  # median time of a plan
-    rollouts: float  # median
+    seconds: float | None  # median time of a plan; None: no problem has one
+    rollouts: float | None  # median
 
 
 @dataclass(frozen=True)
@@ -89,19 +90,18 @@ def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: b
         Table(
             f"Time grows with {name}",
             (growth[0].of, f"time / {growth[0].size}", "time [s]", "rollouts"),
-            [
-                (
-                    f"{g.size}",
-                    f"{g.seconds / growth[0].seconds:.2f}",
-                    f"{g.seconds:.3f}",
-                    f"{g.rollouts:g}",
-                )
-                for g in growth
-            ],
+            [_cells(one, growth[0].seconds) for one in growth],
         )
         for name, growth in growths.items()
     ]
     return Measurement([each for growth in growths.values() for each in growth], tables)
+
+
+def _cells(growth: Growth, first: float | None) -> tuple[str, ...]:
+    if growth.seconds is None:
+        return (f"{growth.size}", "-", "-", "-")
+    ratio = f"{growth.seconds / first:.2f}" if first else "-"
+    return (f"{growth.size}", ratio, f"{growth.seconds:.3f}", f"{growth.rollouts:g}")
 
 
 def price_measurement(settings: PlannerSettings, *, quick: bool) -> Measurement:
@@ -285,5 +285,8 @@ def _growth(
     settings: PlannerSettings,
     warm_up: int = 0,
 ) -> Growth:
-    plans, seconds = timed_plans(problems, settings, warm_up)
+    try:
+        plans, seconds = timed_plans(problems, settings, warm_up)
+    except NoPlanFound:
+        return Growth(of, size, None, None)
     return Growth(of, size, seconds, statistics.median(plan.solver.rollouts for plan in plans))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
+from ff_planner_ros.analysis.json_file import json_text
 from ff_planner_ros.commands import SOLVED
 from ff_planner_ros.commands.campaigns import require_packages
 from ff_planner_ros.commands.options import (
@@ -210,14 +210,14 @@ def show_bag(options: Namespace) -> int:
     if bags_below(options.bag):
         fleet = read_fleet(options.bag)
         if options.json:
-            print(json.dumps(fleet_document(fleet), indent=2))
+            print(json_text(fleet_document(fleet), indent=2))
         else:
             print(*fleet_lines(fleet), sep="\n")
         return SOLVED
     from ff_planner_ros.bag.info import bag_document, info
 
     if options.json:
-        print(json.dumps(bag_document(options.bag), indent=2))
+        print(json_text(bag_document(options.bag), indent=2))
     else:
         for line in info(options.bag):
             print(line)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.analysis.json_file import json_text
 from ff_planner_ros.common.shown import in_log, printable
 
 
@@ -27,4 +27,4 @@ def print_table(rows: Sequence[tuple[str, str]]) -> None:
 def write_json(file: Path | None, answer: dict[str, Any]) -> None:
     """Write an answer as JSON, if a file is named."""
     if file is not None:
-        file.write_text(json.dumps(answer) + "\n", encoding="utf-8")
+        file.write_text(json_text(answer) + "\n", encoding="utf-8")

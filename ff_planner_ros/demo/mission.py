@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -14,6 +13,7 @@ import numpy as np
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.analysis.json_file import json_text
 from ff_planner_ros.demo.executive import FlownPlan
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.messages.trajectories import begin_of, trajectory_in
@@ -50,7 +50,7 @@ def run_mission(
         report = {"status": int(error.status), "message": str(error)}
         code = exit_code(error)
     if file is not None:
-        file.write_text(json.dumps(report) + "\n", encoding="utf-8")
+        file.write_text(json_text(report) + "\n", encoding="utf-8")
     return code
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
@@ -23,7 +22,7 @@ from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.simulation.engine import Engine, compiled, specification
+from ff_planner_ros.simulation.engine import Engine, compiled, mujoco, specification
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
 # Step of MuJoCo [s], and time constant of the weld in steps.
