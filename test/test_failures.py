@@ -9,9 +9,11 @@ from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from robots import CONFIG
 from shared_plans import planned
 
 import ff_planner_ros
@@ -34,9 +36,10 @@ from ff_planner_ros.planning.problem.problem import (
     Target,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.grasp.capture_impulse import CaptureImpulse
 from ff_planner_ros.planning.requirements.requirement import ANOTHER_DURATION
 from ff_planner_ros.planning.requirements.wheels import _judged as judged_wheels
-from ff_planner_ros.planning.scenario.scenario import scenario_schema
+from ff_planner_ros.planning.scenario.scenario import load_scenario, scenario_schema
 from ff_planner_ros.robot.wheels import Wheels
 
 INACCURATE = {
@@ -146,6 +149,17 @@ def test_advice_is_of_what_the_goal_has_and_is_given_once(
     assert len(set(advice)) == len(advice)
     assert ANOTHER_DURATION not in advice  # a longer one is in it
     assert "a longer duration" in advice
+
+
+@pytest.mark.parametrize("wide", ["capture_velocity_tolerance", "capture_turn_rate_tolerance"])
+def test_a_tolerance_that_is_zero_already_cannot_be_smaller(
+    settings: PlannerSettings, wide: str
+) -> None:
+    problem = load_scenario(CONFIG / "scenarios/panel_capture.yaml")
+    limited = replace(problem, limits=Limits(capture_impulse=1.0))
+    samples = Mock(problem=limited, settings=replace(settings, **{wide: 0.01}))
+    (failure,) = CaptureImpulse().failures(samples, Mock(capture_impulse=2.0))
+    assert failure.advice == (f"a smaller planner.{wide}", "another posture at the goal")
 
 
 def test_wheels_that_hold_nothing_cannot_hold_less_at_the_start() -> None:

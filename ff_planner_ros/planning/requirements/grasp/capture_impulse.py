@@ -51,9 +51,11 @@ class CaptureImpulse(Requirement):
         """Yield a linear impulse that exceeds its limit."""
         found, limit = metrics.capture_impulse, samples.problem.limits.capture_impulse
         if samples.problem.target_body is not None and found > limit:
+            named = ("capture_velocity_tolerance", "capture_turn_rate_tolerance")
+            wide = (name for name in named if getattr(samples.settings, name))
             yield Failure(
                 Status.LIMIT_VIOLATED,
                 f"capture_impulse is {found:.4g} N s within the tolerances of the grasp, the limit "
                 f"is {limit:g} N s",
-                ("smaller planner.capture_velocity_tolerance", "another posture at the goal"),
+                (*(f"a smaller planner.{name}" for name in wide), "another posture at the goal"),
             )
