@@ -16,6 +16,19 @@ from ff_planner_ros.robot.state import SystemState
 MAX_CONDITION = 1e8
 
 
+def was_asked_to_rest(robot: Robot, state: SystemState) -> bool:
+    """Tell whether a file asked for the joint velocities of a state by an end effector at rest.
+
+    A state that was changed since then has others.
+    """
+    if not state.ee_at_rest:
+        return False
+    try:
+        return np.array_equal(joint_rates_with_ee_at_rest(robot, state), state.joint_velocities)
+    except InvalidInput:
+        return False
+
+
 def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
     """Return the joint velocities of Eq. (31) that hold the end effector at rest [rad/s, m/s].
 

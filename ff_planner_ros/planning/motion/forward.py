@@ -17,6 +17,7 @@ from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.planning.problem.target_body import MOST_TURNS
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion, system_state
 from ff_planner_ros.robot.dynamics import accelerations
+from ff_planner_ros.robot.ee_at_rest import was_asked_to_rest
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import (
     base_twist,
@@ -198,7 +199,7 @@ def as_measured(
         for joint, (name, value) in enumerate(zip(robot.joint_names, values, strict=True)):
             if error.field != f"joints.{quantity}[{name}]":
                 continue
-            if measured.ee_at_rest and (per_time or seconds):
+            if (per_time or seconds) and was_asked_to_rest(robot, measured):
                 linear = np.linalg.norm(measured.linear_velocity_chaser_in_inertial)
                 angular = np.linalg.norm(measured.angular_velocity_chaser_in_inertial)
                 told = (
