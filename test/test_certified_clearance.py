@@ -63,6 +63,26 @@ def test_an_arm_that_turns_past_a_sphere(interval: int, part: float, way: float)
     require(motion, [idle], 0.045)
 
 
+@pytest.mark.parametrize("pace", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_what_turns_far_from_an_arm_at_rest_in_steps_of_seconds(way: float, pace: float) -> None:
+    """On a circle of 1 m about a place 4 m away, half a radian a step: nearest is its near end."""
+    times = pace * TIMES
+    rest, rate = told(times, np.zeros((5, 1)), np.zeros((5, 1))), way * 0.5 / pace
+    begin = np.pi - rate * 3.1 * pace
+    body = TargetBody(
+        position=np.array([4.0, 0.0, 0.0]),
+        quaternion_xyzw=[0.0, 0.0, np.sin(begin / 2), np.cos(begin / 2)],
+        inertia=np.eye(3),
+        grasp_position=[0.0, 0.0, 9.0],
+        grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        angular_velocity=[0.0, 0.0, rate],
+        obstacles=(AttachedSphere("panel", [1.0, 0.0, 0.0], 0.3),),
+    )
+    panel = [one for one in attached(body) if isinstance(one, Sphere)]
+    require(rest, panel, 1.7)
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_an_arm_that_swings_out_and_back_between_two_points(way: float) -> None:
     """At both it is at zero: 2 rad/s out, and as fast back, is half a radian half-way."""

@@ -199,6 +199,13 @@ def test_in_each_phase_all_is_where_it_is_by_then(
             if found is not None:
                 require_body(found, tumbled(body, begins[number]))
         assert (later[0] is not None) == (number == captor)
+        if number == captor:
+            place, attitude, twist = tumbled(body, begins[number + 1]).grasp(body)
+            goal = one.problem.target
+            np.testing.assert_allclose(goal.position, place, atol=1e-6)
+            assert apart(Rotation.from_quat(goal.quaternion_xyzw), attitude) < 1e-6
+            moves = np.concatenate([goal.linear_velocity, goal.angular_velocity])
+            np.testing.assert_allclose(moves, twist, atol=1e-8)
 
 
 def test_the_grasp_is_held_where_it_is_by_then_and_as_it_moves(
@@ -281,6 +288,11 @@ def test_it_replays_with_the_body_of_the_topic(bag: Path) -> None:
     recorded = only_request(bag)
     replayed = replay(recorded)
     assert replayed.verdict is Verdict.IDENTICAL, replayed.words
+    assert recorded.response is not None
+    assert replayed.answer is not None
+    for then, now in zip(recorded.response.plans, replayed.answer.plans, strict=True):
+        assert now.target_path == then.target_path
+        assert now.target_twists == then.target_twists
 
 
 def test_each_phase_has_the_scene_and_the_robot_that_it_was_planned_with(
