@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import viser
-from ff_planner_msgs.msg import PublishedPlan
+from ff_planner_msgs.msg import PlanEvent, PublishedPlan
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
@@ -485,3 +485,7 @@ def test_a_console_knows_which_plan_runs_until_the_next_one_begins(
     assert (found.plan_id, found.start_ns) == ("run.2", 5 * NANOSECONDS)
     assert (found.before is not None) == (previous == "run.1")
     assert found.at(4 * NANOSECONDS) is None
+    for plan_id in ("run.1", "run.2"):
+        assert link.published is found
+        plans.happened(PlanEvent(plan_id=plan_id, event=PlanEvent.ABORTED, message="because"))
+    assert link.published is None

@@ -23,6 +23,8 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.console.curves import ATTITUDE, CLEARANCE, VELOCITIES, curves_of
 from ff_planner_ros.console.stages import stages_of
+from ff_planner_ros.demo.mission import ends_of_phases
+from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
@@ -312,7 +314,8 @@ def test_each_phase_has_the_scene_and_the_robot_that_it_was_planned_with(
             require_moved(obstacles, begins[number])
         assert mass_of(robot) == pytest.approx(mass_of(problem.robot))
         assert mass_of(reported.robot) == pytest.approx(mass_of(problem.robot))
-        assert scene.capture_time == pytest.approx(np.diff(begins)[number])
+        for of in (scene, reported.scene):
+            assert of.capture_time == pytest.approx(np.diff(begins)[number])
         if number == captor:
             require_body(scene.target_body, tumbled(body, begins[number]))
             place, attitude, _ = tumbled(body, begins[number + 1]).grasp(body)
@@ -332,6 +335,8 @@ def test_its_bag_tells_when_each_phase_begins_and_where_the_body_is(
     stamps = [nanoseconds(one.joint_trajectory.header.stamp) for one in response.plans]
     since = (np.array(stamps) - stamps[0]) / NANOSECONDS
     np.testing.assert_allclose(since, begins[:-1], atol=2e-9)
+    np.testing.assert_allclose(ends_of_phases(response), begins[1:], atol=2e-9)
+    assert plan_from_answer(response).duration == pytest.approx(begins[-1])
     (told,) = read_plans(bag)
     columns = told.columns()
     assert len({len(column) for column in columns.values()}) == 1

@@ -24,7 +24,12 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import (
+    Objective,
+    PlanningProblem,
+    Posture,
+    Target,
+)
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
@@ -283,6 +288,30 @@ def test_a_robot_that_takes_a_payload_is_in_all_else_what_it_was(case: str) -> N
         np.testing.assert_array_equal(
             bare.model.inertias[joint].matrix(), took.model.inertias[joint].matrix()
         )
+
+
+@pytest.mark.parametrize("case", TAKING)
+def test_a_bag_of_a_robot_is_read_as_that_robot_with_and_without_a_payload(
+    case: str, tmp_path: Path
+) -> None:
+    """Whoever wrote it: links, base, wheels and weight of slides are in its parameters."""
+    urdf, given = TAKING[case]
+    bare = robot_from_urdf_text(urdf, "bus", "tool", **given)
+    held = with_payload(bare, Payload("tool", 3.0, np.diag([1.0, 2.0, 2.5])))
+    for robot in (bare, held):
+        start = random_state(robot, np.random.default_rng(0))
+        still = np.zeros(3) if robot.wheels else start.angular_velocity_chaser_in_inertial
+        start = replace(start, angular_velocity_chaser_in_inertial=still)
+        posture = Posture(np.zeros(robot.joints))
+        target = Target(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        asked = PlanningProblem(
+            robot, start, target, 8.0, 30, (), Objective(1.0, 0.0), posture=posture
+        )
+        task, bag = PlanningTask(asked, SETTINGS), tmp_path / f"bag {robot.payload is not None}"
+        record_answer(bag, task, NoPlanFound(Status.COLLISION, "none"), 0.1)
+        again = only_request(bag).read_request().task
+        assert digest_of(again.problem.robot) == digest_of(robot)
+        assert again.digest == task.digest
 
 
 FAULTS: dict[str, tuple[dict[str, Any], Status, str, str]] = {
