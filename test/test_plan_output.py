@@ -146,6 +146,21 @@ def test_plans_that_are_published_for_later_remember_all_that_are_followed_until
         assert [one.plan_id if one is not None else "" for one in found] == told
 
 
+def test_of_two_plans_the_one_that_is_aborted_is_forgotten_and_no_other(
+    output: Output, plan: Plan
+) -> None:
+    """The first one gives way or fails while the second waits; then the second fails."""
+    output.publish(plan, "run.1")
+    output.publish(plan, "run.2", START + NANOSECONDS, previous_plan_id="run.1")
+    last, aborted = running(output), output.output.execution._aborted
+    aborted("run.1")
+    assert running(output) is last
+    assert output.output.is_streamed
+    aborted("run.2")
+    assert output.output.published is None
+    assert not output.output.is_streamed
+
+
 def test_who_hears_a_plan_hears_whose_it_is_and_when_it_begins(output: Output, plan: Plan) -> None:
     output.now_ns = START - NANOSECONDS
     output.publish(plan, "run.1")
