@@ -109,6 +109,25 @@ def test_what_is_nearest_half_way_between_two_points_is_nearest_then(interval: i
     assert spheres_are(swing(), [rock], 0.03).time == pytest.approx(when, abs=1e-6)
 
 
+@pytest.mark.parametrize("pace", [1.0, 20.0])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_what_turns_far_from_a_robot_at_rest_in_steps_of_seconds(way: float, pace: float) -> None:
+    """On a circle of 1 m about a place 3 m beyond the tip; nearest is its near end, once a turn."""
+    rest, rate = told(pace * TIMES, STILL, STILL), 3.0 * way / pace
+    begin = np.pi - rate * pace * (0.6 * TIMES[11] + 0.4 * TIMES[12])
+    body = TargetBody(
+        position=np.array([4.6, 0.0, 0.0]),
+        quaternion_xyzw=[0.0, 0.0, np.sin(begin / 2), np.cos(begin / 2)],
+        inertia=np.eye(3),
+        grasp_position=[0.0, 0.0, 9.0],
+        grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        angular_velocity=[0.0, 0.0, rate],
+        obstacles=(AttachedSphere("panel", [1.0, 0.0, 0.0], 0.3),),
+    )
+    panel = [one for one in attached(body) if isinstance(one, Sphere)]
+    assert spheres_are(rest, panel, 1.6).pair == TIP
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_an_arm_that_swings_out_and_back_between_two_points(way: float) -> None:
     """At both it is at zero, and half-way between them at half a radian."""
