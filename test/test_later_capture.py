@@ -33,6 +33,7 @@ from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sp
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.following import following, phase_tasks
 from ff_planner_ros.planning.task.phase import Phase
@@ -45,6 +46,8 @@ from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.ros.client import request_of_scenario
+from ff_planner_ros.ros.messages.from_messages import target_body_from_message
 from ff_planner_ros.runs import offline_bag
 from ff_planner_ros.runs.replay import Verdict, replay
 
@@ -382,6 +385,17 @@ def test_curves_go_through_all_phases(task: PlanningTask, plan: Plan, begins: Ar
         if name == VELOCITIES:
             at = np.cumsum([0, *(count - 1 for count in rows)])
             assert curves.times[at] == pytest.approx(begins)
+
+
+@pytest.mark.parametrize("brings", [("target_body",), ()])
+def test_a_request_for_its_scenario_brings_the_body_if_it_shall(
+    task: PlanningTask, body: TargetBody, tmp_path: Path, brings: tuple[str, ...]
+) -> None:
+    """Whichever phase captures it."""
+    write_scenario(task, tmp_path / "scenario.yaml")
+    request = request_of_scenario(tmp_path / "scenario.yaml", "inertial", brings)
+    found = [target_body_from_message(one, "inertial") for one in request.target_body]
+    assert [*map(digest_of, found)] == [digest_of(body) for _ in brings]
 
 
 def test_its_plans_pass_verification(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -62,6 +62,7 @@ from ff_planner_ros.report.run_report import report_of_answer
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.urdf.payload import Payload
+from ff_planner_ros.ros.client import request_of_task
 from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_in
 from ff_planner_ros.ros.messages.status_message import status_message
 from ff_planner_ros.ros.messages.to_messages import request_message
@@ -615,17 +616,21 @@ def test_what_a_phase_leaves_out_is_the_same_as_saying_it_again(
 
 @pytest.mark.parametrize("number", [0, 1])
 @pytest.mark.parametrize("name", ["linear_acceleration", "angular_acceleration"])
-def test_what_no_request_holds_of_a_later_goal_is_in_no_bag(
+def test_what_no_request_holds_of_a_later_goal_is_asked_for_by_none_and_in_no_bag(
     three: PlanningTask, number: int, name: str
 ) -> None:
-    """Its replay would be of another goal."""
+    """Its answer and its replay would be of another goal."""
     require_recordable(three)
+    request_of_task(three, "inertial")
     then = list(three.then)
     target = then[number].target
     assert isinstance(target, Target)
     then[number] = replace(then[number], target=replace(target, **{name: [0.0, 0.01, 0.0]}))
     with pytest.raises(InvalidInput, match="a request to the node cannot ask for it") as refused:
         require_recordable(replace(three, then=tuple(then)))
+    assert refused.value.field == f"phases[{number + 1}].target.{name}"
+    with pytest.raises(InvalidInput, match="a request to a node cannot ask for it") as refused:
+        request_of_task(replace(three, then=tuple(then)), "inertial")
     assert refused.value.field == f"phases[{number + 1}].target.{name}"
 
 

@@ -27,10 +27,11 @@ from ff_planner_ros.messages.service_events import RESULT_EVENTS
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.whole import captured_bodies
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT
-from ff_planner_ros.ros.messages.phases import phase_message
+from ff_planner_ros.ros.messages.phases import not_in_requests, phase_message
 from ff_planner_ros.ros.messages.request_values import (
     REQUEST_KEYS,
     request_value,
@@ -102,7 +103,7 @@ def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> P
             has received: any of `state`, `obstacles`, `target_body`.
 
     Raises:
-        InvalidInput: The scenario is invalid.
+        InvalidInput: The scenario is invalid, or a goal in it has what no request holds.
     """
     task = load_task(scenario, Defaults(load_parameters().planner))
     problem, names = task.problem, task.problem.robot.joint_names
@@ -112,13 +113,21 @@ def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> P
         request.start_state = [state_message(problem.start, names, 0, frame)]
     if "obstacles" in bring:
         request.scene = [scene_message(problem.obstacles, 0, frame)]
-    if "target_body" in bring and problem.target_body is not None:
-        request.target_body = [target_body_message(problem.target_body, 0, frame)]
+    body = next((one for one in captured_bodies(task) if one is not None), None)
+    if "target_body" in bring and body is not None:
+        request.target_body = [target_body_message(body, 0, frame)]
     return request
 
 
 def request_of_task(task: PlanningTask, frame: str) -> PlanRequest:
-    """Return the request for a task's goal and phases; state and scene are left to the node."""
+    """Return the request for a task's goal and phases; state and scene are left to the node.
+
+    Raises:
+        InvalidInput: A goal has what no request holds.
+    """
+    for field in not_in_requests(task):
+        allowed = "a request to a node cannot ask for it: leave it out"
+        raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
     robot = task.problem.robot
     request = request_message(task.problem, frame)
     request.then = [phase_message(one, robot.joint_names, frame) for one in task.then]

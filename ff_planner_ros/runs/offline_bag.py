@@ -25,8 +25,6 @@ from ff_planner_ros.common.yaml_file import MOST_BYTES
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
-from ff_planner_ros.planning.problem.posture import Posture
-from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.task.captured import captured_in
@@ -37,6 +35,7 @@ from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.phases import (
     bodies_of,
     efforts_of,
+    not_in_requests,
     phase_message,
     plan_messages,
     tell_found,
@@ -156,30 +155,17 @@ def require_recordable(task: PlanningTask) -> None:
     Raises:
         InvalidInput: A field of the task has no place in a request.
     """
-    problem, window = task.problem, task.problem.duration_range
-    targets: dict[str, Target | Posture | None] = {
-        "target": None if problem.target_body is not None else problem.target
-    }
-    targets |= {f"phases[{k}].target": one.target for k, one in enumerate(task.then, 1)}
+    window = task.problem.duration_range
     first, *others = _limits_of_phases(task)
     for field, given in (
         ("running", task.running is not None),
         ("running_goal", task.running_goal is not None),
         ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
-        *(
-            (f"{name}.{acceleration}", getattr(target, acceleration).any())
-            for name, target in targets.items()
-            for acceleration in ("linear_acceleration", "angular_acceleration")
-            if isinstance(target, Target)
-        ),
+        *((field, True) for field in not_in_requests(task)),
         *(
             (f"phases[{k}].limits.{limit}", getattr(one, flag) is not getattr(first, flag))
             for k, one in enumerate(others, 1)
             for limit, flag in (("velocity", "joint_velocities"), ("effort", "joint_torques"))
-        ),
-        (
-            "phases.target_body",
-            len({id(one) for one in captured_bodies(task) if one is not None}) > 1,
         ),
         ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),
     ):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
 from ff_planner_msgs.msg import Goal, PlanAnswer, PlanRequest
@@ -24,7 +24,7 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
-from ff_planner_ros.planning.problem.problem import DurationRange, TargetBody
+from ff_planner_ros.planning.problem.problem import DurationRange, Target, TargetBody
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.planning.task.phase import Phase, require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
@@ -116,6 +116,18 @@ def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str)
     if phase.payload is not None:
         message.payload = [payload_message(phase.payload)]
     return message
+
+
+def not_in_requests(task: PlanningTask) -> Iterator[str]:
+    """Yield the fields of goals that a task has and no request holds, as scenarios name them."""
+    problem = task.problem
+    first = None if problem.target_body is not None else problem.target
+    for number, target in enumerate((first, *(phase.target for phase in task.then))):
+        for name in ("linear_acceleration", "angular_acceleration"):
+            if isinstance(target, Target) and getattr(target, name).any():
+                yield f"{f'phases[{number}].' if number else ''}target.{name}"
+    if len({id(body) for body in captured_bodies(task) if body is not None}) > 1:
+        yield "phases.target_body"
 
 
 def plan_messages(
