@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -174,21 +175,22 @@ class FfPlannerError(Exception):
         super().__init__(message)
         self.status = status  # as the service and the command line report it
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by message and attributes, whatever a subclass is made of."""
+        return copyreg.__newobj__, (type(self), *self.args), vars(self)  # type: ignore[attr-defined]
+
 
 class InvalidInput(FfPlannerError):
     """A value that the planner cannot use."""
 
     def __init__(self, status: Status, field: str, value: object, allowed: str) -> None:
         """Name the field, its value and what is allowed."""
-        message = f"{shortened(field, _LONGEST_FIELD)} is {shown(value)}: {allowed}"
+        told = shortened(" ".join(field.split()), _LONGEST_FIELD)  # a name may hold line breaks
+        message = f"{told} is {shown(value)}: {allowed}"
         super().__init__(status, shortened(message, LONGEST_MESSAGE))
         self.field = field  # as in a scenario file: `chaser.quaternion_xyzw`
         self.value = value
         self.allowed = allowed
-
-    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
-        """Pickle by constructor arguments, so that the error crosses processes."""
-        return type(self), (self.status, self.field, self.value, self.allowed)
 
     @property
     def faults(self) -> tuple[InvalidInput, ...]:
@@ -204,10 +206,6 @@ class InvalidInputs(InvalidInput):
         first = faults[0]
         super().__init__(first.status, first.field, first.value, first.allowed)
         self._faults = tuple(faults)
-
-    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
-        """Pickle by constructor arguments, so that the error crosses processes."""
-        return type(self), (self._faults,)
 
     @property
     def faults(self) -> tuple[InvalidInput, ...]:
@@ -277,11 +275,6 @@ class NoPlanFound(FfPlannerError):
         # Of a sequence: the plans of the phases before the one that has none, a `Plan`
         self.found: object | None = None
         self.cause: InvalidInput | None = None  # of a sequence: why that phase cannot be planned
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by constructor arguments, so that the error crosses processes."""
-        arguments = self.status, self.constraint, self.attempt, self.failures, self.effort
-        return type(self), arguments, {"found": self.found, "cause": self.cause}
 
 
 class EndedBy(StrEnum):
