@@ -83,6 +83,11 @@ _FORMER_NAMES = {
 }
 
 
+def __dir__() -> list[str]:
+    """List the public names, for `dir`, `help` and completion."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
+
+
 def __getattr__(name: str) -> Any:
     """Import a public name from its module.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,8 @@ from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.common.shown import in_a_line
+from ff_planner_ros.common.text_file import AnyPath, path_of
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.messages.trajectories import (
@@ -26,39 +27,25 @@ from ff_planner_ros.messages.trajectories import (
 )
 from ff_planner_ros.messages.wheels import wheels_of
 from ff_planner_ros.planning.motion.plan import (
+    AXES,
+    COLUMNS,
+    JOINT_COLUMNS,
+    QUATERNION,
     BodyMotion,
     Trajectory,
     WheelMotion,
+    columns_of,
     in_end_effector,
     with_end_effector,
 )
 from ff_planner_ros.robot.urdf.urdf_faults import Faults
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
-_AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
-# Columns of a trajectory's field: prefix, names, and the unit as suffix.
-_COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
-    "chaser_positions": ("chaser_", _AXES, "_m"),
-    "chaser_quaternions_xyzw": ("chaser_", _QUATERNION, ""),
-    "chaser_linear_velocities": ("chaser_velocity_", _AXES, "_m_per_s"),
-    "chaser_angular_velocities": ("chaser_angular_velocity_", _AXES, "_rad_per_s"),
-    "ee_positions": ("ee_", _AXES, "_m"),
-    "ee_quaternions_xyzw": ("ee_", _QUATERNION, ""),
-    "ee_linear_velocities": ("ee_velocity_", _AXES, "_m_per_s"),
-    "ee_angular_velocities": ("ee_angular_velocity_", _AXES, "_rad_per_s"),
-}
 _TARGET_BODY_COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
-    "positions": ("target_body_", _AXES, "_m"),
-    "quaternions_xyzw": ("target_body_", _QUATERNION, ""),
-    "linear_velocities": ("target_body_velocity_", _AXES, "_m_per_s"),
-    "angular_velocities": ("target_body_angular_velocity_", _AXES, "_rad_per_s"),
-}
-# Quantities of a revolute and of a prismatic joint.
-_JOINT_COLUMNS = {
-    "joint_positions": ("position_rad", "position_m"),
-    "joint_velocities": ("velocity_rad_per_s", "velocity_m_per_s"),
-    "joint_accelerations": ("acceleration_rad_per_s2", "acceleration_m_per_s2"),
-    "joint_torques": ("torque_Nm", "force_N"),
+    "positions": ("target_body_", AXES, "_m"),
+    "quaternions_xyzw": ("target_body_", QUATERNION, ""),
+    "linear_velocities": ("target_body_velocity_", AXES, "_m_per_s"),
+    "angular_velocities": ("target_body_angular_velocity_", AXES, "_rad_per_s"),
 }
 
 
@@ -92,6 +79,9 @@ class RecordedPlan:
     # Each phase of a sequence, with times from its own first point on; empty: a single phase
     phases: tuple[Trajectory, ...] = ()
 
+    FACTS = ("plan_id", "status", "message", "trajectory")
+    __repr__ = in_a_line
+
     def row(self) -> dict[str, Cell]:
         """Return the answer as a row of a table, with units in the names of its columns.
 
@@ -108,14 +98,7 @@ class RecordedPlan:
         motion = self.trajectory
         if motion is None:
             motion = _motion_of_no_points(len(self.joint_names))
-        columns = {"time_s": motion.time}
-        for part, quantities in _JOINT_COLUMNS.items():
-            for number, joint in enumerate(self.joint_names):
-                quantity = quantities[joint in self.sliding]
-                columns[f"{joint}_{quantity}"] = getattr(motion, part)[:, number]
-        for part, (before, names, unit) in _COLUMNS.items():
-            for number, name in enumerate(names):
-                columns[f"{before}{name}{unit}"] = getattr(motion, part)[:, number]
+        columns = columns_of(motion, [(name, name in self.sliding) for name in self.joint_names])
         columns |= {} if self.wheels is None else _wheel_columns(self.wheels)
         for part, rows in self.target_body.items():
             before, names, unit = _TARGET_BODY_COLUMNS[part]
@@ -133,7 +116,7 @@ def _wheel_columns(wheels: WheelMotion) -> dict[str, Array]:
     }
 
 
-def read_plans(bag: Path | str) -> list[RecordedPlan]:
+def read_plans(bag: AnyPath) -> list[RecordedPlan]:
     """Read every answer of the planner in a bag, in the order of the answers.
 
     The bag is a directory or one MCAP file. Faults of the bag are issued as warnings.
@@ -141,7 +124,7 @@ def read_plans(bag: Path | str) -> list[RecordedPlan]:
     Raises:
         BagError: Nothing of the bag can be read.
     """
-    with open_bag(Path(bag)) as opened:
+    with open_bag(path_of("bag", bag)) as opened:
         plans = recorded_plans(opened)
         for note in opened.notes:
             warnings.warn(note, stacklevel=2)
@@ -218,8 +201,8 @@ def recorded_plan(message: Message, answer: Any) -> RecordedPlan:
 
 
 def _motion_of_no_points(joints: int) -> Trajectory:
-    widths = dict.fromkeys(_JOINT_COLUMNS, joints)
-    widths |= {part: len(names) for part, (_, names, _) in _COLUMNS.items()}
+    widths = dict.fromkeys(JOINT_COLUMNS, joints)
+    widths |= {part: len(names) for part, (_, names, _) in COLUMNS.items()}
     return Trajectory(np.empty(0), **{part: np.empty((0, w)) for part, w in widths.items()})
 
 

@@ -40,10 +40,11 @@ def frozen(values: ArrayLike) -> Array:
     """Return a read-only copy of `values` as an array of floats.
 
     Raises:
-        TypeError, ValueError, OverflowError: They are no numbers: text and truth values are none.
+        TypeError, ValueError, OverflowError: They are no numbers: text, truth values and complex
+            numbers are none.
     """
     if _has_words(values):
-        raise TypeError("text and truth values are no numbers")
+        raise TypeError("text, truth values and complex values are no numbers here")
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
@@ -52,7 +53,7 @@ def frozen(values: ArrayLike) -> Array:
 def _has_words(values: object) -> bool:
     """Tell whether there is text or a truth value among values, which numpy would convert."""
     if isinstance(values, np.ndarray):
-        return values.dtype.kind in "bSU" or (
+        return values.dtype.kind in "bcSU" or (
             values.dtype == object and _has_words(values.tolist())
         )
     if isinstance(values, list | tuple):
@@ -71,15 +72,32 @@ def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(Status.WRONG_SIZE, field, values, f"it must be {size} numbers") from None
     if vector.shape != (size,):
-        raise InvalidInput(
-            Status.WRONG_SIZE, field, values, f"it must have {size} entries, not {vector.size}"
-        )
+        found = vector.size if vector.ndim == 1 else f"the shape {vector.shape}"
+        allowed = f"it must have {size} entries, not {found}"
+        raise InvalidInput(Status.WRONG_SIZE, field, values, allowed)
     if not np.abs(vector).max(initial=0.0) <= LARGEST:
         if not np.isfinite(vector).all():
             raise InvalidInput(Status.NOT_FINITE, field, values, "every entry must be finite")
         allowed = f"no entry may be larger than {LARGEST:g}"
         raise InvalidInput(Status.OUT_OF_RANGE, field, values, allowed)
     return vector
+
+
+def finite_rows(field: str, values: ArrayLike, size: int) -> Array:
+    """Return a read-only copy of `values`, shape (rows, size), checked.
+
+    Raises:
+        InvalidInput: Not rows of `size` numbers, NaN, infinity, or larger than 1e100.
+    """
+    try:
+        rows = frozen(values)
+    except (TypeError, ValueError, OverflowError):
+        rows = frozen(())
+    if rows.ndim != 2 or rows.shape[1] != size:
+        allowed = f"it must be rows of {size} numbers each"
+        raise InvalidInput(Status.WRONG_SIZE, field, values, allowed)
+    finite_vector(field, rows.ravel(), rows.size)
+    return rows
 
 
 def finite_number(field: str, value: float, *, above: float | None = None) -> float:

@@ -23,7 +23,7 @@ from ff_planner_ros.common.forms import (
     a_number,
     a_whole_number,
 )
-from ff_planner_ros.common.plain_values import dotted, mapping
+from ff_planner_ros.common.plain_values import an_object, dotted, mapping
 from ff_planner_ros.errors import Faults, InvalidInput
 
 _SINCE = ". Since version "  # in the descriptions of schemas
@@ -131,18 +131,23 @@ def declared_by_name(kind: Any) -> Mapping[str, DeclaredField]:
     return {one.name: one for one in declared(kind).values()}
 
 
-def check_declared(self: Any, block: str) -> None:
+def check_declared(self: Any, block: str, **kinds: type[Any]) -> None:
     """Check every declared field of a frozen dataclass, and store the values as checked.
 
     Args:
         block: Prefix of the keys in errors.
+        **kinds: Classes of fields that are not declared, by name.
 
     Raises:
         InvalidInput: A value is not allowed.
     """
+    for name, kind in kinds.items():
+        value = getattr(self, name)
+        if not (value is None and getattr(type(self), name, self) is None):
+            an_object(dotted(block, name), value, kind)
     for key, one in declared(type(self)).items():
         value = getattr(self, one.name) if one.name else None
-        if value is not None:
+        if one.name and not (value is None and one.default is None):
             object.__setattr__(self, one.name, one.form.checked(dotted(block, key), value))
 
 
@@ -214,8 +219,9 @@ def _read_level(
             continue
         with faults.gathered():
             if head not in instead:
-                read[prefix + head] = one.form.read(here, given)
-                one.form.checked(called, read[prefix + head])
+                read[prefix + head] = found = one.form.read(here, given)
+                if not isinstance(found, dict):  # values of a part, checked one by one
+                    one.form.checked(called, found)
             elif one.instead and (found := one.instead[1].read(here, given)) is not False:
                 read[prefix + instead[head]] = found  # what is given instead is whole
     for head in instead.values():

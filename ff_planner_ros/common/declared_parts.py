@@ -9,6 +9,7 @@ from typing import Any
 from ff_planner_ros.common.declared import declared, fields_of, read_keys, schema_of, written_object
 from ff_planner_ros.common.declared_messages import values_in
 from ff_planner_ros.common.forms import Form
+from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.errors import Faults
 
 _IN_LIST = re.compile(r"\[\d+\]$")
@@ -38,7 +39,8 @@ def changes(kind: type[Any]) -> Form:
     return Form(
         read,
         lambda: schema_of(declared(kind)),
-        written=written_object,
+        lambda field, value: an_object(field, value, kind),
+        written_object,
         from_message=lambda field, message: values_in(kind, message, field),
         of=kind,
     )
@@ -53,6 +55,7 @@ def one_of_parts(key: str, with_key: Form, without: Form) -> Form:
         without: Form of the second class. Messages hold the classes in separate arrays: only its
             entries are read.
     """
+    kinds = [form.of for form in (with_key, without) if form.of is not None]
 
     def of(value: Any) -> Form:
         if isinstance(value, dict):
@@ -62,6 +65,7 @@ def one_of_parts(key: str, with_key: Form, without: Form) -> Form:
     return Form(
         lambda field, value: of(value).read(field, value),
         lambda: {"anyOf": [without.schema(), with_key.schema()]},
-        written=lambda value: of(value).written(value),
+        lambda field, value: an_object(field, value, *kinds),
+        lambda value: of(value).written(value),
         from_message=without.from_message,
     )

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sized
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from numbers import Real
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,11 +22,13 @@ from ff_planner_ros.common.arrays import (
     unit_vector,
 )
 from ff_planner_ros.common.plain_values import (
+    any_text,
     boolean,
     integer,
     mapping,
     number,
     numbers,
+    rows,
     sequence,
     text,
 )
@@ -110,11 +113,12 @@ def a_word(words: Iterable[str], formerly: Mapping[str, str] | None = None) -> F
     """
 
     def read(field: str, value: object) -> str:
+        given = value if isinstance(value, str) else None
         for word in words:
-            if value == word:
+            if given == word:
                 return word
         for old, word in (formerly or {}).items():
-            if value == old:
+            if given == old:
                 words_now = f"{field}: {old} is deprecated: say {word}"
                 warnings.warn(words_now, FutureWarning, stacklevel=2)
                 return word
@@ -122,9 +126,8 @@ def a_word(words: Iterable[str], formerly: Mapping[str, str] | None = None) -> F
         allowed = f"it must be {', '.join(others)} or {last}"
         raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
 
-    return Form(
-        read, lambda: {"enum": [str(word) for word in words]}, written=str, from_message=read
-    )
+    schema = {"enum": [str(word) for word in words]}
+    return Form(read, lambda: schema, read, str, from_message=read)
 
 
 def a_numbered_word(words: type[StrEnum]) -> Form:
@@ -144,9 +147,7 @@ def a_vector(size: int | None = 3) -> Form:
     """Return the form of a list of `size` finite numbers; None: of any number."""
 
     def checked(field: str, value: Any) -> Array:
-        if size is not None:
-            return finite_vector(field, value, size)
-        return finite_vector(field, value, len(value) if isinstance(value, Sized) else 1)
+        return finite_vector(field, value, _size(value) if size is None else size)
 
     slots = tuple("xyz") if size == 3 else ()
     return Form(numbers, lambda: of_numbers(size), checked, _as_list, slots=slots)
@@ -156,13 +157,13 @@ def by_name(of: str) -> Form:
     """Return the form of a mapping from names to numbers; of: whose names, in errors."""
 
     def read(field: str, value: object) -> dict[str, float]:
-        if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
+        if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
             allowed = f"it must hold a position for each name of {of}"
             raise InvalidInput(Status.OUT_OF_RANGE, field, value, allowed)
         named = {f"{field}.{name}": (name, given) for name, given in value.items()}
         return {name: finite_number(at, number(at, one)) for at, (name, one) in named.items()}
 
-    return Form(read, lambda: {"type": "object", "additionalProperties": {"type": "number"}})
+    return Form(read, lambda: {"type": "object", "additionalProperties": {"type": "number"}}, read)
 
 
 def each(of: Form, least: int = 0, unique: str = "id") -> Form:
@@ -189,6 +190,10 @@ def each(of: Form, least: int = 0, unique: str = "id") -> Form:
             raise InvalidInput(Status.WRONG_SIZE, field, "empty", "it must have one entry or more")
         return tuple(found)
 
+    def checked(field: str, value: object) -> tuple[Any, ...]:
+        entries = enumerate(sequence(field, value))
+        return tuple(of.checked(f"{field}[{index}]", one) for index, one in entries)
+
     def written(value: Any) -> list[Any]:
         return [of.written(one) for one in value]
 
@@ -199,11 +204,14 @@ def each(of: Form, least: int = 0, unique: str = "id") -> Form:
         bounds = {"minItems": least} if least else {}
         return {"type": "array", "items": of.schema()} | bounds
 
-    return Form(read, schema, written=written, from_message=from_message)
+    return Form(read, schema, checked, written, from_message=from_message)
 
 
 def or_none(form: Form, none: Any = None) -> Form:
     """Return the form of a value of `form` or the word `none`, which stands for `none`."""
+
+    def is_none(value: Any) -> bool:
+        return value is None or (isinstance(value, str | float) and value in ("none", none))
 
     def read(field: str, value: Any) -> Any:
         if value == "none":
@@ -224,8 +232,8 @@ def or_none(form: Form, none: Any = None) -> Form:
     return Form(
         read,
         lambda: {"anyOf": [{"const": "none"}, form.schema()]},
-        lambda field, value: value if value == none else either(form.checked, field, value),
-        lambda value: "none" if value == none else form.written(value),
+        lambda field, value: none if is_none(value) else either(form.checked, field, value),
+        lambda value: "none" if is_none(value) else form.written(value),
         spells_none=True,
         slots=form.slots,
         from_message=form.from_message,
@@ -255,17 +263,16 @@ def a_source(*words: str) -> Form:
             raise InvalidInput(Status.UNSUPPORTED, field, value, allowed)
         return value == words[0]
 
-    return Form(read, lambda: {"enum": list(words)}, written=lambda kept: words[0 if kept else 1])
+    schema = {"enum": list(words)}
+    return Form(read, lambda: schema, boolean, lambda kept: words[0 if kept else 1])
+
+
+def _size(value: Any) -> int:
+    return len(value) if getattr(value, "ndim", isinstance(value, Sized)) else 1
 
 
 def _as_list(value: Array) -> list[Any]:
     return list(value.tolist())
-
-
-def _named(field: str, value: object) -> str:
-    if not isinstance(value, str):
-        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be text")
-    return value
 
 
 def _tensor(_field: str, elements: Iterable[float]) -> Array:
@@ -283,15 +290,6 @@ def _inertia(field: str, value: object) -> Array:
     return _tensor(field, read.values())
 
 
-def _rows(field: str, value: object) -> list[Array]:
-    faults, rows = Faults(), []
-    for index, row in enumerate(sequence(field, value)):
-        with faults.gathered():
-            rows.append(numbers(f"{field}[{index}]", row))
-    faults.refuse()
-    return rows
-
-
 def _one_or_each(field: str, value: object) -> tuple[float, ...]:
     if isinstance(value, list):
         return tuple(numbers(field, value).tolist())
@@ -303,15 +301,17 @@ _of_joint = a_number(above=0.0, at_least=1e-9)
 
 
 def _positive(field: str, value: Any) -> tuple[float, ...]:
-    return tuple(_of_joint.checked(f"{field}[{index}]", limit) for index, limit in enumerate(value))
+    listed = value.tolist() if isinstance(value, np.ndarray) else value
+    given = enumerate(sequence(field, [value] if isinstance(value, Real) else listed))
+    return tuple(_of_joint.checked(f"{field}[{index}]", limit) for index, limit in given)
 
 
 _ELEMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _ABOVE_ZERO: Schema = {"type": "number", "exclusiveMinimum": 0.0}
 
-TEXT = Form(text, lambda: {"type": "string", "minLength": 1})
-NAME = Form(_named, lambda: {"type": "string"}, written=str)  # text that may be empty
-TRUTH = Form(boolean, lambda: {"type": "boolean"})
+TEXT = Form(text, lambda: {"type": "string", "minLength": 1}, text)
+NAME = Form(any_text, lambda: {"type": "string"}, any_text, str)  # text that may be empty
+TRUTH = Form(boolean, lambda: {"type": "boolean"}, boolean)
 # Of unit length to the last bit, and written so that it is read as the same
 QUATERNION = Form(
     numbers,
@@ -334,10 +334,10 @@ INERTIA = Form(
 NUMBERS = Form(  # kept as a tuple
     lambda field, value: tuple(numbers(field, value).tolist()),
     of_numbers,
-    lambda field, value: tuple(finite_vector(field, value, len(value)).tolist()),
+    lambda field, value: tuple(finite_vector(field, value, _size(value)).tolist()),
     list,
 )
-ROWS = Form(_rows, lambda: {"type": "array", "items": of_numbers()}, written=_as_list)
+ROWS = Form(rows, lambda: {"type": "array", "items": of_numbers()}, written=_as_list)
 # A positive number for all joints, or one for each; kept as a tuple
 ONE_OR_EACH = Form(
     _one_or_each,

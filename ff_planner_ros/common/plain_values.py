@@ -1,16 +1,19 @@
-"""Strict readers of values in YAML and JSON files; errors name the key."""
+"""Strict readers of values in YAML, JSON and Python; errors name the key or argument."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from contextlib import suppress
-from typing import Any
+from numbers import Integral, Real
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import Faults, InvalidInput, Status
+
+Kind = TypeVar("Kind")
 
 
 def mapping(
@@ -38,14 +41,14 @@ def mapping(
 
 
 def sequence(field: str, value: object) -> list[Any]:
-    """Return `value` if it is a list.
+    """Return `value` as a list if it is a list or tuple.
 
     Raises:
-        InvalidInput: Not a list.
+        InvalidInput: Neither.
     """
-    if not isinstance(value, list):
+    if not isinstance(value, list | tuple):
         raise InvalidInput(Status.WRONG_SIZE, field, quoted(value), "it must be a list")
-    return value
+    return list(value)
 
 
 def numbers(field: str, value: object) -> Array:
@@ -58,13 +61,27 @@ def numbers(field: str, value: object) -> Array:
     return np.array([number(f"{field}[{index}]", entry) for index, entry in enumerate(entries)])
 
 
+def rows(field: str, value: object) -> list[Array]:
+    """Return `value` as arrays if it is a list of lists of numbers.
+
+    Raises:
+        InvalidInput: Not a list, or an entry that is no list of numbers.
+    """
+    faults, found = Faults(), list[Array]()
+    for index, row in enumerate(sequence(field, value)):
+        with faults.gathered():
+            found.append(numbers(f"{field}[{index}]", row))
+    faults.refuse()
+    return found
+
+
 def number(field: str, value: object) -> float:
     """Return `value` if it is a number.
 
     Raises:
         InvalidInput: Not a number.
     """
-    if not isinstance(value, bool) and isinstance(value, int | float):
+    if not isinstance(value, bool) and isinstance(value, Real):
         with suppress(OverflowError):
             return float(value)
     # YAML reads 1e-3 as text: its numbers need the point.
@@ -78,10 +95,10 @@ def integer(field: str, value: object) -> int:
     Raises:
         InvalidInput: Not a whole number.
     """
-    if isinstance(value, bool) or not isinstance(value, int):
+    if isinstance(value, bool) or not isinstance(value, Integral):
         allowed = "it must be a whole number"
         raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
-    return value
+    return int(value)
 
 
 def boolean(field: str, value: object) -> bool:
@@ -90,9 +107,9 @@ def boolean(field: str, value: object) -> bool:
     Raises:
         InvalidInput: Neither.
     """
-    if not isinstance(value, bool):
+    if not isinstance(value, bool | np.bool_):
         raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be true or false")
-    return value
+    return bool(value)
 
 
 def text(field: str, value: object) -> str:
@@ -101,9 +118,32 @@ def text(field: str, value: object) -> str:
     Raises:
         InvalidInput: Not text, or empty.
     """
-    if not isinstance(value, str) or not value:
+    if found := any_text(field, value):
+        return found
+    raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be text")
+
+
+def any_text(field: str, value: object) -> str:
+    """Return `value` if it is text, which may be empty.
+
+    Raises:
+        InvalidInput: Not text.
+    """
+    if not isinstance(value, str):
         raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be text")
     return value
+
+
+def an_object(field: str, value: object, *kinds: type[Kind]) -> Kind:
+    """Return `value` if it is an object of one of these classes.
+
+    Raises:
+        InvalidInput: It is not.
+    """
+    if isinstance(value, kinds):
+        return value
+    named = " or ".join(kind.__name__ for kind in kinds)
+    raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), f"it must be a {named}")
 
 
 def dotted(field: str, key: object) -> str:

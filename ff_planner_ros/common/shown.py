@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import reprlib
 from array import array
+from dataclasses import MISSING, fields
+from enum import Enum
+from typing import Any
 
 # Of a value in a message: what was received may be a million numbers, and a log line is read.
 LONGEST_VALUE = 300
@@ -39,7 +42,7 @@ def shown(value: object) -> str:
     if isinstance(value, int | list | tuple | dict | set | bytes) and not isinstance(value, bool):
         return quoted(value)
     try:
-        return shortened(str(value), LONGEST_VALUE)
+        return shortened(str(value).replace("\n", ""), LONGEST_VALUE)  # rows of an array
     except Exception:  # whatever an object of a library trips over
         return f"a {type(value).__name__}"
 
@@ -48,7 +51,7 @@ def quoted(value: object) -> str:
     """Return a value as `repr` does, at most `LONGEST_VALUE` characters and a remark."""
     if isinstance(value, str) and len(value) <= LONGEST_VALUE:
         return repr(value)
-    return shortened(_SHORT.repr(value), LONGEST_VALUE)
+    return shortened(_SHORT.repr(value).replace("\n", ""), LONGEST_VALUE)
 
 
 def shortened(text: str, longest: int) -> str:
@@ -61,6 +64,47 @@ def shortened(text: str, longest: int) -> str:
 def _both_ends(text: str, longest: int) -> str:
     end = longest // 2
     return f"{text[: longest - end]}...{text[-end:]}"
+
+
+def in_a_line(value: Any) -> str:
+    """Return the main facts of a dataclass in one line, as its `__repr__`.
+
+    They are the attributes that its class names in `FACTS`, by default its fields, without those
+    that have their default value.
+    """
+    usual = {item.name: _usual(item) for item in fields(value)}
+    facts = {name: getattr(value, name) for name in getattr(value, "FACTS", usual)}
+    said = [
+        f"{name}={_fact(fact)}"
+        for name, fact in facts.items()
+        if name not in usual or _plain(fact) != _plain(usual[name])
+    ]
+    one_line = " ".join(", ".join(said).split())  # what a library shows has several
+    return shortened(f"{type(value).__name__}({one_line})", LONGEST_VALUE)
+
+
+def _usual(item: Any) -> object:
+    return item.default if item.default_factory is MISSING else item.default_factory()
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _fact(value: Any) -> str:
+    if isinstance(value, Enum):
+        return str(value.value)
+    if isinstance(value, float):
+        return format(value, ".6g")
+    if shape := getattr(value, "shape", ()):
+        if shape[1:] or shape[0] > _FIRST:
+            ends = "" if shape[1:] else f", {_fact(value[0])} to {_fact(value[-1])}"
+            return f"{' x '.join(map(str, shape))} numbers{ends}"
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        entries = [str(getattr(one, "id", "")) or _fact(one) for one in value[:_FIRST]]
+        return f"[{', '.join(entries)}{', ...' if len(value) > _FIRST else ''}]"
+    return quoted(value)
 
 
 def in_log(text: str) -> str:

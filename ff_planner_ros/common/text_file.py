@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from pathlib import Path
+from typing import TypeAlias
 
+from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import InvalidInput, Status
+
+AnyPath: TypeAlias = str | os.PathLike[str]
+
+
+def path_of(field: str, value: AnyPath) -> Path:
+    """Return a path that a caller gives; `~` in it is the home directory.
+
+    Raises:
+        InvalidInput: It is no path, or there is no such user.
+    """
+    try:
+        return Path(value).expanduser()
+    except TypeError:
+        allowed = "it must be a path: text, or an os.PathLike of text"
+    except RuntimeError as error:
+        allowed = f"it is no path: {error}"
+    raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
 
 
 def read_text(

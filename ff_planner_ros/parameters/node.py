@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ff_planner_ros.common.forms import a_word
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.parameters.controller import ControllerParameters
 from ff_planner_ros.parameters.interfaces import (
@@ -165,6 +166,9 @@ class NodeParameters:
         "s",
         STRICT_IF_LOW,
     )
+
+    FACTS = ("robot", "time_budget", "points", "end_behaviour")
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check the words and the plug-ins' requirements."""

@@ -11,6 +11,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.common.forms import FROM_URDF, a_word
 from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
 from ff_planner_ros.planning.problem.settings import (
@@ -99,6 +100,9 @@ class RobotParameters:
         maximum=SLIDE_WEIGHTS[1],
         unit="rad/m",
     )
+
+    FACTS = ("urdf", "base_link", "tip_link", "base")
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check the words and the list."""

@@ -8,13 +8,13 @@ from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from enum import StrEnum
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 from ff_planner_ros.common.declared import DeclaredField, DeclaredFields, declared_by_name
 from ff_planner_ros.common.plain_values import mapping
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.text_file import AnyPath, path_of
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.node import NodeParameters
@@ -80,7 +80,7 @@ DECLARATIONS: DeclaredFields = _declarations(NodeParameters)
 _GROUPS = {name.rpartition(".")[0] for name in DECLARATIONS}
 
 
-def load_parameters(path: Path | None = None) -> NodeParameters:
+def load_parameters(path: AnyPath | None = None) -> NodeParameters:
     """Read a ROS parameters file; parameters that it omits are those of `config/planner.yaml`.
 
     Raises:
@@ -88,7 +88,8 @@ def load_parameters(path: Path | None = None) -> NodeParameters:
             its range.
     """
     values = dict(default_values())
-    for name, value in (flattened(read_yaml(path)) if path else {}).items():
+    given = {} if path is None else flattened(read_yaml(path_of("path", path)))
+    for name, value in given.items():
         if name not in DECLARATIONS:
             raise unknown_parameter(name)
         values[name] = checked(name, value)

@@ -14,8 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
-from ff_planner_ros.common.shown import shown
-from ff_planner_ros.common.text_file import read_text
+from ff_planner_ros.common.forms import a_number, a_word, by_name, or_none
+from ff_planner_ros.common.plain_values import an_object, any_text
+from ff_planner_ros.common.shown import in_a_line, shown
+from ff_planner_ros.common.text_file import AnyPath, path_of, read_text
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -107,6 +109,9 @@ class Robot:
     may_touch: tuple[MayTouch, ...] = ()  # links whose bodies are not among the pairs, and why
     payload: Payload | None = None  # also a link of the URDF; None: there is none, or not known
 
+    FACTS = ("joints", "base_link", "tip_link", "base", "geometry", "wheels", "payload")
+    __repr__ = in_a_line
+
     @property
     def joints(self) -> int:
         """Number of arm joints."""
@@ -144,13 +149,13 @@ class Robot:
 
 
 def load_robot(
-    urdf: Path,
+    urdf: AnyPath,
     base_link: str,
     tip_link: str,
     base: Base = Base.FREE_FLYER,
     held_at: Mapping[str, float] = NOTHING_HELD,
     geometry: Geometry | None = None,
-    srdf: Path | None = None,
+    srdf: AnyPath | None = None,
     wheels: Wheels | None = None,
     slide_weight: float = SLIDE_WEIGHT,
 ) -> Robot:
@@ -162,14 +167,20 @@ def load_robot(
         srdf: SRDF file of links that may touch. None: as of `robot_from_urdf_text`.
 
     Raises:
-        InvalidInput: A file cannot be read, or its content is refused.
+        InvalidInput: A file cannot be read, its content is refused, or an argument is of another
+            kind.
     """
-    pairs = None if srdf is None else read_urdf(srdf, "robot.srdf")
-    directory = urdf.resolve().parent
-    text = read_urdf(urdf)
-    return robot_from_urdf_text(
-        text, base_link, tip_link, base, held_at, geometry, pairs, directory, wheels, slide_weight
-    )
+    links = any_text("robot.base_link", base_link), any_text("robot.tip_link", tip_link)
+    base = a_word(Base).checked("robot.base", base)
+    held_at = by_name("a joint").checked("robot.locked_joints", held_at)
+    geometry = or_none(a_word(Geometry)).checked("robot.geometry", geometry)
+    if wheels is not None:
+        an_object("robot.wheels", wheels, Wheels)
+    weight = a_number().checked("robot.slide_weight", slide_weight)
+    pairs = None if srdf is None else read_urdf(path_of("robot.srdf", srdf), "robot.srdf")
+    file = path_of(_ROBOT, urdf)
+    text, place = read_urdf(file), file.resolve().parent
+    return robot_from_urdf_text(text, *links, base, held_at, geometry, pairs, place, wheels, weight)
 
 
 def read_urdf(urdf: Path, field: str = _ROBOT) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import QUATERNION, TRUTH, a_vector
+from ff_planner_ros.common.shown import in_a_line
 
 # Scenario key of the wheels' momenta.
 STORED = "robot.wheels.stored"
@@ -87,6 +88,8 @@ class SystemState:
     # Whether a file asked for the joint velocities that hold the end effector at rest
     ee_at_rest: bool = False
 
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
         check_declared(self, "")
@@ -95,5 +98,5 @@ class SystemState:
         if self.joint_accelerations is not None:
             finite_vector("joints.acceleration", self.joint_accelerations, joints)
         if self.wheel_momenta is not None:
-            momenta = finite_vector(STORED, self.wheel_momenta, len(self.wheel_momenta))
+            momenta = a_vector(None).checked(STORED, self.wheel_momenta)
             object.__setattr__(self, "wheel_momenta", momenta)

@@ -20,6 +20,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array, finite_vector, frozen, unit_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import ONE_OR_EACH, ROWS, or_none
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.state import STORED, SystemState
 
@@ -65,6 +66,8 @@ class Wheels:
         since="0.3",
         default=None,
     )
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.feed_forward import FeedForward
@@ -32,6 +33,8 @@ class Execution:
     ee_quaternions_xyzw: Array  # shape (points, 4)
     momentum: Array  # P [kg m/s] and L about the inertial origin [kg m2/s]; shape (points, 6)
     ee_twists: Array  # linear, then angular; shape (points, 6) [m/s, rad/s]
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.plain_values import an_object
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.motion import from_trajectory, state_at
 from ff_planner_ros.planning.motion.plan import Trajectory
@@ -74,6 +76,9 @@ class Verification:
     holding_torque_error: float | None = None
     parts: int = 1  # that the plan was executed in, each from a state of the plan; see `verify`
 
+    FACTS = ("passed", "deviation", "momentum_drift", "contacts", "pairs")
+    __repr__ = in_a_line
+
     @property
     def came_true(self) -> bool:
         """Whether pose deviations, capture, holding torque and momentum are within tolerances."""
@@ -106,8 +111,12 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
         scene: In the plan's inertial frame, at the plan's first point.
 
     Raises:
-        InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
+        InvalidInput: An argument is of another kind, the samples cannot be executed, or MuJoCo
+            refuses the robot's URDF.
     """
+    an_object("robot", robot, Robot)
+    an_object("trajectory", trajectory, Trajectory)
+    an_object("scene", scene, Scene)
     require_sound_samples(robot, trajectory)
     engine = Engine(robot)
     planned = beside_center_of_mass(engine, trajectory)

@@ -29,6 +29,9 @@ from ff_planner_ros.analysis.drawing.panels import (
 from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.drawing.scene import save_scene
 from ff_planner_ros.analysis.methods import PLANNED, Method
+from ff_planner_ros.common.plain_values import an_object
+from ff_planner_ros.common.text_file import AnyPath, path_of
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
@@ -39,7 +42,7 @@ _LIMIT: dict[str, Any] = {"color": "0.35", "linewidth": 1.0, "linestyle": (0, (6
 _DOTS_PER_INCH = 150
 
 
-def plot_plan(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
+def plot_plan(problem: PlanningProblem, plan: Plan, directory: AnyPath) -> list[Path]:
     """Draw a plan: figures over time, each as PNG and PDF, and its scene.
 
     The scene is an interactive page; a robot with bodies also gets a still picture of it.
@@ -49,13 +52,22 @@ def plot_plan(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Pat
 
     Returns:
         The PNG files, `scene.png` among them, and `scene.html`.
+
+    Raises:
+        InvalidInput: An argument is of another kind, or `directory` is a file.
     """
+    an_object("problem", problem, PlanningProblem)
+    an_object("plan", plan, Plan)
+    place = path_of("directory", directory)
+    if place.exists() and not place.is_dir():
+        allowed = "it must be a directory, or not exist yet"
+        raise InvalidInput(Status.OUT_OF_RANGE, "directory", place, allowed)
     problem = lasting(problem, plan.duration)
-    motions, scene = {PLANNED: plan.trajectory}, directory / "scene.html"
-    pictures = save_figures(problem, motions, directory)
+    motions, scene = {PLANNED: plan.trajectory}, place / "scene.html"
+    pictures = save_figures(problem, motions, place)
     save_scene(problem, motions, motions, scene)
     if problem.robot.bodies:
-        pictures.append(directory / "scene.png")
+        pictures.append(place / "scene.png")
         seen = lit_scene(problem, plan.trajectory)
         seen.savefig(pictures[-1], dpi=_DOTS_PER_INCH, bbox_inches="tight")
     return [*pictures, scene]

@@ -12,6 +12,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared import declare
 from ff_planner_ros.common.forms import ROWS, a_vector
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.planning.motion.plan import Trajectory
 
 # Accuracy of extremes [rad, rad/s, rad/s2]: far below that of any limit.
@@ -38,6 +39,8 @@ class JointMotion:
     positions: Array = declare(ROWS, "a row per time", unit="rad, m")
     velocities: Array = declare(ROWS, "a row per time", unit="rad/s, m/s")
     accelerations: Array = declare(ROWS, "a row per time", unit="rad/s2, m/s2")
+
+    __repr__ = in_a_line
 
     def at(self, time: Array) -> tuple[Array, Array, Array]:
         """Return positions, velocities and accelerations, each of shape (times, joints).

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ff_planner_ros.common.shown import in_a_line
+
 # On one machine, a plan is reproduced to the last bit. Another processor has other kernels of
 # linear algebra, which round differently. These differences are tolerated between two machines;
 # `runs/differences.py` says how they were found.
@@ -145,6 +147,15 @@ class Metrics:
     min_clearance_time: float = np.inf
     min_self_clearance_pair: str = ""
     min_self_clearance_time: float = np.inf
+
+    FACTS = (
+        "joint_path_length",
+        "max_chaser_rotation",
+        "min_clearance",
+        "min_self_clearance",
+        "min_torque_margin",
+    )
+    __repr__ = in_a_line
 
     def told(self, name: str) -> str:
         """Return a metric in words with its unit; a clearance with its pair and time."""

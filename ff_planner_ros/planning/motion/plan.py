@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.goal_words import Parametrisation
 from ff_planner_ros.robot.quaternion import (
@@ -17,8 +18,31 @@ from ff_planner_ros.robot.quaternion import (
     rotation_from_quaternion,
 )
 
+if TYPE_CHECKING:
+    from ff_planner_ros.robot.model import Robot
+
 # Family of a plan that is the unchanged remainder of a running plan.
 REMAINDER = "remainder"
+
+AXES, QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
+# Columns of a trajectory's field: prefix, names, and the unit as suffix.
+COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
+    "chaser_positions": ("chaser_", AXES, "_m"),
+    "chaser_quaternions_xyzw": ("chaser_", QUATERNION, ""),
+    "chaser_linear_velocities": ("chaser_velocity_", AXES, "_m_per_s"),
+    "chaser_angular_velocities": ("chaser_angular_velocity_", AXES, "_rad_per_s"),
+    "ee_positions": ("ee_", AXES, "_m"),
+    "ee_quaternions_xyzw": ("ee_", QUATERNION, ""),
+    "ee_linear_velocities": ("ee_velocity_", AXES, "_m_per_s"),
+    "ee_angular_velocities": ("ee_angular_velocity_", AXES, "_rad_per_s"),
+}
+# Quantities of a revolute and of a prismatic joint.
+JOINT_COLUMNS = {
+    "joint_positions": ("position_rad", "position_m"),
+    "joint_velocities": ("velocity_rad_per_s", "velocity_m_per_s"),
+    "joint_accelerations": ("acceleration_rad_per_s2", "acceleration_m_per_s2"),
+    "joint_torques": ("torque_Nm", "force_N"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +67,26 @@ class Trajectory:
     ee_linear_velocities: Array  # shape (points, 3) [m/s]
     ee_angular_velocities: Array  # shape (points, 3) [rad/s]
 
+    FACTS = ("time", "joint_positions")
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""
         for item in fields(self):
             object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
+
+    def columns(self, robot: Robot | None = None) -> dict[str, Array]:
+        """Return the motion as columns of one length, by name with unit; pandas takes them.
+
+        Args:
+            robot: Whose motion it is, which names its joints and knows which of them slide. None:
+                the joints are numbered, and their columns have no units.
+        """
+        if robot is None:
+            count = self.joint_positions.shape[1]
+            return columns_of(self, [(f"joint_{joint}", None) for joint in range(1, count + 1)])
+        joints = [(name, robot.slides(joint)) for joint, name in enumerate(robot.joint_names)]
+        return columns_of(self, joints)
 
     def followed_by(self, after: Trajectory, begin: float = 0.0) -> Trajectory:
         """Return this motion and the next joined; the point that they share is this one's.
@@ -61,6 +101,24 @@ class Trajectory:
                 for item in fields(self)
             }
         )
+
+
+def columns_of(motion: Trajectory, joints: Sequence[tuple[str, bool | None]]) -> dict[str, Array]:
+    """Return a motion as columns of one length, by name with unit.
+
+    Args:
+        joints: Name of each joint, and whether it is prismatic; None: not known, without unit.
+    """
+    columns = {"time_s": motion.time}
+    for part, quantities in JOINT_COLUMNS.items():
+        for number, (joint, slides) in enumerate(joints):
+            quantity = quantities[bool(slides)]
+            quantity = quantity.partition("_")[0] if slides is None else quantity
+            columns[f"{joint}_{quantity}"] = getattr(motion, part)[:, number]
+    for part, (before, names, unit) in COLUMNS.items():
+        for number, name in enumerate(names):
+            columns[f"{before}{name}{unit}"] = getattr(motion, part)[:, number]
+    return columns
 
 
 def begins_of(motions: Iterable[Trajectory]) -> list[float]:
@@ -112,6 +170,8 @@ class WheelMotion:
 
     momenta: Array  # shape (points, wheels) [N m s]
     torques: Array  # rates of the momenta; shape (points, wheels) [N m]
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""
@@ -191,6 +251,9 @@ class Plan:
     turn_rate_at_rest: float | None = None
     # Plans of the phases that follow, each by itself; empty: there are none
     then: tuple[Plan, ...] = ()
+
+    FACTS = ("family", "duration", "trajectory", "metrics", "then", "notes")
+    __repr__ = in_a_line
 
     @property
     def phases(self) -> tuple[Plan, ...]:

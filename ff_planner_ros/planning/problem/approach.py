@@ -17,6 +17,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import DIRECTION, a_number
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 
 # Default half angle of a corridor [rad]: 1.5 times that of vehicles which dock over hundreds of
@@ -71,6 +72,8 @@ class Approach:
         message="half_angle",
         formerly="cone",
     )
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value."""

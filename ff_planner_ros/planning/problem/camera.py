@@ -15,6 +15,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import DIRECTION, TEXT, a_number, a_vector
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 
 
@@ -53,6 +54,8 @@ class Camera:
         default=0.0,
         message="until",
     )
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value."""

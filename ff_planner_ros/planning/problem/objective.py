@@ -8,6 +8,7 @@ from typing import ClassVar
 from ff_planner_ros.common.arrays import Array, finite_vector, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import a_number
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 
 
@@ -90,6 +91,8 @@ class DurationRange:
     # Derivative of the target position by the duration: in a frame that moves, a target at rest is
     # elsewhere for another duration; shape (3,) [m/s]
     target_velocity: Array = field(default_factory=zero_vector)
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value."""

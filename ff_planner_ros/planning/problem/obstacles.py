@@ -14,10 +14,11 @@ from typing import ClassVar, TypeAlias, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, frozen, no_turn, zero_vector
+from ff_planner_ros.common.arrays import Array, finite_vector, frozen, no_turn, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import one_of_parts, part
 from ff_planner_ros.common.forms import NAME, QUATERNION, Form, a_number, a_vector
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target_body import (
     MOST_TURNS,
@@ -71,9 +72,14 @@ class Sphere:
     body: TargetBody | None = None  # that it is fixed to, if any
     place_in_body: Array | None = None  # of its centre then, in the body's frame; shape (3,) [m]
 
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"obstacles[{self.id}]")
+        check_declared(self, f"obstacles[{self.id}]", body=TargetBody)
+        if self.place_in_body is not None:
+            place = finite_vector("place_in_body", self.place_in_body, 3)
+            object.__setattr__(self, "place_in_body", place)
 
     @property
     def moves(self) -> bool:
@@ -166,9 +172,11 @@ class ObstacleBody:
     body: TargetBody | None = None  # that it is fixed to, if any
     place_in_body: pin.SE3 | None = None  # of the shape's frame then, in the body's frame
 
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"obstacles[{self.id}]")
+        check_declared(self, f"obstacles[{self.id}]", body=TargetBody, place_in_body=pin.SE3)
 
     @property
     def solid(self) -> Solid:

@@ -13,6 +13,8 @@ from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.common.declared import check_declared, declare, written_object
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import TRUTH, Schema, a_vector
+from ff_planner_ros.common.plain_values import an_object
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.target import Target
@@ -57,6 +59,8 @@ class Posture:
         brief=True,
         default=False,
     )
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -112,12 +116,18 @@ def _goal(field: str, value: object) -> Target | Posture:
     return found
 
 
+def _goal_checked(field: str, value: object) -> Target | Posture:
+    return value if isinstance(value, Posture) else an_object(field, value, Target)
+
+
 def _goal_schema() -> Schema:
     return {"anyOf": [part(Target).schema(), part(Posture).schema()]}
 
 
 # A target, or a posture: its keys say which.
-GOAL = replace(part(Target), read=_goal, schema=_goal_schema, written=written_object)
+GOAL = replace(
+    part(Target), read=_goal, schema=_goal_schema, checked=_goal_checked, written=written_object
+)
 
 
 @lru_cache(maxsize=8)  # every duration of a problem needs it

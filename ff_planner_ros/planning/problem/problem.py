@@ -13,15 +13,9 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import SHORTEST_DIRECTION, finite_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes, part
-from ff_planner_ros.common.forms import (
-    TEXT,
-    a_number,
-    a_whole_number,
-    a_word,
-    each,
-    or_part,
-)
-from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.forms import TEXT, a_number, a_whole_number, a_word, each, or_part
+from ff_planner_ros.common.plain_values import an_object
+from ff_planner_ros.common.shown import in_a_line, quoted
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
@@ -217,9 +211,13 @@ class PlanningProblem:
         late=True,
     )
 
+    FACTS = ("robot", "target", "duration", "points", "obstacles")
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
-        check_declared(self, "")
+        kinds = {"robot": Robot, "start": SystemState, "posture": Posture}
+        check_declared(self, "", **kinds, target=Target, duration_range=DurationRange)
         # As messages bring them: a ball is a sphere, and there is an array of each.
         object.__setattr__(self, "obstacles", tuple(map(simplest, self.obstacles)))
         object.__setattr__(self, "obstacles", (*self.spheres, *self.obstacle_bodies))
@@ -320,7 +318,9 @@ def with_capture_target(body: TargetBody, problem: PlanningProblem) -> PlanningP
         InvalidInput: An attached obstacle has the id of another one, or the body rotates too far
             to be predicted.
     """
-    others = tuple(one for one in problem.obstacles if one.body is None)
+    an_object("body", body, TargetBody)
+    given = an_object("problem", problem, PlanningProblem).obstacles
+    others = tuple(one for one in given if one.body is None)
     return replace(
         problem,
         target=body.target(problem.duration),

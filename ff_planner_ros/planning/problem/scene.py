@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
@@ -41,6 +42,8 @@ class Scene:
     held_from: float = math.inf
     approach: Approach | None = None  # of the last stretch to the target, if any
     camera: Camera | None = None  # that keeps the target in view, if any
+
+    __repr__ = in_a_line
 
     @property
     def goal(self) -> Target | None:

@@ -20,6 +20,7 @@ from ff_planner_ros.common.forms import (
     of_numbers,
 )
 from ff_planner_ros.common.plain_values import numbers
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
@@ -112,9 +113,11 @@ class Target:
         late=True,
     )
 
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        if self.orientation is Orientation.FREE:
+        if str(self.orientation) == Orientation.FREE:
             object.__setattr__(self, "quaternion_xyzw", [0.0, 0.0, 0.0, 1.0])
         check_declared(self, "target")
         self._check_free_axis()

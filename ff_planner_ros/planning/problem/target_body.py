@@ -21,6 +21,7 @@ from ff_planner_ros.common.arrays import Array, frozen, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import one_of_parts, part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.torque_free import (
@@ -56,6 +57,8 @@ class AttachedSphere:
         message="center",
     )
     radius: float = declare(a_number(above=0.0), "obstacle plus link", unit="m", message="radius")
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -147,6 +150,16 @@ class TargetBody:
         message="obstacles",
     )
     notes: tuple[str, ...] = ()  # for the user: locked joints of its URDF, say
+
+    FACTS = (
+        "position",
+        "grasp_position",
+        "linear_velocity",
+        "angular_velocity",
+        "mass",
+        "obstacles",
+    )
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 from ff_planner_ros.common.declared import check_declared, written_object
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import Form
+from ff_planner_ros.common.plain_values import sequence
 from ff_planner_ros.common.plug_ins import plug_in
+from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import Faults, InvalidInput, Status
 
 if TYPE_CHECKING:
@@ -41,13 +43,14 @@ def requirements_written(given: Sequence[Requirement]) -> dict[str, Any]:
     return {one.name: written_object(one) for one in given}
 
 
-def _requirements_checked(field: str, given: Sequence[Requirement]) -> tuple[Requirement, ...]:
-    names = [one.name for one in given]
-    for one in given:
-        if not is_dataclass(one) or names.count(one.name) > 1:
+def _requirements_checked(field: str, value: object) -> tuple[Requirement, ...]:
+    given = sequence(field, value)
+    names = [getattr(one, "name", quoted(one)) for one in given]
+    for one, name in zip(given, names, strict=True):
+        if not is_dataclass(one) or names.count(name) > 1:
             allowed = "each must be a dataclass with declared fields, and have a name of its own"
             raise InvalidInput(Status.UNSUPPORTED, field, names, allowed)
-        check_declared(one, f"{field}.{one.name}")
+        check_declared(one, f"{field}.{name}")
     return tuple(given)
 
 

@@ -21,7 +21,9 @@ from ff_planner_ros.common.declared import (
 )
 from ff_planner_ros.common.declared_parts import changes, part
 from ff_planner_ros.common.forms import DIALECT, TEXT, Schema, a_number, a_word, by_name
+from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.common.text_file import AnyPath, path_of
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status, fields_renamed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -34,9 +36,10 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     with_attached,
 )
-from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, PlannerSettings
+from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS
 from ff_planner_ros.planning.problem.target import require_enough_joints
 from ff_planner_ros.planning.scenario.body_file import TARGET_BODY, BodyFile
+from ff_planner_ros.planning.scenario.defaults import Defaults as Defaults
 from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
 from ff_planner_ros.planning.scenario.phases_file import PHASES, built, first_named, split
 from ff_planner_ros.planning.scenario.wheels_file import WheelsFile
@@ -150,19 +153,7 @@ KEYS: DeclaredFields = {
 }
 
 
-@dataclass(frozen=True)
-class Defaults:
-    """Values for keys that a scenario omits. A key without a value here is required."""
-
-    settings: PlannerSettings
-    limits: Limits = _NO_LIMITS  # beside the joints' position limits
-    end_behaviour: EndBehaviour = EndBehaviour.NONE  # what the arm does after the goal
-    tail: float | None = None  # duration [s]
-    points: int = USUAL_POINTS  # of the plan
-    controller: Controller | None = None  # must accept the plan; its joints are the robot's
-
-
-def load_scenario(path: Path) -> PlanningProblem:
+def load_scenario(path: AnyPath) -> PlanningProblem:
     """Read a planning problem from a scenario file.
 
     The path of its URDF is relative to the file, or `package://`.
@@ -172,22 +163,25 @@ def load_scenario(path: Path) -> PlanningProblem:
             is of the wrong type or not allowed. Fields are named as in the file,
             `chaser.position`; `faults` holds all faults.
     """
-    return _built(path, USUAL_POINTS, lambda read, robot, _: _problem(read, robot, _NO_LIMITS))
+    file = path_of("path", path)
+    return _built(file, USUAL_POINTS, lambda read, robot, _: _problem(read, robot, _NO_LIMITS))
 
 
-def load_task(path: Path, defaults: Defaults) -> PlanningTask:
+def load_task(path: AnyPath, defaults: Defaults) -> PlanningTask:
     """Read a planning task from a scenario file.
 
     Raises:
         InvalidInput: As by `load_scenario`.
     """
+    file = path_of("path", path)
+    an_object("defaults", defaults, Defaults)
 
     def task(read: _Read, robot: Robot, others: Sequence[_Read]) -> PlanningTask:
         first = _task(read, robot, defaults)
-        then = built(others, robot, first.problem.limits, path.parent)
+        then = built(others, robot, first.problem.limits, file.parent)
         return replace(first, then=then) if then else first
 
-    return _built(path, defaults.points, task)
+    return _built(file, defaults.points, task)
 
 
 def scenario_schema() -> Schema:

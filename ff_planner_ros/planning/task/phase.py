@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from ff_planner_ros.common.declared import check_declared, declare, declared_by_name
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import a_whole_number
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.problem import (
@@ -81,6 +82,8 @@ class Phase:
         default=0,
         late=True,
     )
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""

@@ -9,14 +9,16 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_number, frozen
 from ff_planner_ros.common.declared import check_declared, declare
-from ff_planner_ros.common.declared_parts import changes
+from ff_planner_ros.common.declared_parts import changes, part
 from ff_planner_ros.common.forms import (
     a_number,
     a_vector,
     a_whole_number,
     a_word,
+    each,
     or_none,
 )
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -33,6 +35,9 @@ from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviou
 
 # A goal is at its motion's last point, but for this [s].
 _ROUNDING = 1e-6
+
+
+_PHASES = each(part(Phase))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +124,12 @@ class PlanningTask:
     # What follows the goal, one after the other; the tail is behind the last
     then: tuple[Phase, ...] = ()
 
+    FACTS = ("problem", "ahead", "end_behaviour", "tail", "then")
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Check the times, and keep read-only copies of the arrays."""
-        check_declared(self, "")
+        check_declared(self, "", problem=PlanningProblem)
         if self.end_behaviour is EndBehaviour.NONE:
             object.__setattr__(self, "tail", 0.0)
         if self.running is not None:
@@ -131,7 +139,7 @@ class PlanningTask:
         if self.running_goal is not None:
             self._require_remainder(self.running_goal)
         then = list[Phase]()
-        for phase in self.then:
+        for phase in _PHASES.checked("phases", self.then):
             then.append(phase.after(then[-1] if then else self.problem))
         object.__setattr__(self, "then", tuple(then))
         if self.then and self.problem.target_body is not None:

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.errors import (
     Failure,
     FfPlannerError,
@@ -91,14 +92,14 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
     post-goal segment. The plan is that of the first phase, with those of the others in `then`.
 
     Raises:
-        InvalidInput: The start violates what the plan must keep, or the post-goal segment is too
-            long.
+        InvalidInput: `task` is no task, the start violates what the plan must keep, or the
+            post-goal segment is too long.
         NoPlanFound: The method found no plan; or its plan does not pass the check, with the
             post-goal segment or without; or the controller would not accept it; or the watch ended
             the search. In a sequence, the message names the phase, `found` holds the plans before
             it, and `cause` an InvalidInput of a later phase.
     """
-    if not task.then:
+    if not an_object("task", task, PlanningTask).then:
         return _perform(task, watch, method)
     count = 1 + len(task.then)
     phases, plans, others = [task], list[Plan](), list[Iterator[PlanningTask]]()

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.urdf_bodies import placement
@@ -59,6 +60,9 @@ class Body:
     placement_in_joint: pin.SE3  # never changed
     center_in_joint: Array  # of a sphere around it; shape (3,) [m]
     radius: float  # of that sphere [m]
+
+    FACTS = ("name", "link", "radius")
+    __repr__ = in_a_line
 
 
 class Kind(enum.IntEnum):

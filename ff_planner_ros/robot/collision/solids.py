@@ -10,10 +10,18 @@ from typing import Any
 import coal
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.common.arrays import Array, finite_rows, finite_vector, frozen
 from ff_planner_ros.common.forms import ROWS, Form, Schema, a_number, of_mapping, of_numbers
-from ff_planner_ros.common.plain_values import dotted, mapping, number, numbers, text
-from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.plain_values import (
+    an_object,
+    any_text,
+    dotted,
+    mapping,
+    number,
+    numbers,
+    text,
+)
+from ff_planner_ros.common.shown import in_a_line, quoted
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.robot.collision.bodies import furthest, radius_around
 from ff_planner_ros.robot.urdf.convex_hull import (
@@ -59,9 +67,11 @@ class Solid:
     # Inflation in all directions, with rounded corners; in no file and no message [m]
     grown: float = 0.0
 
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        if self.kind not in KINDS:
+        if any_text("shape", self.kind) not in KINDS:
             raise InvalidInput(Status.UNSUPPORTED, "shape", quoted(self.kind), _one_of_kinds())
         count = sum(SIZES.get(self.kind, {}).values())
         sizes = finite_vector(f"shape.{self.kind}", self.sizes, count)
@@ -73,8 +83,10 @@ class Solid:
         if added and self.kind != MESH:
             allowed = "it must be zero: only a mesh has it"
             raise InvalidInput(Status.UNSUPPORTED, ADDED_FIELD, added, allowed)
+        _HULL_ADDED.checked("shape.grown", self.grown)
+        corners = finite_rows("shape.mesh", self.corners, 3)
         object.__setattr__(self, "sizes", sizes)
-        object.__setattr__(self, "corners", frozen(self.corners))
+        object.__setattr__(self, "corners", corners)
 
     @property
     def words(self) -> str:
@@ -265,11 +277,15 @@ def _schema() -> Schema:
     return {"oneOf": [*choices, meshes]}
 
 
+def _checked(told: str, given: object) -> Solid | MeshFile:
+    return given if isinstance(given, MeshFile) else an_object(told, given, Solid)
+
+
 def _one_of_kinds() -> str:
     return f"it must be one of {', '.join(KINDS)}, with its sizes: {{box: {{size: [1, 2, 3]}}}}"
 
 
-SHAPE = Form(_read, _schema, written=_written)
+SHAPE = Form(_read, _schema, _checked, _written)
 SHAPE_SENTENCE = (
     "cylinder, capsule and cone lie along z about their middle, a cone's apex at +z; a capsule's "
     "length is without its caps; a mesh counts by its convex hull"

@@ -17,7 +17,7 @@ from ff_planner_ros.common.arrays import Array, no_turn, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, TEXT, a_number, a_vector, each
-from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.shown import in_a_line, quoted
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import (
@@ -70,6 +70,8 @@ class HeldShape:
         message="pose.orientation",
     )
 
+    __repr__ = in_a_line
+
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
         check_declared(self, f"{self.PLACE}[{self.id}]")
@@ -109,6 +111,8 @@ class Payload:
         "its collision geometry, kept apart from all but what it is fixed to",
         default=(),
     )
+
+    __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
