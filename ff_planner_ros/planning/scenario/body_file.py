@@ -17,6 +17,7 @@ from ff_planner_ros.common.declared import (
 )
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import TEXT, Form, Schema, by_name
+from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.errors import Faults
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
@@ -123,4 +124,8 @@ def _schema() -> Schema:
     return schema_of(_OF_URDF) | {"anyOf": [{"required": [key]} for key in ("inertia", _KEY)]}
 
 
-TARGET_BODY: Form = replace(_WITHOUT, read=_read, schema=_schema)
+def _checked(field: str, value: object) -> TargetBody | BodyFile:
+    return value if isinstance(value, BodyFile) else an_object(field, value, TargetBody)
+
+
+TARGET_BODY: Form = replace(_WITHOUT, read=_read, schema=_schema, checked=_checked)
