@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.whole_body import whole_body
+from ff_planner_ros.robot.plane import require_planar
 from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD, LockedJoint, with_locked
 from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.srdf import MayTouch
@@ -63,8 +63,6 @@ SLIDE_WEIGHT = 1.0
 # Smallest and largest: others leave no digits to revolute, or to prismatic, joints.
 SLIDE_WEIGHTS = (1e-3, 1e3)
 
-# Tolerance of axes on a planar base [rad]: in URDFs, rpy="1.57 0 0" is a right angle.
-MAX_AXIS_TILT = 1e-3
 _ROBOT = "robot.urdf"
 
 
@@ -249,7 +247,7 @@ def robot_from_urdf_text(
     efforts, rates = np.array(model.upperEffortLimit[6:]), np.array(model.upperVelocityLimit[6:])
     axes, slides = _joint_axes(model)
     if base is Base.PLANAR:
-        _require_planar(model, base_frame)
+        require_planar(model, base_frame)
     whole = whole_body(model, checked.xml, text, geometry, srdf, directory)
     return Robot(
         model=model,
@@ -292,34 +290,6 @@ def wheels_of(base: Base, wheels: Wheels | None) -> Wheels | None:
         allowed = f"with robot.base {base} there must be none: wheels hold attitude_held"
         raise InvalidInput(Status.UNSUPPORTED, "robot.wheels", "given", allowed)
     return None
-
-
-def _require_planar(model: pin.Model, base_frame: pin.Frame) -> None:
-    """Check that z of base link and root link are parallel, and that all joints move in the plane.
-
-    Revolute joints rotate about z, prismatic ones move across it.
-    """
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    axes = [("base link's z axis", base_frame.placement.rotation[:, 2])]
-    for joint in range(2, model.njoints):
-        moving = pin.getJointJacobian(model, data, joint, pin.WORLD)[:, model.idx_vs[joint]]
-        axes.append((f"joint '{model.names[joint]}' axis", moving))
-    for name, axis in axes:
-        along, across = abs(axis[-1]), math.hypot(*axis[-3:-1])
-        if not axis[-3:].any():  # prismatic
-            along, across = math.hypot(*axis[:2]), abs(axis[2])
-        angle = math.atan2(across, along)
-        if not angle <= MAX_AXIS_TILT:
-            raise InvalidInput(
-                Status.BAD_ROBOT,
-                name,
-                f"{math.degrees(angle):.4g} degrees off {'z' if axis[-3:].any() else 'x and y'} of "
-                "the root link",
-                "with robot.base planar every joint must turn about the normal of the table, or "
-                "slide across it, which is z of base link and root link; "
-                f"{math.degrees(MAX_AXIS_TILT):.2g} degrees are let pass as rounding",
-            )
 
 
 def _pinocchio_model(xml: str) -> pin.Model:

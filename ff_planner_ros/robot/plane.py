@@ -1,4 +1,4 @@
-"""States on a planar base: the table fixes height, roll and pitch.
+"""Robots and their states on a planar base: the table fixes height, roll and pitch.
 
 The table's normal is z of the inertial frame, of the base link and of the root link.
 """
@@ -9,6 +9,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
@@ -17,6 +18,40 @@ from ff_planner_ros.robot.state import SystemState
 # Errors of cameras that track a flat table, which are removed; larger ones are refused [rad], [m],
 # [m/s, rad/s].
 MAX_TILT, MAX_HEIGHT_ERROR, MAX_SPEED_OFF_PLANE = 0.02, 0.01, 0.01
+
+# Tolerance of axes on a planar base [rad]: in URDFs, rpy="1.57 0 0" is a right angle.
+MAX_AXIS_TILT = 1e-3
+
+
+def require_planar(model: pin.Model, base_frame: pin.Frame) -> None:
+    """Check that z of base link and root link are parallel, and that all joints move in the plane.
+
+    Revolute joints rotate about z, prismatic ones move across it.
+
+    Raises:
+        InvalidInput: One of these is not so.
+    """
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = [("base link's z axis", base_frame.placement.rotation[:, 2])]
+    for joint in range(2, model.njoints):
+        moving = pin.getJointJacobian(model, data, joint, pin.WORLD)[:, model.idx_vs[joint]]
+        axes.append((f"joint '{model.names[joint]}' axis", moving))
+    for name, axis in axes:
+        along, across = abs(axis[-1]), math.hypot(*axis[-3:-1])
+        if not axis[-3:].any():  # prismatic
+            along, across = math.hypot(*axis[:2]), abs(axis[2])
+        angle = math.atan2(across, along)
+        if not angle <= MAX_AXIS_TILT:
+            raise InvalidInput(
+                Status.BAD_ROBOT,
+                name,
+                f"{math.degrees(angle):.4g} degrees off {'z' if axis[-3:].any() else 'x and y'} of "
+                "the root link",
+                "with robot.base planar every joint must turn about the normal of the table, or "
+                "slide across it, which is z of base link and root link; "
+                f"{math.degrees(MAX_AXIS_TILT):.2g} degrees are let pass as rounding",
+            )
 
 
 def on_the_table(state: SystemState) -> SystemState:
