@@ -160,7 +160,7 @@ def scenario() -> Iterator[tuple[str, ...]]:
     }
     places["robot.wheels.stored"] = "start_state[0].wheel_momenta"
     for key, schema, required in _keys(scenario_schema()):
-        words = re.sub(r"(\. Since version [\d.]+)?\.$", "", schema.get("description", ""))
+        words = schema.get("description", "").removesuffix(".")
         words += _choices(schema)
         if "default" in schema:
             usual = schema["default"]
@@ -173,7 +173,7 @@ def scenario() -> Iterator[tuple[str, ...]]:
 def study() -> Iterator[tuple[str, ...]]:
     yield "key", "value"
     for key, schema, required in _keys(json.loads(STUDY_SCHEMA.read_text(encoding="utf-8"))):
-        words = re.sub(r"\.? Since version [\d.]+\.$", "", schema.get("description", ""))
+        words = schema.get("description", "").removesuffix(".")
         words += _choices(schema)
         words += f"; default `{json.dumps(schema['default'])}`" if "default" in schema else ""
         yield f"`{key}`", (words + ("; required" if required else "")).lstrip("; ")

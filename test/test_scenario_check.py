@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -266,31 +266,6 @@ def test_what_the_check_lets_pass_is_valid_by_the_schema(
     path.write_text(yaml.safe_dump(document))
     jsonschema.validate(document, SCHEMA)
     assert main(["check", str(path)]) == 0
-
-
-def test_no_key_is_said_to_be_older_than_what_holds_it() -> None:
-    def told(schema: Any, place: str, outer: list[int]) -> Iterator[tuple[str, list[int]]]:
-        """Yield the place and version of each description, and refuse one before the outer."""
-        if isinstance(schema, list):
-            for one in schema:
-                yield from told(one, place, outer)
-        if not isinstance(schema, dict):
-            return
-        words = schema.get("description")
-        if isinstance(words, str):
-            _, mark, version = words.rpartition("Since version ")
-            own = [int(number) for number in version.rstrip(".").split(".")] if mark else outer
-            assert own >= outer, (place, own, outer)
-            yield place, own
-            outer = own
-        for key, one in schema.items():
-            yield from told(one, f"{place}.{key}", outer)
-
-    every = dict(told(SCHEMA, "", []))
-    since = {version[1] for version in every.values() if version}
-    assert since == {1, 2, 3}
-    assert every[".properties.planner.properties.starts"] == [0, 3]
-    assert every[".properties.chaser.properties.position"] == [0, 1]
 
 
 def test_every_key_of_the_tests_is_in_the_schema() -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from ff_planner_ros.baselines import METHODS, OPTIMAL
 from ff_planner_ros.campaign.changes import Change, Draw
@@ -60,8 +60,6 @@ class GeneratedSources:
         InvalidInput: The kind has no turned frames, or a robot has no bodies.
     """
 
-    SINCE: ClassVar[str] = "0.3"
-
     kind: str = declare(a_word(KINDS), "kind of problem")
     robots: tuple[str, ...] = declare(
         each(replace(TEXT, read=_robot), least=1), "lemur, canadarm2, off7, or arm6, arm7, ..."
@@ -90,8 +88,6 @@ class GeneratedSources:
 class MethodOfStudy:
     """A method with settings of its own."""
 
-    SINCE: ClassVar[str] = "0.3"
-
     name: str = declare(TEXT, "name in the table of plans")
     method: str = declare(a_word(METHODS), "method that plans", default=OPTIMAL)
     changes: tuple[Change, ...] = declare(
@@ -107,8 +103,6 @@ class MethodOfStudy:
 class Randomly:
     """Random variations: each draw changes all of these values."""
 
-    SINCE: ClassVar[str] = "0.3"
-
     count: int = declare(a_whole_number(1, _MOST), "number of draws")
     seed: int = declare(a_whole_number(0, _MOST), "seed of the draws")
     # Of each: key, how, distribution, parameters
@@ -120,8 +114,6 @@ class Randomly:
 @dataclass(frozen=True, eq=False)
 class StudyFile:
     """The fields of a study file."""
-
-    SINCE: ClassVar[str] = "0.3"
 
     scenarios: tuple[str, ...] = declare(
         each(TEXT), "scenario files, relative to this file; * stands for any text", default=()

@@ -26,8 +26,6 @@ from ff_planner_ros.common.forms import (
 from ff_planner_ros.common.plain_values import an_object, dotted, mapping
 from ff_planner_ros.errors import Faults, InvalidInput
 
-_SINCE = ". Since version "  # in the descriptions of schemas
-
 
 @dataclass(frozen=True)
 class DeclaredField:
@@ -38,7 +36,6 @@ class DeclaredField:
     key: str = ""  # in files, dotted within its class's mapping; empty: the field's name
     unit: str = ""
     frame: str = ""  # of a vector
-    since: str = ""  # the version that introduced it; empty: that of its class
     # Path in the message of the class, dotted; `name[0]` is the entry of an array that has one at
     # most; None: not in messages
     message: str | None = None
@@ -84,8 +81,7 @@ def declared(kind: Any) -> DeclaredFields:
     """Return the declarations of a dataclass's fields by key, in the order of files.
 
     Class attributes: `BESIDE` holds declarations of keys that are not fields; `FIRST` the keys that
-    files begin with, if not in the order of the fields; `SINCE` the version that introduced the
-    class, 0.1 by default.
+    files begin with, if not in the order of the fields.
     """
     return _declared(kind)
 
@@ -106,11 +102,7 @@ def _declared(kind: Any) -> DeclaredFields:
                 one, optional=one.optional or default is not MISSING
             )
     first = [key for key in vars(kind).get("FIRST", ()) if key in found]
-    since = vars(kind).get("SINCE", "0.1")
-    return {
-        key: replace(found[key], since=found[key].since or since)
-        for key in dict.fromkeys([*first, *found])
-    }
+    return {key: found[key] for key in dict.fromkeys([*first, *found])}
 
 
 def _tunable(kind: Any, metadata: Mapping[str, Any]) -> DeclaredField:
@@ -318,28 +310,10 @@ def schema_of(known: DeclaredFields, prefix: str = "") -> Schema:
 def _described(schema: Schema, one: DeclaredField) -> Schema:
     words = one.sentence + (f", {one.frame}" if one.frame else "")
     words += f" [{one.unit}]" if one.unit else ""
-    inside: Schema = _held_since(schema, one.since)
-    described = inside | {"description": f"{words}{_SINCE}{one.since}."}
+    described = schema | {"description": f"{words}."}
     if one.form.of or one.default is MISSING or (one.default is None and not one.form.spells_none):
         return described
     return described | {"default": one.form.written(one.default)}
-
-
-def _held_since(schema: Any, version: str) -> Any:
-    """Return a schema in which nothing is said to be older than what holds it."""
-    if isinstance(schema, list):
-        return [_held_since(one, version) for one in schema]
-    if not isinstance(schema, dict):
-        return schema
-    held = {key: _held_since(one, version) for key, one in schema.items()}
-    words, mark, own = str(held.get("description", "")).rpartition(_SINCE)
-    if mark and _in_order(own.rstrip(".")) < _in_order(version):
-        held["description"] = f"{words}{_SINCE}{version}."
-    return held
-
-
-def _in_order(version: str) -> list[int]:
-    return [int(number) for number in version.split(".")]
 
 
 def _one_of(head: str, other: str, one: DeclaredField) -> Schema:

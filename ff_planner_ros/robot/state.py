@@ -78,7 +78,6 @@ class SystemState:
         "one number a joint; default: not known, the end effector begins at zero acceleration",
         key="joints.acceleration",
         unit="rad/s2, m/s2",
-        since="0.3",
         default=None,
         message="joint_accelerations",
         late=True,

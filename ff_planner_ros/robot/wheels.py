@@ -49,21 +49,18 @@ class Wheels:
         ROWS,
         "axis of each wheel, any length but zero; default: the three of the base link",
         frame="in axes of the base link",
-        since="0.3",
         default_factory=_own_axes,
     )
     momentum: tuple[float, ...] | None = declare(  # None: any
         or_none(ONE_OR_EACH),
         "largest momentum of each wheel either way, or one for all",
         unit="N m s",
-        since="0.3",
         default=None,
     )
     torque: tuple[float, ...] | None = declare(  # None: any
         or_none(ONE_OR_EACH),
         "largest torque of each wheel either way, or one for all",
         unit="N m",
-        since="0.3",
         default=None,
     )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import comb
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,8 +26,6 @@ class JointMotion:
 
     ROS's `joint_trajectory_controller` interpolates a trajectory that has all three in this way.
     """
-
-    SINCE: ClassVar[str] = "0.3"
 
     time: Array = declare(  # shape (points,)
         a_vector(None),

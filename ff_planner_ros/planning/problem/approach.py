@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,8 +49,6 @@ class Approach:
         InvalidInput: Wrong size, not finite, a direction of no length, a distance below 1e-6 m, or
             a half angle that is not between zero and a right angle.
     """
-
-    SINCE: ClassVar[str] = "0.3"
 
     direction: Array = declare(
         DIRECTION,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,8 +26,6 @@ class Camera:
         InvalidInput: Wrong size, not finite, an axis of no length, an angle that is not between
             zero and a right angle, or a negative distance.
     """
-
-    SINCE: ClassVar[str] = "0.3"
 
     link: str = declare(TEXT, "link of the URDF that the camera is fixed to", message="link")
     position: Array = declare(

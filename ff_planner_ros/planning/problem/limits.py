@@ -45,14 +45,12 @@ class Limits:
         FROM_URDF,
         "joint velocity limits",
         key="velocity",
-        since="0.2",
         default=False,
     )
     chaser_attitude: float = declare(  # infinite: any
         or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
         "largest Euler angle of the chaser, Eq. (45)",
         unit="rad",
-        since="0.3",
         default=math.inf,
         message="chaser_attitude[0]",
     )
@@ -61,7 +59,6 @@ class Limits:
         "largest joint acceleration either way, one for each joint or one for all",
         key="acceleration",
         unit="rad/s2",
-        since="0.3",
         default=None,
         message="accelerations",
         late=True,
@@ -70,7 +67,6 @@ class Limits:
         FROM_URDF,
         "joint torque limits",
         key="effort",
-        since="0.3",
         default=True,
         late=True,
     )
@@ -79,7 +75,6 @@ class Limits:
         "largest rotation angle of the chaser since the plan's first point, the same in any frame; "
         "mostly more than its largest Euler angle",
         unit="rad",
-        since="0.3",
         default=math.inf,
         message="chaser_rotation[0]",
         brief=True,
@@ -89,7 +84,6 @@ class Limits:
         or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
         "largest force through the grasp of a payload",
         unit="N",
-        since="0.3",
         default=math.inf,
         message="grasp_force[0]",
         brief=True,
@@ -99,7 +93,6 @@ class Limits:
         or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
         "largest torque through the grasp of a payload, about the end effector or the link's frame",
         unit="N m",
-        since="0.3",
         default=math.inf,
         message="grasp_torque[0]",
         brief=True,
@@ -110,7 +103,6 @@ class Limits:
         "largest impulse on a captured body, from its motion relative to the end effector at "
         "contact",
         unit="N s",
-        since="0.3",
         default=math.inf,
         message="capture_impulse[0]",
         brief=True,

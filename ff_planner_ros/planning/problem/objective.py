@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 from ff_planner_ros.common.arrays import Array, finite_vector, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
@@ -34,7 +33,6 @@ class Objective:
         a_number(at_least=0.0),
         "weight of the duration; of no effect where the duration is given",
         unit="rad/s",
-        since="0.3",
         brief=True,
         default=0.0,
         message="duration",
@@ -44,7 +42,6 @@ class Objective:
         a_number(at_least=0.0),
         "weight of the largest momentum of any wheel, on a base that is attitude_held",
         unit="rad/(N m s)",
-        since="0.3",
         brief=True,
         default=0.0,
         message="wheel_momentum",
@@ -77,8 +74,6 @@ class DurationRange:
     Raises:
         InvalidInput: Shorter than 1 ms, or in the wrong order.
     """
-
-    SINCE: ClassVar[str] = "0.3"
 
     minimum: float = declare(
         a_number(above=0.0, at_least=SHORTEST),

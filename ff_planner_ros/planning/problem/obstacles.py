@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -63,7 +63,6 @@ class Sphere:
         a_vector(),
         "constant",
         unit="m/s",
-        since="0.3",
         brief=True,
         default_factory=zero_vector,
         message="twist.linear",
@@ -132,8 +131,6 @@ class ObstacleBody:
     Raises:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
     """
-
-    SINCE: ClassVar[str] = "0.3"
 
     id: str = declare(NAME, "name in messages, unique", message="id")
     shape: Solid | MeshFile = declare(

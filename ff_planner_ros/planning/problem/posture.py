@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -34,8 +34,6 @@ class Posture:
         InvalidInput: Not finite, both or neither of positions and at_rest, or velocities without
             as many positions.
     """
-
-    SINCE: ClassVar[str] = "0.3"
 
     positions: Array | None = declare(  # None: any
         a_vector(None),

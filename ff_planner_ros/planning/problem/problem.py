@@ -144,7 +144,6 @@ class PlanningProblem:
     parametrisation: Parametrisation = declare(
         a_word(Parametrisation),
         "trajectory parameterisation, the family of paths that is searched",
-        since="0.3",
         default=Parametrisation.AUTO,
         message="search.parametrisation",
         late=True,
@@ -156,7 +155,6 @@ class PlanningProblem:
         "link/link",
         key="allowed_collisions.pairs",
         formerly="allowed_at_goal",
-        since="0.3",
         brief=True,
         default=(),
         message="goal.allowed_collisions[0].pairs",
@@ -168,7 +166,6 @@ class PlanningProblem:
         key="allowed_collisions.distance",
         formerly="contact_distance",
         unit="m",
-        since="0.3",
         brief=True,
         default=CONTACT_DISTANCE,
         message="goal.allowed_collisions[0].distance",
@@ -177,7 +174,6 @@ class PlanningProblem:
     target_body: TargetBody | None = declare(
         part(TargetBody),
         "instead of target: a freely moving body, at the plan's first point",
-        since="0.3",
         default=None,
         late=True,
     )
@@ -188,7 +184,6 @@ class PlanningProblem:
     approach: Approach | None = declare(
         part(Approach),
         "straight corridor of the last stretch; default: none",
-        since="0.3",
         default=None,
         message="goal.approach[0]",
         late=True,
@@ -196,7 +191,6 @@ class PlanningProblem:
     camera: Camera | None = declare(
         part(Camera),
         "fixed to a link, that keeps the goal in view; default: no view is kept",
-        since="0.3",
         default=None,
         message="camera[0]",
         late=True,
@@ -205,7 +199,6 @@ class PlanningProblem:
         REQUIRED,
         "requirements of plug-ins, by the names of their entry points, "
         "`ff_planner_ros.requirements`",
-        since="0.3",
         brief=True,
         default=(),
         late=True,

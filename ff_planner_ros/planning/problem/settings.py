@@ -164,7 +164,6 @@ class PlannerSettings:
     robust: RobustSettings = declare(
         changes(RobustSettings),
         "margins for errors of the model and of the start",
-        since="0.3",
         optional=True,
     )
     clearance_margin: float = tunable(
@@ -259,7 +258,6 @@ class PlannerSettings:
         "largest velocity of the end effector relative to the grasp at contact, in any direction, "
         "that navigation leaves: it gives the capture's impulse",
         unit="m/s",
-        since="0.3",
         brief=True,
         default=0.0,
         late=True,
@@ -269,7 +267,6 @@ class PlannerSettings:
         a_number(at_least=0.0, at_most=1.0),
         "largest angular velocity of the end effector relative to the grasp then, likewise",
         unit="rad/s",
-        since="0.3",
         brief=True,
         default=0.0,
         late=True,
@@ -280,7 +277,6 @@ class PlannerSettings:
         a_whole_number(1, 64),
         "Processes that share a search for a better attitude or duration, if there are as many "
         "cores; the plan does not depend on it",
-        since="0.3",
         brief=True,
         default=4,
         late=True,

@@ -95,7 +95,6 @@ class Target:
         a_numbered_word(Orientation),
         "what of the orientation counts: fixed: all; free: nothing; about_axis: all but the "
         "rotation about free_axis",
-        since="0.3",
         brief=True,
         default=Orientation.FIXED,
         message="orientation",
@@ -107,7 +106,6 @@ class Target:
         "axis about which the end effector may rotate, any length but zero; only with about_axis",
         key="free_axis",
         frame="in the end effector's frame",
-        since="0.3",
         default=None,
         message="free_axis",
         late=True,

@@ -81,8 +81,6 @@ class TargetBody:
             Its motion raises it, too, at times by which the body rotates by over `MOST_TURNS`.
     """
 
-    SINCE: ClassVar[str] = "0.3"
-
     FIRST: ClassVar[Sequence[str]] = (
         "position",
         "quaternion_xyzw",

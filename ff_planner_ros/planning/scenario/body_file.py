@@ -36,7 +36,6 @@ _OF_URDF: DeclaredFields = {
         "path of a URDF or SDF of the body, relative to this file, or package://: its shapes move "
         "with it, its axes are those of the root link, and it says an inertia that is left out; "
         "default: none",
-        since="0.3",
         optional=True,
     ),
     LOCKED_JOINTS: DeclaredField(
@@ -44,7 +43,6 @@ _OF_URDF: DeclaredFields = {
         "positions of the joints of the urdf, all of which are locked; default: zero, or the limit "
         "nearest to zero",
         unit="rad, m",
-        since="0.4",
         optional=True,
     ),
 }

@@ -47,7 +47,6 @@ PHASES = DeclaredField(
     Form(lambda _field, value: value, _schema),
     "instead of target, target_body and duration: a sequence of goals, each phase from the end of "
     "the one before; what a phase omits is as in the phase before, for the first as beside phases",
-    since="0.3",
     optional=True,
     name="then",
 )

@@ -77,7 +77,6 @@ class RobotFile:
         a_word(Base),
         "motion of the chaser: planar: x, y and rotation about z, on an air-bearing table; "
         "attitude_held: reaction wheels hold its attitude, and it drifts",
-        since="0.3",
         brief=True,
         default=Base.FREE_FLYER,
     )
@@ -85,7 +84,6 @@ class RobotFile:
         part(WheelsFile),
         "reaction wheels of base attitude_held; default: one along each axis of the base link, "
         "without limits",
-        since="0.3",
         default=None,
     )
     locked_joints: Mapping[str, float] | None = declare(
@@ -93,7 +91,6 @@ class RobotFile:
         "locked joints and their positions; default: all joints that are not between base and tip, "
         "at zero",
         unit="rad, m",
-        since="0.3",
         formerly="held_joints",
         default=None,
     )
@@ -101,25 +98,22 @@ class RobotFile:
         a_word(Geometry),
         "collision geometry: shapes: the URDF's collision elements; lines: the link centre lines, "
         "as in the paper; default: shapes if the arm has any",
-        since="0.3",
         default=None,
     )
     srdf: str | None = declare(
         TEXT,
         "path of an SRDF, as for the URDF: links that may touch; default: those that touch in "
         "nearly every posture",
-        since="0.3",
         default=None,
     )
     payload: Payload | None = declare(
-        part(Payload), "a body that a link holds; default: none", since="0.3", default=None
+        part(Payload), "a body that a link holds; default: none", default=None
     )
     slide_weight: float | None = declare(
         a_number(at_least=0.0, at_most=SLIDE_WEIGHTS[1]),
         "weight of a prismatic joint in the joint path, in which a revolute joint counts 1; 0: "
         "prismatic joints are locked; default: 1",
         unit="rad/m",
-        since="0.3",
         default=None,
     )
 
@@ -144,7 +138,7 @@ class RobotFile:
 
 # Every key of a scenario file.
 KEYS: DeclaredFields = {
-    "robot": DeclaredField(part(RobotFile), "the robot", name="robot", since="0.1"),
+    "robot": DeclaredField(part(RobotFile), "the robot", name="robot"),
     **declared(SystemState),
     **declared(PlanningProblem),
     "target_body": replace(declared(PlanningProblem)["target_body"], form=TARGET_BODY),

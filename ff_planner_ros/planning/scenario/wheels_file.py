@@ -23,7 +23,6 @@ class WheelsFile(Wheels):
         a_vector(None),
         "momentum of each wheel at the start; default: zero",
         unit="N m s",
-        since="0.3",
         default=None,
     )
 

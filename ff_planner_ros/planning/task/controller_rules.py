@@ -29,7 +29,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -46,8 +45,6 @@ _Rows = Sequence[Sequence[float]]
 @dataclass(frozen=True)
 class Controller:
     """The parameters of the controller that its rules depend on."""
-
-    SINCE: ClassVar[str] = "0.3"
 
     joints: Sequence[str]  # its parameter `joints`
     allow_nonzero_velocity_at_trajectory_end: bool = declare(TRUTH, "its parameter of this name")

@@ -38,7 +38,7 @@ def of_problem(name: str, **default: Any) -> Any:
     """Declare a field of a phase like the field of PlanningProblem that has the name."""
     said = declared_by_name(PlanningProblem)[name]
     place = None if said.message is None else said.message.removeprefix(_SEARCH)
-    one = replace(said, since="0.3", optional=bool(default), formerly="", message=place)
+    one = replace(said, optional=bool(default), formerly="", message=place)
     return field(metadata={"declared": one}, **default)
 
 
@@ -51,7 +51,6 @@ class Phase:
             allowed.
     """
 
-    SINCE: ClassVar[str] = "0.3"
     FIRST: ClassVar[Sequence[str]] = ("target", "target_body")
 
     duration: float | DurationRange = of_problem("duration")

@@ -54,7 +54,6 @@ class PlanningTask:
         changes(PlannerSettings),
         "settings of the planner, as the parameters of this group",
         key="planner",
-        since="0.3",
         optional=True,
     )
     ahead: float = declare(
@@ -63,13 +62,11 @@ class PlanningTask:
         "forward",
         key="start_after",
         unit="s",
-        since="0.3",
         default=0.0,
     )
     running: JointMotion | None = declare(
         changes(JointMotion),
         "motion of the joints until then; default: constant velocities",
-        since="0.3",
         default=None,
     )
     # The plan begins exactly on that motion, and is searched for near its remainder
@@ -78,14 +75,12 @@ class PlanningTask:
         "time at which that motion reaches its goal: the plan takes over from it; default: a plan "
         "of its own",
         unit="s from the state",
-        since="0.3",
         default=None,
         late=True,
     )
     end_behaviour: EndBehaviour = declare(
         a_word(EndBehaviour, FORMER_END_BEHAVIOURS),
         "behaviour of the arm after the goal",
-        since="0.3",
         default=EndBehaviour.NONE,
         message="end_behaviour",
     )
@@ -95,26 +90,22 @@ class PlanningTask:
         key="post_goal_duration",
         formerly="tail_duration",
         unit="s",
-        since="0.3",
         default=0.0,
     )
     controller: Controller | None = declare(
         or_none(changes(Controller)),
         "rules that the plan must keep; none: nobody's",
-        since="0.3",
         default=None,
     )
     first_guess: Array | None = declare(
         a_vector(None),
         "initial guess, tried before all others: decision variables of the path family",
-        since="0.3",
         default=None,
     )
     effort: int = declare(
         a_whole_number(0, MOST_STEPS),
         "step at which the search ends, from an answer; default: no limit",
         key="search.effort",
-        since="0.3",
         brief=True,
         default=0,
         message="search.effort",

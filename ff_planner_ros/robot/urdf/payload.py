@@ -51,7 +51,6 @@ class HeldShape:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
     """
 
-    SINCE: ClassVar[str] = "0.3"
     PLACE: ClassVar[str] = f"{FIELD}.shapes"  # in errors
 
     id: str = declare(NAME, "name in messages and errors, unique there", message="id")
@@ -85,8 +84,6 @@ class Payload:
         InvalidInput: Wrong size, not finite, a mass that is not positive, or two shapes with one
             id.
     """
-
-    SINCE: ClassVar[str] = "0.3"
 
     link: str = declare(TEXT, "link of the arm that it is fixed to", message="link")
     mass: float = declare(a_number(above=0.0), "of the body", unit="kg", message="inertia.m")
