@@ -85,8 +85,7 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
     The same task gives the same plan. If the watch ended the search, the same task with the
     `effort` of the plan or of the refusal gives the same plan or refusal again. The plan is made
     and checked in the frame of the system's centre of mass (`system_frame`), so that it does not
-    depend on the frame of the task; the plan, and the attempt of a refusal, are in the frame of the
-    task.
+    depend on the frame of the task, in which the plan and the attempt of a refusal are.
 
     In a sequence of phases each begins where the plan before ends, and the last one has the
     post-goal segment. The plan is that of the first phase, with those of the others in `then`.
