@@ -250,5 +250,6 @@ def test_an_srdf_that_is_of_another_robot_or_holds_what_is_not_read_has_a_note()
 
     usual = notes(name, known)
     assert notes("other", known) - usual == {f"robot.srdf is of robot other, the URDF of {name}"}
-    assert notes(name, "<enable_colisions/>") - usual == {"not read: <enable_colisions> in <robot>"}
+    for written in ("<enable_colisions/>", "<enable_colisions><link name='a'/></enable_colisions>"):
+        assert notes(name, written) - usual == {"not read: <enable_colisions> in <robot>"}
     assert "robot.srdf is not read: robot.geometry is lines" in notes(name, known, Geometry.LINES)

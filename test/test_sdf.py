@@ -396,12 +396,13 @@ def test_a_velocity_limit_may_be_none_in_each_of_the_words_of_the_format(
 
 
 def test_a_refusal_says_of_a_limit_what_stands_there() -> None:
-    for found, words in (
-        ("<lower>-1<", "limit upper is 'inf': it must be a finite number"),
-        ("<lower>-1e16<", "limit lower is -1e+16: its size must be at most"),
+    for kind, found, words in (
+        ("revolute", "<lower>-1<", "limit upper is 'inf': it must be a finite number"),
+        ("prismatic", "<lower>-1<", "limit upper is 'inf': it must be a finite number"),
+        ("prismatic", "<lower>-1e16<", "limit lower is -1e+16: its size must be at most"),
     ):
         slide = ARM.replace("<lower>-1<", found).replace("<upper>2<", "<upper>inf<")
-        slide = slide.replace('name="j1" type="revolute"', 'name="j1" type="prismatic"')
+        slide = slide.replace('name="j1" type="revolute"', f'name="j1" type="{kind}"')
         with pytest.raises(InvalidInput) as refused:
             robot_from_urdf_text(urdf_of(slide), "base", "hand")
         assert words in str(refused.value)

@@ -145,6 +145,7 @@ NOT_EXPANDED = "which is not expanded: run xacro first"
             within("robot", "<inertial/>"),
             ".urdf is with an unknown <inertial>: it may hold link, joint",
         ),
+        (within("link", "<origin xyz='0 0 1'/>"), "link 'chaser' is with an unknown <origin>"),
         (within("link", PANEL), "link 'chaser' is with an unknown <link>: it may hold inertial"),
         (within("inertial", "<pose>1 2 3 0 0 0</pose>"), "inertial is with an unknown <pose>"),
         (LEMUR.replace("<mass ", "<mass unit='g' "), "inertial mass is with an unknown 'unit'"),
@@ -176,7 +177,7 @@ def test_what_is_not_read_and_may_count_is_refused(
     ("tag", "written", "notes"),
     [
         ("robot", "<drake:ignore a='b'><drake:x/></drake:ignore>", "<drake:ignore> in <robot>"),
-        ("robot", "<frame name='tcp' link='link_7'/>", "<frame> in <robot>"),
+        ("robot", "<frame name='tcp'/><gazebo><link/></gazebo>", "<frame> in <robot>"),
         ("link", "<my:colour/><my:colour/>", "<my:colour> in <link>"),
         ("robot", "<transmission><joint name='joint_1'/><actuator/></transmission>", ""),
         ("robot", "<ros2_control><joint name='joint_1'><param/></joint></ros2_control>", ""),
