@@ -49,9 +49,11 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
     Sphere,
+    with_capture_target,
 )
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.messages.from_messages import (
     problem_from_request,
     spheres_from_message,
@@ -71,6 +73,7 @@ from ff_planner_ros.ros.messages.to_messages import (
 FRAME = "inertial"
 STAMP_NS = 1_700_000_000_123_456_789
 DURATION, POINTS, JOINTS = 10.0, 7, 3
+PLACE = "goal.pose.pose.position"
 
 
 @pytest.fixture(scope="module")
@@ -247,6 +250,14 @@ def _at_start(problem: PlanningProblem, **changes: Any) -> PlanningProblem:
     return replace(problem, start=replace(problem.start, **changes))
 
 
+def _capture_far_away(_: PlanningProblem) -> PlanningProblem:
+    problem = tumbling.problem("tumbling", 0)
+    assert problem.target_body is not None
+    away = problem.target_body.position + np.array([90.0, 0.0, 0.0])
+    body = replace(problem.target_body, position=away)
+    return with_capture_target(body, problem)
+
+
 def _with_goal(problem: PlanningProblem, x: float, radius: float = 0.0) -> PlanningProblem:
     place = problem.target.position + np.array([x, 0.0, 0.0])
     clamp = (Sphere("clamp", place, radius),) if radius else ()
@@ -275,8 +286,9 @@ def _with_goal(problem: PlanningProblem, x: float, radius: float = 0.0) -> Plann
             ),
             "singular value",
         ),
-        (Status.GOAL_OUT_OF_REACH, lambda problem: _with_goal(problem, 90.0), "goal is 9"),
-        (Status.COLLISION, lambda problem: _with_goal(problem, 0.0, 0.05), "goal lies 0.05"),
+        (Status.GOAL_OUT_OF_REACH, _capture_far_away, "target_body.grasp.position is 9"),
+        (Status.GOAL_OUT_OF_REACH, lambda problem: _with_goal(problem, 90.0), f"{PLACE} is 9"),
+        (Status.COLLISION, lambda problem: _with_goal(problem, 0.0, 0.05), f"{PLACE} lies 0.05"),
     ],
 )
 def test_what_is_wrong_with_start_and_goal_is_told_in_the_fields_of_requests(

@@ -82,7 +82,9 @@ def _in_a_hurry(request: PlanRequest) -> None:
 
 
 CASES = {
-    Status.COLLISION: Case(("goal lies", "inside obstacle clamp"), _target_inside),
+    Status.COLLISION: Case(
+        ("goal.pose.pose.position lies", "inside obstacle clamp"), _target_inside
+    ),
     Status.START_SINGULAR: Case(("joints.position", "singular value"), _stretched),
     Status.SINGULAR: Case(("dynamic singularity at t =",), _out_of_reach_but_for_a_bound),
     Status.CHECK_FAILED: Case(

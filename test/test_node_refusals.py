@@ -330,7 +330,9 @@ CASES = {
         _in_a_hurry,
     ),
     "a goal ten metres away": Case(
-        Status.GOAL_OUT_OF_REACH, ("target",), _set("goal.pose.pose.position.x", 10.0)
+        Status.GOAL_OUT_OF_REACH,
+        ("goal.pose.pose.position is",),
+        _set("goal.pose.pose.position.x", 10.0),
     ),
     "a goal of a kind that nobody knows": Case(
         Status.OUT_OF_RANGE, ("goal.kind is 4", "POSE (0), CAPTURE (1)"), _set("goal.kind", 4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import threading
 from array import array
 from collections.abc import Iterator
 from typing import Any
@@ -14,7 +15,7 @@ import yaml
 from rcl_interfaces.msg import ParameterType, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from ros_processes import private_domain
+from ros_processes import DEADLINE, private_domain
 
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput
@@ -22,6 +23,7 @@ from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_valu
 from ff_planner_ros.parameters.values import FORMER_NAMES
 from ff_planner_ros.planning.problem import limits
 from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW_NOT_ZERO
+from ff_planner_ros.ros import parameters as module
 from ff_planner_ros.ros.parameters import (
     _AT_START,
     _WHILE_CONFIGURED,
@@ -350,6 +352,31 @@ def test_no_joint_is_given_more_acceleration_while_the_node_is_configured() -> N
     (none,) = node.set_parameters([Parameter("limits.acceleration", value=[-0.1])])
     assert not none.successful
     assert "limits.acceleration[0] is -0.1: it must be greater than 0" in none.reason
+
+
+def test_two_threads_that_set_parameters_at_once_lose_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The controller's own parameters are taken over in another thread than a client's."""
+    live, within, other_is_through = LiveParameters(_node()), threading.Event(), threading.Event()
+    change = module.changed
+
+    def slow(parameters: NodeParameters, changes: list[Parameter]) -> NodeParameters:
+        found = change(parameters, changes)
+        if changes[0].name == "points":
+            within.set()
+            other_is_through.wait(0.5)  # it comes to its end only if nothing keeps it out
+        return found
+
+    def other() -> None:
+        within.wait(DEADLINE)
+        live._take([Parameter("state_max_age", value=2.0)])
+        other_is_through.set()
+
+    monkeypatch.setattr(module, "changed", slow)
+    thread = threading.Thread(target=other)
+    thread.start()
+    live._take([Parameter("points", value=20)])
+    thread.join(DEADLINE)
+    assert (live.current.points, live.current.state_max_age) == (20, 2.0)
 
 
 def test_several_changes_at_once_are_refused_if_one_loosens() -> None:

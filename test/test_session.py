@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -97,6 +99,36 @@ class Configured:
 @pytest.fixture
 def configured(lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch) -> Configured:
     return Configured(lemur_capture, monkeypatch)
+
+
+def test_a_question_for_the_description_is_answered_as_soon_as_it_can_be_asked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The executor runs while the node is configured."""
+    asked = list[bool]()
+
+    def described(_node: Any, _robot: Any, _parameters: Any, is_active: Any) -> Any:
+        asked.append(is_active())
+        return nullcontext()
+
+    for name in ("ClockWatch", "PlanOutput", "PlanningService", "ControllerSettings", "Listener"):
+        monkeypatch.setattr(session, name, Mock())
+    for name in ("recording", "recording_services"):
+        monkeypatch.setattr(session, name, lambda *_: nullcontext(Mock()))
+    monkeypatch.setattr(session, "description_service", described)
+    session.PlanningService.return_value.is_active = False
+    monkeypatch.chdir(tmp_path)
+    Session(Mock(), Mock(current=PARAMETERS), Mock())
+    assert asked == [False]
+
+
+@pytest.mark.parametrize("listens", [True, False])
+def test_its_own_recorder_is_no_viewer_and_one_that_hears_nothing_is_none(
+    configured: Configured, listens: bool
+) -> None:
+    vars(configured.session)["_recorder"].listens = listens
+    configured.diagnosed()
+    configured.output.preview.look_for_viewers.assert_called_once_with(1 if listens else 0)
 
 
 def test_what_was_not_received_yet_has_no_age(configured: Configured) -> None:

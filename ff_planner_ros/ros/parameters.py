@@ -66,7 +66,7 @@ class LiveParameters:
         """
         self.current = _declared(node)
         self.configured = False  # whether a robot is loaded, by what the parameters are now
-        self._node = node
+        self._node, self._lock = node, threading.Lock()
         # The thread that takes over what the controller says; None: nobody does
         self._learner: int | None = None
         node.add_on_set_parameters_callback(self._judge)
@@ -125,7 +125,8 @@ class LiveParameters:
             raise InvalidInput(Status.OUT_OF_RANGE, name, _shown(value), allowed)
 
     def _take(self, changes: list[Parameter]) -> None:
-        self.current = changed(self.current, changes)
+        with self._lock:  # two threads may set parameters at once
+            self.current = changed(self.current, changes)
 
 
 def stricter_since(then: NodeParameters, now: NodeParameters) -> list[str]:

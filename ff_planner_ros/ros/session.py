@@ -43,8 +43,6 @@ from ff_planner_ros.ros.requests.worker import Worker
 
 # Longest wait for the answer to a request that was given up [s].
 _LAST_ANSWER = 2.0
-# Of what the node publishes, its own recorder hears everything.
-_RECORDERS = 1
 
 
 class Session:
@@ -88,11 +86,6 @@ class Session:
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
             stack.enter_context(recording_services(node, self._recorder))
-            stack.enter_context(
-                description_service(
-                    node, robot, lambda: parameters.current, lambda: self._service.is_active
-                )
-            )
             self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
             # Nobody learns more from a preview by reading it twice.
             preview = node.resolve_topic_name("planned_joint_states")
@@ -113,6 +106,8 @@ class Session:
                     )
                 )
             )
+            described = robot, lambda: parameters.current, lambda: self._service.is_active
+            stack.enter_context(description_service(node, *described))
             self._controller = stack.enter_context(
                 closing(
                     ControllerSettings(node, now.controller, robot.joint_names, parameters.learn)
@@ -229,7 +224,7 @@ class Session:
             return None
 
     def _diagnose(self) -> None:
-        self._output.preview.look_for_viewers(_RECORDERS)
+        self._output.preview.look_for_viewers(1 if self._recorder.listens else 0)
         self._service.look()
         self._controller.look()
         now, clock = self._parameters.current, self._node.get_clock().now()

@@ -121,6 +121,7 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: A
     joint and the centre of mass.
     """
     robot, target = problem.robot, problem.target.position
+    key = "target.position" if problem.target_body is None else "target_body.grasp.position"
     contact = tool_contact(problem)
     if contact is not None:
         raise NoPlanFound(
@@ -137,7 +138,7 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: A
         if depth >= 0.0:
             raise NoPlanFound(
                 Status.COLLISION,
-                f"target.position lies {depth:.4f} m inside obstacle {sphere.id}: at the goal the "
+                f"{key} lies {depth:.4f} m inside obstacle {sphere.id}: at the goal the "
                 "arm cannot be outside it",
             )
     data = robot.model.createData()
@@ -148,7 +149,7 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: A
     if distance > reach:
         raise NoPlanFound(
             Status.GOAL_OUT_OF_REACH,
-            f"target.position is {distance:.3f} m from where the system's centre of mass will be "
+            f"{key} is {distance:.3f} m from where the system's centre of mass will be "
             f"at t = {problem.duration:g} s; the arm reaches at most {reach:.3f} m; choose a "
             "nearer goal or another duration",
         )

@@ -17,11 +17,11 @@ from ff_planner_ros.errors import (
     Retry,
     Status,
 )
+from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 
-# Fields of a request by the keys of a scenario that a refusal may name. The goal has no pose of its
-# own in every request: a body that is captured has.
-_FIELDS = names_in(PlanningProblem) | {"target.position": "goal", "target.quaternion_xyzw": "goal"}
+# Fields of a request by the keys of a scenario, which refusals of the planner name.
+_FIELDS = names_in(PlanningProblem) | NAMED_AS
 _KEYS = re.compile(
     rf"(?<![\w.])({'|'.join(re.escape(key) for key in _FIELDS if '.' in key)})(?![\w.]\w)"
 )

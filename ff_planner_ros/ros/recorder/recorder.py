@@ -102,6 +102,11 @@ class Recorder:
             failure=self._failure,
         )
 
+    @property
+    def listens(self) -> bool:
+        """Whether it hears its topics; not if the bag could not be opened."""
+        return bool(self._queues)
+
     def leave_out(self, topic: str, is_unwanted: Callable[[int], bool]) -> None:
         """Leave out a topic's messages if `is_unwanted` is true for their time of arrival [ns]."""
         self._unwanted[topic] = is_unwanted
