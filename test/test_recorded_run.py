@@ -400,6 +400,30 @@ def test_a_locked_joint_that_was_measured_elsewhere_is_refused_by_a_replay_too(
         assert replay(request).verdict is Verdict.IDENTICAL
 
 
+@pytest.mark.parametrize(("since", "before"), [(0.5, ["run.2", "run.1"]), (1.5, ["run.2"])])
+def test_plans_that_were_published_for_later_are_known_with_those_followed_until_then(
+    world: World, lemur_plan: Plan, since: float, before: list[str]
+) -> None:
+    """One runs, the second begins a second later and the third two seconds later."""
+    for number in (1, 2, 3):
+        answer = answer_of(lemur_plan, f"run.{number}", START + (number - 1) * NANOSECONDS)
+        Provenance(START, previous_plan_id=f"run.{number - 1}" if number > 1 else "").tell(answer)
+        world.ask(START + number, answer)
+    asked_ns = START + round(since * NANOSECONDS)
+    answer = answer_of(lemur_plan, "run.4", START + 4 * NANOSECONDS)
+    Provenance(asked_ns, previous_plan_id="run.3").tell(answer)
+    world.ask(asked_ns, answer)
+    inputs = world.run().requests[-1].inputs
+    assert inputs is not None
+    plan = inputs.published
+    assert plan is not None
+    found = [plan.plan_id]
+    while plan.before is not None:
+        plan = plan.before
+        found.append(plan.plan_id)
+    assert found[: len(before) + 1] == ["run.3", *before]
+
+
 def test_inputs_are_found_whatever_their_topics_are_called(
     world: World, lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:

@@ -22,14 +22,19 @@ def not_taken(arguments: Sequence[str], node: str) -> Iterator[str]:
     Args:
         node: Its full name.
     """
-    how = f"nothing of it was taken: for this node it must say {node.rpartition('/')[2]}, or /**"
     for option, value in _given(arguments):
         if option == _FILE:
             names = list(_nodes_in(Path(value)))
             if names and not any(_is_for(name, node) for name in names):
-                yield f"{value} has parameters of {', '.join(names)} and none of {node}: {how}"
+                yield (
+                    f"{value} has parameters of {', '.join(names)} and none of {node}: nothing of "
+                    f"it was taken; for this node it must say {node}, or /**"
+                )
         elif (of := re.match(r"([^:=]+):[^:=]+:=", value)) and not _is_for(of[1], node):
-            yield f"{option} {value} is a parameter of {of[1]} and not of {node}: {how}"
+            yield (
+                f"{option} {value} is a parameter of {of[1]} and not of {node}: it was not taken; "
+                f"for this node leave out {of[1]}:"
+            )
 
 
 def _given(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
