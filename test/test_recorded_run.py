@@ -23,6 +23,7 @@ from std_msgs.msg import Header
 from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import NANOSECONDS
@@ -271,6 +272,27 @@ def test_of_several_messages_with_the_stamp_the_last_before_the_request_counts(
     world.ask(START + 20, answer).scene = []
     (request,) = world.run().requests
     assert request.read_request().task.problem.obstacles[0].radius == 0.2
+
+
+@pytest.mark.parametrize("stamp_ns", [START, 0])
+def test_a_plan_is_shown_among_the_obstacles_that_its_planner_had_heard(
+    world: World, lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path, stamp_ns: int
+) -> None:
+    """Of one stamp are what came before and after the request, and what another planner heard."""
+    scene = Scene(lemur_capture)
+    heard = ((10, 0.1, ""), (20, 0.2, ""), (25, 0.3, "/other"), (35, 0.4, ""), (40, 0.5, "/other"))
+    for after_ns, radius, namespace in heard:
+        obstacles = scene.obstacles()
+        obstacles.header.stamp = time_message(stamp_ns)
+        obstacles.spheres[0].radius = radius
+        topic, at_ns = f"{namespace}/obstacles", START + after_ns
+        world.put(topic, "ff_planner_msgs/msg/ObstacleSphereArray", obstacles, at_ns)
+    answer = answer_of(lemur_plan, start_ns=START + 30)
+    Provenance(START + 30, START + 30, "start_state", obstacles_stamp_ns=stamp_ns).tell(answer)
+    world.ask(START + 30, answer).scene = []
+    world.run()
+    (shown,) = robot_plans(tmp_path / "bag").scenes.values()
+    assert shown.obstacles[0].radius == 0.2
 
 
 def test_obstacles_that_the_recorder_heard_after_the_node_are_those_of_the_request(

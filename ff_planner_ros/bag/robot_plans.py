@@ -14,9 +14,9 @@ from ff_planner_ros.bag.plans import RecordedPlan, recorded_plan
 from ff_planner_ros.bag.reader import Message, open_bag
 from ff_planner_ros.bag.scenes import (
     AskedScene,
+    ReceivedScenes,
     Stamps,
     asked_scene,
-    received_scenes,
     scene_at_start,
     stamps_of,
 )
@@ -75,7 +75,7 @@ def robot_plans(bag: Path) -> RobotPlans:
     """
     with open_bag(bag) as opened:
         found = exchanges(opened, _asked, _answer)
-        received = received_scenes(opened)
+        received = ReceivedScenes(opened)
         attachments, notes = opened.attachments, opened.notes
     answers = [one.response[0] for one in found if one.response is not None]
     motions = {one.plan_id: one.trajectory for one in answers if one.trajectory is not None}
@@ -93,7 +93,7 @@ def robot_plans(bag: Path) -> RobotPlans:
             None if exchange.request is None else exchange.request[0],
             exchange.response[1],
             exchange.response[0].start_ns,
-            received,
+            received.at(exchange.response[1], exchange.namespace, exchange.logged_ns),
         )
         for exchange in found
         if exchange.response is not None

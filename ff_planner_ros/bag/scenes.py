@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -26,6 +27,12 @@ from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
 _OBSTACLES = "ff_planner_msgs/msg/ObstacleSphereArray"
 _OBSTACLE_BODIES = "ff_planner_msgs/msg/ObstacleArray"
 _TARGET_BODY = "ff_planner_msgs/msg/TargetBody"
+# The planner's topic of each type
+_NAMES = {
+    _OBSTACLES: "obstacles",
+    _TARGET_BODY: "target_body",
+    _OBSTACLE_BODIES: "obstacle_bodies",
+}
 
 Obstacles = tuple[Obstacle, ...]
 
@@ -136,24 +143,59 @@ def scene_at_start(
     return replace(told.scene, obstacles=obstacles, target_body=body, capture_time=captured)
 
 
-def received_scenes(bag: Bag) -> Received:
-    """Return the obstacles and target bodies that were received.
+class ReceivedScenes:
+    """The obstacles and target bodies in a bag."""
 
-    Raises:
-        BagError: The disk fails.
-    """
-    obstacles: dict[str, dict[int, Obstacles | None]] = {_OBSTACLES: {}, _OBSTACLE_BODIES: {}}
-    bodies: dict[int, TargetBody | None] = {}
-    for message, scene in bag.decoded(_OBSTACLES, _OBSTACLE_BODIES, _TARGET_BODY):
-        try:
-            stamp_ns = nanoseconds(scene.header.stamp)
-            if message.type_name == _TARGET_BODY:
-                bodies[stamp_ns] = _body_in(scene)
-            else:
-                obstacles[message.type_name][stamp_ns] = obstacles_in(scene)
-        except AttributeError as error:
-            bag.note(f"what is around, on {message.topic}, cannot be understood: {error}")
-    return Received(obstacles[_OBSTACLES], bodies, obstacles[_OBSTACLE_BODIES])
+    def __init__(self, bag: Bag) -> None:
+        """Read them.
+
+        Raises:
+            BagError: The disk fails.
+        """
+        # By type and stamp, in the order of recording: topic, log time, content
+        self._found: dict[tuple[str, int], list[tuple[str, int, Any]]] = defaultdict(list)
+        self._topics = {(one.type_name, name) for name, one in bag.topics.items()}
+        for message, scene in bag.decoded(*_NAMES):
+            try:
+                read = _body_in if message.type_name == _TARGET_BODY else obstacles_in
+                at = message.type_name, nanoseconds(scene.header.stamp)
+                self._found[at].append((message.topic, message.log_time_ns, read(scene)))
+            except AttributeError as error:
+                bag.note(f"what is around, on {message.topic}, cannot be understood: {error}")
+
+    def at(self, stamps: Stamps, namespace: str, asked_ns: int) -> Received:
+        """Return what a planner had of these stamps when it was asked.
+
+        Args:
+            namespace: Namespace of the planner, without a trailing slash.
+            asked_ns: When the request was recorded [ns].
+        """
+        of_type = {
+            _OBSTACLES: stamps.obstacles_ns,
+            _TARGET_BODY: stamps.target_body_ns,
+            _OBSTACLE_BODIES: stamps.bodies_ns,
+        }
+        kept = {
+            kind: {stamp_ns: same[-1]}
+            for kind, stamp_ns in of_type.items()
+            if (same := self._of(kind, stamp_ns, namespace, asked_ns))
+        }
+        return Received(*(kept.get(kind, {}) for kind in of_type))
+
+    def _of(self, kind: str, stamp_ns: int, namespace: str, asked_ns: int) -> list[Any]:
+        """Return messages of a stamp up to the request, or else the first one after it."""
+        own = f"{namespace}/{_NAMES[kind]}"
+        is_named = (kind, own) in self._topics
+        same = [
+            (log_ns, content)
+            for topic, log_ns, content in self._found.get((kind, stamp_ns), ())
+            if topic == own or not is_named
+        ]
+        before = [content for log_ns, content in same if log_ns <= asked_ns]
+        # A recorder may hear a message a little later than the node; without a stamp there may have
+        # been no bodies.
+        late = [] if kind == _OBSTACLE_BODIES and not stamp_ns else [one for _, one in same[:1]]
+        return before or late
 
 
 def obstacles_in(scene: Any) -> Obstacles | None:

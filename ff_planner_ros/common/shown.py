@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 from array import array
 from dataclasses import MISSING, fields
@@ -12,6 +13,11 @@ from typing import Any
 LONGEST_VALUE = 300
 _FIRST = 12  # entries of a list that are shown
 _MOST_BITS = 10_000  # of a whole number that is written out; Python itself refuses 14,000
+
+
+# Between such characters are names, numbers and files: half of one would be taken for another.
+_BREAK = re.compile(r"[\s,;/]")
+_LONGEST_WORD = 60  # [characters]; what is longer is cut all the same
 
 
 class _Short(reprlib.Repr):
@@ -55,15 +61,20 @@ def quoted(value: object) -> str:
 
 
 def shortened(text: str, longest: int) -> str:
-    """Return a text, or its beginning and end and how long it is: a path ends with its file."""
-    if len(text) <= longest:
-        return text
-    return f"{_both_ends(text, longest)} ({len(text)} characters)"
+    """Return a text without its middle, and how long it was, if it is too long.
+
+    A path ends with the name of a file, and a message with what is allowed.
+    """
+    return text if len(text) <= longest else f"{_ends(text, longest)} ({len(text)} characters)"
 
 
-def _both_ends(text: str, longest: int) -> str:
+def _ends(text: str, longest: int) -> str:
+    """Return the beginning and the end of a text, each of whole words."""
     end = longest // 2
-    return f"{text[: longest - end]}...{text[-end:]}"
+    head, tail = text[: longest - end], text[len(text) - end :]
+    breaks = [found.start() for found in _BREAK.finditer(head, max(len(head) - _LONGEST_WORD, 1))]
+    first = _BREAK.search(tail, 0, _LONGEST_WORD)
+    return f"{head[: breaks[-1]] if breaks else head}...{tail[first.start() :] if first else tail}"
 
 
 def in_a_line(value: Any) -> str:
@@ -116,8 +127,8 @@ def in_log(text: str) -> str:
 
 
 def printable(text: str, longest: int) -> str:
-    """Return a text, or its beginning and end, on one line and without control characters."""
-    kept = text if len(text) <= longest else _both_ends(text, longest)
+    """Return a text on one line, without control characters; if too long, without its middle."""
+    kept = text if len(text) <= longest else _ends(text, longest)
     if kept.isprintable():
         return kept
     return "".join(character if character.isprintable() else "?" for character in kept)

@@ -13,6 +13,7 @@ from ff_planner_msgs.msg import PlanAnswer
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.provenance import provenance
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.common.shown import printable
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.task.task import perform
@@ -218,7 +219,7 @@ def _row(one: Replayed) -> tuple[str, ...]:
         worst = max(one.differences, key=lambda found: found.tolerances)
         words += f": {worst}"
     elif one.words:
-        words += f": {one.words[:_WIDTH]}{'...' if len(one.words) > _WIDTH else ''}"
+        words += f": {printable(one.words, _WIDTH)}"
     return recorded.name, recorded.door, status_name(response), now, words
 
 
