@@ -24,6 +24,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion import wheel_motion
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
@@ -593,6 +594,21 @@ def test_what_is_certain_of_wheels_is_above_all_that_they_ever_hold_and_give(
             certain = certain_peaks(robot, FOUR, motion, peaks, part * found)
             assert (certain >= truth * (1.0 - 1e-12)).all(), (seed, part)
             assert (certain <= np.maximum(part, 1.001) * found).all(), (seed, part)
+
+
+@pytest.mark.parametrize("most", [0, 300])
+def test_what_is_certain_of_wheels_ends_above_all_loads_however_long_it_would_take(
+    most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = held_robot("six joints", FOUR)
+    motion, start = driven(robot, 0), in_own_frame(held_problem("six joints", FOUR)).start
+    peaks = wheel_peaks(robot, FOUR, start, motion)
+    found = np.abs(np.concatenate([peaks.momenta.values, peaks.torques.values]))
+    close = certain_peaks(robot, FOUR, motion, peaks, found)
+    monkeypatch.setattr(wheel_motion, "_MOST_PIECES", most)
+    certain = certain_peaks(robot, FOUR, motion, peaks, found)
+    assert (certain >= found).all()
+    assert (certain > close).any()
 
 
 @pytest.mark.parametrize("part", [0.8, 1.2])
