@@ -290,3 +290,22 @@ def test_a_joint_that_slides_may_be_off_by_its_weight(running: PublishedPlan) ->
     continued_plan(running, off, start_ns, ALLOWED)
     with pytest.raises(InvalidInput, match="a joint by"):
         continued_plan(running, off, start_ns, ALLOWED, np.append(3.0, np.ones(6)))
+
+
+@SIGNS
+def test_a_plan_goes_on_from_the_turn_that_a_continuous_joint_is_measured_in(
+    running: PublishedPlan, sign: float
+) -> None:
+    """Its encoder may wrap where the plan goes on; a joint with limits is off the plan then."""
+    turn = sign * 2.0 * np.pi * np.eye(7)[0]
+    measured = snapshot(running).state.joint_positions + turn
+    off, start_ns = snapshot(running, joint_positions=measured), NOW + NANOSECONDS
+    with pytest.raises(InvalidInput, match=r"a joint by 6\.28 rad"):
+        continued_plan(running, off, start_ns, ALLOWED)
+    found = continued_plan(running, off, start_ns, ALLOWED, 1.0, (True, *6 * [False]))
+    (planned,), _, _ = found.motion.at(np.zeros(1))
+    np.testing.assert_allclose(planned, measured, rtol=0.0, atol=ALLOWED.max_joint_position)
+    plain = continued_plan(running, snapshot(running), start_ns, ALLOWED)
+    np.testing.assert_allclose(
+        found.motion.positions - turn, plain.motion.positions, rtol=0.0, atol=1e-12
+    )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from math import comb
 
@@ -13,6 +14,7 @@ from ff_planner_ros.common.declared import declare
 from ff_planner_ros.common.forms import ROWS, a_vector
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.robot.configuration import without_turns
 
 # Accuracy of extremes [rad, rad/s, rad/s2]: far below that of any limit.
 _EXACT = 1e-9
@@ -122,6 +124,21 @@ class JointMotion:
         positions = np.array([*first, *last])
         rates = np.diff(positions, axis=0) * (5 / step)
         return positions, rates, np.diff(rates, axis=0) * (4 / step)
+
+
+def in_turns_of(
+    positions: Array, motion: JointMotion, continuous: Sequence[bool] | bool
+) -> JointMotion:
+    """Return a motion whose continuous joints are in the turns that they have counted.
+
+    Args:
+        positions: At time zero, or where the joints are before the motion begins. Shape (joints,).
+        continuous: Which joints are.
+    """
+    (planned,), _, _ = motion.at(np.maximum(motion.time[:1], 0.0))
+    off = positions - planned
+    turns = off - without_turns(off, continuous)
+    return replace(motion, positions=motion.positions + turns) if turns.any() else motion
 
 
 def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:

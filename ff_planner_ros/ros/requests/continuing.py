@@ -11,7 +11,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.published_plans import ReplanningParameters
-from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.joint_motion import JointMotion, in_turns_of
 from ff_planner_ros.robot.configuration import without_turns
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
@@ -73,8 +73,9 @@ def continued_plan(
             f"than replanning.min_remainder, {allowed.min_remainder:g} s, is not planned again"
         )
         raise InvalidInput(Status.PLAN_ENDING, _FIELD, True, words)
-    motion = motion_on(_plans(published, measured.stamp_ns, start_ns + 1), measured.stamp_ns)
-    off = list(_off(running, motion, measured, allowed, weights, continuous))
+    plans = _plans(published, measured.stamp_ns, start_ns + 1)
+    motion = motion_on(plans, measured, continuous)
+    off = list(_off(running, motion, measured, allowed, weights))
     if off:
         words = f"the system is not where {running.plan_id} says: {'; '.join(off)}"
         raise InvalidInput(Status.STATE_MOVED, _FIELD, True, f"{words}; ask for a plan of its own")
@@ -113,8 +114,14 @@ def _plans(published: PublishedPlan, since_ns: int, until_ns: int) -> list[Publi
     return found[::-1]
 
 
-def motion_on(plans: Sequence[PublishedPlan], since_ns: int) -> JointMotion:
-    """Return the joint motion on plans that follow each other, its time counted from since_ns."""
+def motion_on(
+    plans: Sequence[PublishedPlan], measured: Snapshot, continuous: Sequence[bool] | bool
+) -> JointMotion:
+    """Return the joint motion on plans that follow each other, its time counted from a state.
+
+    Continuous joints go on from the turn in which they are measured.
+    """
+    since_ns = measured.stamp_ns
     motion = plans[0].motion(since_ns)
     for plan in plans[1:]:
         then = plan.motion(since_ns)
@@ -125,7 +132,7 @@ def motion_on(plans: Sequence[PublishedPlan], since_ns: int) -> JointMotion:
                 for name in (item.name for item in fields(JointMotion))
             }
         )
-    return motion
+    return in_turns_of(measured.state.joint_positions, motion, continuous)
 
 
 def _off(
@@ -134,12 +141,10 @@ def _off(
     measured: Snapshot,
     allowed: ReplanningParameters,
     weights: Array | float,
-    continuous: Sequence[bool] | bool,
 ) -> Iterator[str]:
     """Yield a phrase for each deviation from the plan that is larger than allowed."""
     (planned,), _, _ = motion.at(np.zeros(1))
-    aside = without_turns(measured.state.joint_positions - planned, continuous)
-    joints = float(np.abs(weights * aside).max())
+    joints = float(np.abs(weights * (measured.state.joint_positions - planned)).max())
     chaser = tracking_error(running.trajectory, running.start_ns, measured.state, measured.stamp_ns)
     found = [("a joint", "max_joint_position", joints, "rad")]
     if chaser is not None:

@@ -193,7 +193,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
         ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
         running = None if continued is None else continued.motion
         if continued is None and (followed := knowledge.followed(measured, start_ns)):
-            running = motion_on(followed, measured.stamp_ns)
+            running = motion_on(followed, measured, knowledge.robot.continuous)
             provenance = replace(provenance, previous_plan_id=followed[-1].plan_id)
         task = PlanningTask(
             problem=problem,

@@ -147,7 +147,8 @@ def start_differences(
     """
     measured = measured_state(own, knowledge)
     followed = knowledge.followed(measured, made.start_ns)
-    running = motion_on(followed, measured.stamp_ns) if followed else None
+    continuous = knowledge.robot.continuous
+    running = motion_on(followed, measured, continuous) if followed else None
     # A state may be stamped ahead of now by state_future_tolerance, and so be later than the start
     # of a plan that begins at once.
     ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
