@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -88,11 +89,11 @@ def _welded(text: str, numbers: tuple[int, ...]) -> str:
     return text
 
 
-def _with_a_light_chaser(text: str) -> str:
+def _with_a_light_chaser(text: str, mass: str = "0.1") -> str:
     root = ElementTree.fromstring(text)
     inertial = root.find("link[@name='chaser']/inertial")
     assert inertial is not None
-    for part, values in (("mass", {"value": "0.1"}), ("inertia", dict.fromkeys(MOMENTS, "1e-5"))):
+    for part, values in (("mass", {"value": mass}), ("inertia", dict.fromkeys(MOMENTS, "1e-5"))):
         element = inertial.find(part)
         assert element is not None
         element.attrib.update(values)
@@ -112,12 +113,12 @@ def _narrow(text: str) -> str:
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
-        (_with_a_light_chaser, "the chaser, 0.1 kg, is too light for the arm"),
+        (_with_a_light_chaser, "the chaser, 0.1 kg and 1e-05 kg m2, is too light for the arm"),
         (_narrow, "the joints' position limits are too narrow"),
         (lambda text: _welded(text, (1,)), "as its axes lie"),
         (
             lambda text: _narrow(_with_a_light_chaser(text)),
-            "narrow and the chaser, 0.1 kg, is light",
+            "narrow and the chaser, 0.1 kg and 1e-05 kg m2, is light",
         ),
     ],
 )
@@ -134,3 +135,14 @@ def test_an_arm_that_meets_too_few_conditions_is_told_which_of_axes_limits_and_m
     assert steered(other, target) < 6
     assert cause in why_not_steered(other, target)
     assert f"no more than {steered(other, target)} of them" in why_not_steered(other, target)
+
+
+def test_a_heavy_chaser_that_turns_away_is_not_called_light() -> None:
+    """It is its moments of inertia alone: wheels that held its attitude would leave the arm all."""
+    six = _welded(of_lines(LEMUR_URDF), (5,))
+    heavy = robot_from_urdf_text(_with_a_light_chaser(six, "5000"), "chaser", "end_effector")
+    target = Target(np.zeros(3), [0.0, 0.0, 0.0, 1.0])
+    assert steered(heavy, target) == 5
+    assert steered(replace(heavy, base=Base.ATTITUDE_HELD), target) == 6
+    why = why_not_steered(heavy, target)
+    assert "the chaser, 5000 kg and 1e-05 kg m2, turns away under the arm, 25.9 kg" in why

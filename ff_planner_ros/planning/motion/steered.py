@@ -12,7 +12,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.configuration import turns_of
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import arm_jacobian, generalised_jacobian
 
 # Postures that are tested: one of them is regular, if any is.
@@ -45,13 +45,18 @@ def why_not_steered(robot: Robot, target: Target) -> str:
     lower = np.where(turns, -np.pi, robot.lower_position_limits)
     upper = np.where(turns, np.pi, robot.upper_position_limits)
     anywhere = replace(robot, lower_position_limits=lower, upper_position_limits=upper)
-    chaser, *links = (link.mass for link in robot.model.inertias[1:])
+    first, *links = robot.model.inertias[1:]
+    least, arm = np.linalg.eigvalsh(first.inertia)[0], sum(link.mass for link in links)
+    chaser = f"the chaser, {first.mass:g} kg and {least:.4g} kg m2"
     if steered(robot, target, chaser_moves=False) > met:
-        why = f"the chaser, {chaser:g} kg, is too light for the arm, {sum(links):.4g} kg: {alone}"
+        held = replace(robot, base=Base.ATTITUDE_HELD)
+        turns_away = robot.base is Base.FREE_FLYER and steered(held, target) > met
+        light = "turns away under" if turns_away and first.mass > arm else "is too light for"
+        why = f"{chaser}, {light} the arm, {arm:.4g} kg: {alone}"
     elif steered(anywhere, target) > met:
         why = "the joints' position limits are too narrow: beyond them the arm could meet more"
     elif steered(anywhere, target, chaser_moves=False) > met:
-        why = f"the joints' position limits are narrow and the chaser, {chaser:g} kg, is light"
+        why = f"the joints' position limits are narrow and {chaser}, is light"
     else:
         return f"and as its axes lie the arm meets no more than {met} of them at once"
     return f"and the arm meets no more than {met} of them at once, for {why}"
