@@ -5,6 +5,7 @@ Laws are held against a body that is integrated here, by Euler's equations, from
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +17,8 @@ from recorded_requests import only_request
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.analysis.plan_document import phases_of, planned_scene
+from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.cli import main
@@ -361,6 +364,29 @@ def test_its_bag_tells_when_each_phase_begins_and_where_the_body_is(
         np.testing.assert_allclose(
             told.target_body["angular_velocities"][row], there.twist[3:], atol=1e-8
         )
+
+
+def test_its_json_has_each_phase_where_it_is_by_then(
+    task: PlanningTask, plan: Plan, body: TargetBody, captor: int, begins: Array
+) -> None:
+    written = json.loads(json.dumps(plan_dictionary(plan, task, 1.0)))
+    assert written["time"][-1] == written["duration"] == pytest.approx(begins[-1])
+    for number, (_, one) in enumerate(phases_of(written, "plan")):
+        scene, motion = planned_scene(one), plan.phases[number].trajectory
+        assert scene is not None
+        require_moved(tuple(scene.obstacles), begins[number])
+        assert scene.capture_time == pytest.approx(np.diff(begins)[number])
+        np.testing.assert_array_equal(one["time"], motion.time)
+        if number == captor:
+            require_body(scene.target_body, tumbled(body, begins[number]))
+            for row in (0, 7, -1):
+                there = tumbled(body, begins[number] + motion.time[row])
+                place = one["target_body"]["positions"][row]
+                np.testing.assert_allclose(place, there.position, atol=1e-6)
+                rates = one["target_body"]["angular_velocities"][row]
+                np.testing.assert_allclose(rates, there.twist[3:], atol=1e-8)
+        else:
+            assert scene.target_body is None
 
 
 def test_the_whole_is_told_with_the_capture_when_it_comes(
