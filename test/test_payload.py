@@ -274,6 +274,7 @@ def test_a_robot_that_takes_a_payload_is_in_all_else_what_it_was(case: str) -> N
     bare = robot_from_urdf_text(urdf, "bus", "tool", **given)
     took = with_payload(bare, Payload("tool", 3.0, np.diag([1.0, 2.0, 2.5])))
     assert took.slide_weight == bare.slide_weight
+    assert took.notes == (*bare.notes, "link tool holds a payload of 3 kg")
     for name in {item.name for item in fields(Robot)} - OF_PAYLOAD - OF_SHAPES:
         before, after = getattr(bare, name), getattr(took, name)
         if name == "wheels":
