@@ -12,7 +12,9 @@ from scipy.special import ellipj
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere, attached
+from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
+from ff_planner_ros.robot.collision.solids import Solid
 
 DEG = np.pi / 180.0
 ASYMMETRIC = np.array([1.0, 1.7, 2.3])
@@ -300,3 +302,24 @@ def test_a_body_that_hardly_turns_is_foretold_at_once_however_far(rate: float) -
     )
     expected = Rotation.from_rotvec([0.0, 1e100 * rate, 0.0])
     assert (turned * expected.inv()).magnitude() == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("time", [0.7, 12.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_fixed_to_it_goes_on_as_what_is_fixed_to_it_later(seed: int, time: float) -> None:
+    """Place, attitude and twist of each obstacle, by themselves and by the body."""
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(rng=rng).as_quat()
+    box = AttachedBody("box", Solid("box", np.array([0.1, 0.2, 0.3])), rng.normal(size=3), turn)
+    ball = AttachedSphere("ball", [2.0, 0.3, -0.4], 0.1)
+    tumbling = replace(drawn_body(rng), obstacles=(box, ball))
+    for now, later in zip(attached(tumbling), attached(tumbling.after(time)), strict=True):
+        found = now.after(time)
+        assert found.velocity == pytest.approx(later.velocity, abs=1e-9)
+        if isinstance(found, ObstacleBody) and isinstance(later, ObstacleBody):
+            assert found.position == pytest.approx(later.position, abs=1e-9)
+            assert found.angular_velocity == pytest.approx(later.angular_velocity, abs=1e-9)
+            turned = (Rotation.from_quat(one.quaternion_xyzw) for one in (found, later))
+            assert (next(turned).inv() * next(turned)).magnitude() < 1e-9
+        elif isinstance(found, Sphere) and isinstance(later, Sphere):
+            assert found.center == pytest.approx(later.center, abs=1e-9)
