@@ -325,3 +325,15 @@ def test_a_method_that_misses_one_case_of_many_does_not_solve_all() -> None:
         for k in range(1000)
     ]
     assert "999 of 1000 cases are solved (99%)" in _verdict(Group("optimal", rows))
+
+
+@pytest.mark.parametrize("content", ["null", "# nothing", "[1, 2]", "text"])
+def test_a_map_of_a_file_that_holds_no_scenario_is_refused(
+    content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "none.yaml").write_text(content)
+    words = ["map", str(tmp_path / "none.yaml"), "--over", "grasp_time,approach"]
+    assert main([*words, "--out", str(tmp_path / "map")]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("ff-planner: file is ")
+    assert told.endswith(": it must hold a scenario\n")

@@ -146,7 +146,7 @@ def _list(field: str, value: object) -> list[Any]:
     return found
 
 
-def grid_over(over: str, scenario: dict[str, Any]) -> dict[str, Any]:
+def grid_over(over: str, scenario: object) -> dict[str, Any]:
     """Return the grid of a map, as a study file has it.
 
     Args:
@@ -154,8 +154,11 @@ def grid_over(over: str, scenario: dict[str, Any]) -> dict[str, Any]:
         scenario: The scenario, as in YAML.
 
     Raises:
-        InvalidInput: A quantity has no range, or there are too few, too many or equal ones.
+        InvalidInput: A quantity has no range, or there are too few, too many or equal ones; or the
+            scenario is none.
     """
+    if not isinstance(scenario, dict):
+        raise InvalidInput(Status.OUT_OF_RANGE, "file", scenario, "it must hold a scenario")
     given = [one.strip() for one in over.split(",")]
     if not _FEWEST <= len(given) <= _MOST:
         allowed = "it must be two or three quantities, such as grasp_time,approach"
