@@ -41,7 +41,12 @@ Gap gap_inside(const Solid& first, const Pose& at, const Solid& second, const Po
     const Vector3 on_first = at * first.support(at.rotation.transpose() * direction);
     return {on_first - there * second.support(there.rotation.transpose() * -direction), on_first};
   };
-  const Penetration found = GrowingPolytope(furthest).penetration();
+  // What is round about its z axis often leaves across it.
+  const Vector3 way = there.position - at.position;
+  const Vector3 axis = at.rotation.col(2), other = there.rotation.col(2), both = axis.cross(other);
+  const std::vector<Vector3> likely = {way - axis.dot(way) * axis, way - other.dot(way) * other,
+                                       both, -both};
+  const Penetration found = GrowingPolytope(furthest, likely).penetration();
   return {-found.depth - first.radius() - second.radius(), found.point, found.normal};
 }
 
