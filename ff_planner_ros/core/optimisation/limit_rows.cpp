@@ -34,6 +34,7 @@ std::vector<Extreme> turns(const JointsAtPoints& of, double h) {
       if (!(square > 0)) continue;
       const double q = -(b + std::copysign(std::sqrt(square), b)) / 2;
       const double roots[] = {q / a, c / q};  // infinite or NaN where a or q is zero
+      bool is_second = false;
       for (int root = 0; root < 2; ++root) {
         const double s = roots[root];
         if (!(s > 0 && s < 1)) continue;
@@ -41,7 +42,9 @@ std::vector<Extreme> turns(const JointsAtPoints& of, double h) {
         found[root].push_back({i,
                                j,
                                {1 - of_end, of_end, h * s * back, h * (s * s) * (s - 1)},
-                               {0, 0, s * back, s * s * (s - 1)}});
+                               {0, 0, s * back, s * s * (s - 1)},
+                               is_second});
+        is_second = true;
       }
     }
   found[0].insert(found[0].end(), found[1].begin(), found[1].end());
@@ -83,7 +86,8 @@ void LimitRows::add_extremes(const std::vector<Extreme>& extremes, const JointsA
     for (const Extreme& at : extremes)
       if (const double room = left(side, at.joint, at.value(of)); is_near(room, at.joint))
         add(side, room, at.by_x(of, has_duration),
-            -1 - ((side * of.points() + at.interval) * of.joints() + at.joint));
+            -1 -
+                (((2 * at.is_second + side) * of.points() + at.interval) * of.joints() + at.joint));
 }
 
 void LimitRows::add_stops(const JointsAtPoints& of, double jerk) {

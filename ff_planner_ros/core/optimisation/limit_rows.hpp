@@ -29,6 +29,7 @@ struct Extreme {
 
   Eigen::Index interval, joint;
   Weights weights, weights_by_step;
+  bool is_second = false;  // of that joint in that interval
 
   double sum(const Weights& w, const JointsAtPoints& of) const;
   double value(const JointsAtPoints& of) const { return sum(weights, of); }

@@ -3,11 +3,12 @@
 namespace ff {
 
 const BodiesAlong& LookedAt::bodies(const Bodies& of, bool quarter_way) const {
-  if (!bodies_) {
-    const Eigen::Index gaps = motion.points() - 1;
-    bodies_.emplace(chain, of, DensePath(from(1, gaps), from(motion.points(), gaps), quarter_way));
-  }
-  return *bodies_;
+  const std::pair asked(&of, quarter_way);
+  const auto known = bodies_.find(asked);
+  if (known != bodies_.end()) return known->second;
+  const Eigen::Index gaps = motion.points() - 1;
+  DensePath path(from(1, gaps), from(motion.points(), gaps), quarter_way);
+  return bodies_.try_emplace(asked, chain, of, std::move(path)).first->second;
 }
 
 Path LookedAt::from(Eigen::Index first, Eigen::Index count) const {

@@ -1,6 +1,8 @@
 // A requirement of a path on a time grid, as rows g(x) >= 0 of a program, and what several share.
 #pragma once
 #include <any>
+#include <map>
+#include <utility>
 
 #include "collision/bodies.hpp"
 #include "program/evaluated_path.hpp"
@@ -31,7 +33,8 @@ class LookedAt {
  private:
   Path from(Eigen::Index first, Eigen::Index count) const;
 
-  mutable std::optional<BodiesAlong> bodies_;
+  // Of each robot's bodies, without and with the quarters.
+  mutable std::map<std::pair<const Bodies*, bool>, BodiesAlong> bodies_;
 };
 
 class PathRequirement {

@@ -24,7 +24,7 @@ ConstraintRows PositionsWithin::rows(const LookedAt& at) const {
   LimitRows stops(view(least), view(most), view(near_stop));
   stops.add_stops(at.joints_at_end(), jerk);
   // Below the names of the turns.
-  const long long below = -2 - 2 * static_cast<long long>(joints.points() * joints.joints());
+  const long long below = -2 - 4 * static_cast<long long>(joints.points() * joints.joints());
   for (const long long name : stops.names) found.names.push_back(below - name);
   found.values.insert(found.values.end(), stops.values.begin(), stops.values.end());
   found.jacobian.insert(found.jacobian.end(), stops.jacobian.begin(), stops.jacobian.end());
