@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections import defaultdict, deque
@@ -37,6 +38,7 @@ class TimeBudget(Watch):
         self._before = now - self._begun
         self._took = defaultdict[str, float](float)  # by phase [s]
         self._last: tuple[str, float] | None = None  # phase and begin of the last step
+        self._latest = math.inf  # `time.monotonic()` at which that step ends
         self._lasted = defaultdict[str, deque[float]](lambda: deque(maxlen=_REMEMBERED))
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
@@ -49,19 +51,39 @@ class TimeBudget(Watch):
         Raises:
             OutOfTime: The budget is used up, or would be.
         """
+        now = self._count_last()
+        self._last = phase, now
+        deadline = self._begun + self._seconds - self._reserved
+        check = self._check()
+        self._latest = deadline - check
+        step = check if phase == CHECKING else check + max(self._lasted[phase], default=0.0)
+        if now + step > deadline:
+            raise self._used_up(foreseen=min(step, deadline - now))
+
+    def time_left(self) -> float:
+        """Return how long the step may take that a check still has its time after it [s]."""
+        return self._latest - time.monotonic()
+
+    def cut_short(self) -> OutOfTime:
+        """Return what ends the search after a step that took longer than foreseen."""
+        self._count_last()
+        self._last = None
+        return self._used_up(foreseen=0.0)
+
+    def _count_last(self) -> float:
+        """Count how long the last step took, and return the time."""
         now = time.monotonic()
         if self._last is not None:
             before, begun = self._last
             self._lasted[before].append(now - begun)
             self._took[before] += now - begun
-        self._last = phase, now
-        deadline = self._begun + self._seconds - self._reserved
-        check = self._check()
-        step = check if phase == CHECKING else check + max(self._lasted[phase], default=0.0)
-        if now + step > deadline:
-            end = OutOfTime(f"the time budget of {self._seconds:g} s is used up")
-            end.used_for = self._used_for(foreseen=min(step, deadline - now))
-            raise end
+        return now
+
+    def _used_up(self, foreseen: float) -> OutOfTime:
+        """Return the error; foreseen: what the next step would have used [s]."""
+        end = OutOfTime(f"the time budget of {self._seconds:g} s is used up")
+        end.used_for = self._used_for(foreseen)
+        return end
 
     def _check(self) -> float:
         """Return how long a check is taken to last [s]."""

@@ -217,6 +217,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.certified_clearance,
             certified | spheres | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3, "part": 0.0},
         ),
+        "Deadline": (compiled.Deadline, {"seconds": 1.0}),
         "Start": (compiled.Start, start),
         "Target": (compiled.Target, target),
         "DrivenMotion": (compiled.DrivenMotion, driven),
@@ -301,7 +302,7 @@ def test_everything_that_the_core_offers_is_tried_here() -> None:
         for name, found in vars(kind).items()
         if callable(found) and not name.startswith("_")
     }
-    only_made_by_the_core = {"WorkingSet", "EvaluatedPath", "MotionOfPath"}
+    only_made_by_the_core = {"WorkingSet", "EvaluatedPath", "MotionOfPath", "DeadlineOver"}
     only_made_by_the_core |= {"PathsOnGrid", "PathRequirement"}
     assert (offered | methods) - only_made_by_the_core == set(SOUND)
 

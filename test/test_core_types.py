@@ -41,7 +41,7 @@ def declared(body: list[ast.stmt]) -> dict[str, str]:
     for node in body:
         if isinstance(node, ast.ClassDef):
             found |= {f"{node.name}.{name}": what for name, what in declared(node.body).items()}
-        elif isinstance(node, ast.FunctionDef):
+        elif isinstance(node, ast.FunctionDef) and node.name.strip("_") not in ("enter", "exit"):
             found[node.name] = "property" if node.decorator_list else arguments(node)
         elif isinstance(node, ast.AnnAssign):
             found[ast.unparse(node.target)] = ast.unparse(node.annotation)

@@ -766,6 +766,16 @@ class Correction:
         q_half_way: Array,  # tangent steps half-way; shape (points - 1, 6 + joints)
     ) -> None: ...
 
+class DeadlineOver(Exception):
+    """What the core computed has taken longer than its `Deadline` allows."""
+
+class Deadline:
+    """A block in which whatever the core computes in this thread raises `DeadlineOver` in time."""
+
+    def __init__(self, seconds: float) -> None: ...  # from the begin of the block
+    def __enter__(self) -> None: ...
+    def __exit__(self, *exception: object) -> None: ...
+
 class PathProgram:
     """The optimisation problem of Eq. (43) on a time grid."""
 

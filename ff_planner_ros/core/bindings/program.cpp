@@ -5,6 +5,7 @@
 
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
+#include "kinematics/deadline.hpp"
 
 namespace ff {
 namespace {
@@ -125,6 +126,28 @@ PathProgram path_program(const Paths& paths, double step, const PathObjective& o
   return {paths, step, objective, numbered, correction};
 }
 
+// A block of Python in which the core ends what it computes after some time.
+class DeadlineOfBlock {
+ public:
+  explicit DeadlineOfBlock(double seconds) : seconds_(checked(seconds, "seconds")) {}
+
+  void enter() { deadline_.emplace(end()); }
+  void leave(const py::object&, const py::object&, const py::object&) { deadline_.reset(); }
+
+ private:
+  static constexpr double kEver = 1e9;  // [s]
+
+  Deadline::Time end() const {
+    if (seconds_ >= kEver) return Deadline::Time::max();
+    const std::chrono::duration<double> left(std::max(seconds_, 0.0));
+    return std::chrono::steady_clock::now() +
+           std::chrono::duration_cast<std::chrono::steady_clock::duration>(left);
+  }
+
+  double seconds_;
+  std::optional<Deadline> deadline_;
+};
+
 using Evaluated = std::shared_ptr<EvaluatedPath>;
 
 // Throws where the core computed what is no number.
@@ -237,6 +260,11 @@ void bind_program(py::module_& m) {
            py::arg("shares"), py::arg("attitude"), py::arg("rotation_chaser_to_base"),
            py::arg("attitude_norm"), py::arg("wheel_momentum") = 0.0,
            py::arg("wheels") = std::nullopt);
+  py::register_exception<DeadlineOver>(m, "DeadlineOver");
+  py::class_<DeadlineOfBlock>(m, "Deadline")
+      .def(py::init<double>(), py::arg("seconds"))
+      .def("__enter__", &DeadlineOfBlock::enter)
+      .def("__exit__", &DeadlineOfBlock::leave);
   m.attr("NAMES_EACH") = PathProgram::kNames;
   py::class_<PathProgram>(m, "PathProgram")
       .def(py::init(&path_program), py::arg("paths"), py::arg("step"), py::arg("objective"),

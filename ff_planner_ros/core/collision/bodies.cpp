@@ -1,5 +1,7 @@
 #include "collision/bodies.hpp"
 
+#include "kinematics/deadline.hpp"
+
 namespace ff {
 
 PlacedBodies::PlacedBodies(const Chain& chain, const Bodies& of, const Joints& joints)
@@ -44,6 +46,7 @@ BodiesAlong::BodiesAlong(const Chain& chain, const Bodies& of, DensePath along)
   at.reserve(path.q.rows());
   placed.reserve(path.q.rows());
   for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+    Deadline::require();
     at.push_back(Configuration::read(path.q.row(i)));
     placed.emplace_back(chain, of, at[i].joints);
     for (size_t body = 0; body < ways.size(); ++body)
@@ -62,6 +65,7 @@ ClearanceRows pair_rows(const BodiesAlong& along, double interest) {
   const int pairs = static_cast<int>(of.pairs.size());
   std::vector<Simplex> known(of.pairs.size());
   for (size_t i = 0; i < along.placed.size(); ++i) {
+    Deadline::require();
     const PlacedBodies& placed = along.placed[i];
     RowMajor by_x;
     for (int number = 0; number < pairs; ++number) {
@@ -102,6 +106,7 @@ ClearanceRows sphere_rows(const BodiesAlong& along, const Times& times,
   }
   std::vector<Vector3> centers(spheres.size());
   for (size_t i = 0; i < along.placed.size(); ++i) {
+    Deadline::require();
     const PlacedBodies& placed = along.placed[i];
     const Matrix3 to_base = along.at[i].attitude.toRotationMatrix().transpose();
     RowMajor by_x;

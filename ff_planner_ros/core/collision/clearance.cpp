@@ -1,11 +1,14 @@
 #include "collision/clearance.hpp"
 
+#include "kinematics/deadline.hpp"
+
 namespace ff {
 
 ArmMotion::ArmMotion(const Chain& chain, const Path& path) : path_(path) {
   arms_.reserve(path.q.rows());
   points.reserve(2 * path.q.rows());
   for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+    Deadline::require();
     arms_.emplace_back(chain, Configuration::read(path.q.row(i)));
     points.push_back(arms_.back().points);
   }
@@ -79,6 +82,7 @@ ClearanceRows clearance_rows(const ArmMotion& arm, const Times& times,
   const Eigen::Index lines = arm.points[0].cols() - 1;  // with those that have no length
   std::vector<Vector3> centers(spheres.size());
   for (size_t i = 0; i < arm.points.size() && !near.empty(); ++i) {
+    Deadline::require();
     for (const int sphere : near) centers[sphere] = spheres[sphere].center_at(times.at[i]);
     for (const int k : starts)
       for (const int sphere : near) {

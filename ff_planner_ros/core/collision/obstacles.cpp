@@ -1,5 +1,7 @@
 #include "collision/obstacles.hpp"
 
+#include "kinematics/deadline.hpp"
+
 namespace ff {
 
 Pose Obstacle::at(double time) const {
@@ -78,6 +80,7 @@ ClearanceRows obstacle_rows(const BodiesAlong& along, const Times& times,
   const auto rows_of = [&](size_t first, size_t last) {
     ClearanceRows rows;
     for (size_t i = 0; i < along.placed.size(); ++i) {
+      Deadline::require();
       const PlacedBodies& placed = along.placed[i];
       const Pose here{along.at[i].position, along.at[i].attitude.toRotationMatrix()};
       const Pose to_base = here.inverse();

@@ -1,5 +1,7 @@
 #include "collision/solids.hpp"
 
+#include "kinematics/deadline.hpp"
+
 namespace ff {
 
 Vector3 Solid::support(const Vector3& direction) const {
@@ -37,6 +39,7 @@ Vector3 Solid::support(const Vector3& direction) const {
 }
 
 Gap gap_inside(const Solid& first, const Pose& at, const Solid& second, const Pose& there) {
+  Deadline::require();
   const auto furthest = [&](const Vector3& direction) -> DifferencePoint {
     const Vector3 on_first = at * first.support(at.rotation.transpose() * direction);
     return {on_first - there * second.support(there.rotation.transpose() * -direction), on_first};

@@ -8,6 +8,7 @@
 #include <future>
 
 #include "collision/bodies.hpp"
+#include "kinematics/deadline.hpp"
 
 namespace ff {
 
@@ -32,12 +33,17 @@ ClearanceRows rows_in_threads(size_t pairs, size_t configurations, long long cou
   const size_t wanted = pairs * configurations / kPairsOfAThread;
   const size_t threads = wanted < 2 ? 1 : std::min({wanted, kMostThreads, usable_cores(), pairs});
   if (threads == 1) return rows_of(0, pairs);
+  const Deadline::Time end = Deadline::end();
+  const auto part_of = [&rows_of, end](size_t first, size_t last) {
+    const Deadline deadline(end);
+    return rows_of(first, last);
+  };
   // Where the system has no more threads, this one does their parts, too.
   const auto policy = std::launch::async | std::launch::deferred;
   std::vector<std::future<ClearanceRows>> others;
   for (size_t part = 1; part < threads; ++part)
     others.push_back(
-        std::async(policy, rows_of, part * pairs / threads, (part + 1) * pairs / threads));
+        std::async(policy, part_of, part * pairs / threads, (part + 1) * pairs / threads));
   std::vector<ClearanceRows> parts{rows_of(0, pairs / threads)};
   for (std::future<ClearanceRows>& other : others) parts.push_back(other.get());
   return joined(parts, count);

@@ -1,5 +1,7 @@
 #include "motion/driven_motion.hpp"
 
+#include "kinematics/deadline.hpp"
+
 namespace ff {
 
 DrivenMotion::DrivenMotion(const Chain& chain, const Start& start, const RowMajor& angles,
@@ -41,6 +43,7 @@ void DrivenMotion::sensitivity(const JointRows& rows, const Target& target,
   const TurnDerivatives of(turn_, momenta_, rates_, rows, step_, duration_,
                            start_.base == Base::kHeld);
   for (int i = 0; i < points; ++i) {
+    Deadline::require();
     write_step(rows, 2 * i, rotation_at(i), of.turns[i], to.q.middleRows(i * size, size));
     if (i + 1 < points)
       write_step(rows, 2 * i + 1, turn_.steps[i].half_way, of.half_way[i],
@@ -65,7 +68,10 @@ std::vector<SystemMomentum> DrivenMotion::momenta(const Chain& chain, const RowM
                                                   Base base) {
   std::vector<SystemMomentum> found;
   found.reserve(angles.rows());
-  for (int i = 0; i < angles.rows(); ++i) found.emplace_back(Posture(chain, angles.row(i)), base);
+  for (int i = 0; i < angles.rows(); ++i) {
+    Deadline::require();
+    found.emplace_back(Posture(chain, angles.row(i)), base);
+  }
   return found;
 }
 

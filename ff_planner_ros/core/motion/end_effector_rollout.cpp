@@ -1,5 +1,6 @@
 #include "motion/end_effector_rollout.hpp"
 
+#include "kinematics/deadline.hpp"
 #include "kinematics/velocity_map.hpp"
 #include "motion/runge_kutta.hpp"
 
@@ -74,6 +75,7 @@ class Rollout {
     Stages<Sensitivity> dv, du;
     Wanted wanted = wanted_at(0);
     for (int i = 0; i < points_; ++i) {
+      Deadline::require();
       Configuration at = q;
       Sensitivity d_at = dq;
       for (int stage = 0; stage < 4; ++stage) {

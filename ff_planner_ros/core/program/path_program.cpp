@@ -1,5 +1,7 @@
 #include "program/path_program.hpp"
 
+#include "kinematics/deadline.hpp"
+
 namespace ff {
 
 void Correction::apply(PathMotion& to) const {
@@ -29,6 +31,7 @@ ConstraintRows PathProgram::rows_of(const PathMotion& motion) const {
   const LookedAt at(paths_->chain(), motion, by_x_);
   ConstraintRows all;
   for (const Numbered& of : requirements_) {
+    Deadline::require();
     const ConstraintRows found = of.requirement->rows(at);
     all.values.insert(all.values.end(), found.values.begin(), found.values.end());
     all.jacobian.insert(all.jacobian.end(), found.jacobian.begin(), found.jacobian.end());

@@ -23,6 +23,9 @@ from ff_planner_ros.planning.requirements.requirement import ANOTHER_DURATION, S
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.robot.wheels import momenta_of
 
+# What may help where the best attempt, on few points, violates nothing.
+_TRY_MORE = ("more initial guesses", "more iterations")
+
 
 def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
     """Return the metrics of a trajectory, computed from its samples alone."""
@@ -76,15 +79,21 @@ def named_failures(
 def refusal(
     plan: Plan, found: Sequence[Failure], advice: Sequence[str] | None = None
 ) -> NoPlanFound:
-    """Return the error with all failures of a plan; advice None: that of the failures."""
+    """Return the error with all failures of a plan; advice None: that of the failures.
+
+    An attempt on fewer points than asked for may have none.
+    """
     starts = plan.solver.starts
     attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
     if advice is None:
         advice = list(dict.fromkeys(word for failure in found for word in failure.advice))
         if "a longer duration" in advice:
             advice = [word for word in advice if word != ANOTHER_DURATION]
-    message = f"no plan found in {attempts}, {_findings(found)}. What may help: {', '.join(advice)}"
-    return NoPlanFound(found[0].status, message, plan, found)
+    message = f"no plan found in {attempts}, {_findings(found)}"
+    if advice or not found:
+        message += f". What may help: {', '.join(advice or _TRY_MORE)}"
+    status = found[0].status if found else Status.CHECK_FAILED
+    return NoPlanFound(status, message, plan, found)
 
 
 def out_of_time(
@@ -97,12 +106,11 @@ def out_of_time(
     )
     if plan is not None:
         points = f"the best attempt so far, on {len(plan.trajectory.time)} points"
-        state = (
-            _findings(found) or "it keeps every constraint, but was not yet optimised to the end"
-        )
-        message += f"; {points}: {state}"
+        message += f"; {points}: {_findings(found)}"
     return NoPlanFound(Status.TIMED_OUT, message, plan, found)
 
 
 def _findings(found: Sequence[Failure]) -> str:
-    return "; ".join(failure.finding for failure in found)
+    """Return what an attempt violates, in words."""
+    findings = "; ".join(failure.finding for failure in found)
+    return findings or "it keeps every constraint, but was not yet optimised to the end"

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from copy import copy
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import EndedBy, OutOfTime
 
 if TYPE_CHECKING:
     from ff_planner_ros.planning.motion.metrics import Metrics
     from ff_planner_ros.planning.motion.plan import Plan
+
+Value = TypeVar("Value")
 
 SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
 
@@ -39,6 +44,14 @@ class Watch:
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
         """Called before every step of a search; raises OutOfTime to end it."""
+
+    def time_left(self) -> float:
+        """Return how long the step that begins may take, be it unfinished then [s]."""
+        return math.inf
+
+    def cut_short(self) -> OutOfTime:
+        """Called when a step was ended after that time; return what ends the search."""
+        return OutOfTime("a step took too long")
 
     def report(self, progress: Progress) -> None:
         """Called after every iteration, and before a path is checked.
@@ -80,6 +93,14 @@ class PassingOn(Watch):
     def require_time(self, phase: str = SEARCHING, /) -> None:
         """Forward the call."""
         self._watch.require_time(phase)
+
+    def time_left(self) -> float:
+        """Forward the call."""
+        return self._watch.time_left()
+
+    def cut_short(self) -> OutOfTime:
+        """Forward the call."""
+        return self._watch.cut_short()
 
     def report(self, progress: Progress) -> None:
         """Forward the call."""
@@ -150,6 +171,12 @@ class Steps(PassingOn):
             raise
         self._step += 1
 
+    def cut_short(self) -> OutOfTime:
+        """Take the step that was begun last as the last one: nothing of it counts."""
+        self._step -= 1
+        self._end_here()
+        return super().cut_short()
+
     def passed(self, steps: int, end: OutOfTime | None = None) -> None:
         """Count steps.
 
@@ -177,3 +204,19 @@ class Steps(PassingOn):
     def report(self, progress: Progress) -> None:
         """Forward the progress with the present step."""
         super().report(progress._replace(step=self._step))
+
+
+def in_time(watch: Watch, step: Callable[[Array], Value], x: Array) -> Value:
+    """Return what a step computes of x; the core ends it when the watch's time for it is over.
+
+    Raises:
+        OutOfTime: It is over.
+    """
+    left = watch.time_left()
+    if left == math.inf:
+        return step(x)
+    try:
+        with compiled.Deadline(left):
+            return step(x)
+    except compiled.DeadlineOver:
+        raise watch.cut_short() from None

@@ -11,7 +11,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
 from ff_planner_ros.planning.optimisation.qp import solve_qp
-from ff_planner_ros.planning.optimisation.solver import Solution
+from ff_planner_ros.planning.optimisation.solver import Solution, Stop
 
 AtX = TypeVar("AtX", bound=Linearisation)
 
@@ -50,4 +50,4 @@ def nearest_feasible(
         else:
             radius = _SHRUNK * float(np.abs(dx).max())
     reason = "good enough: the feasible path nearest to where the solver stopped"
-    return Solution(x, at_x, np.nan, False, iterations, reason)
+    return Solution(x, at_x, np.nan, False, iterations, Stop.ENOUGH, reason)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from typing import Generic, TypeVar, cast
 
@@ -20,18 +21,37 @@ from ff_planner_ros.planning.optimisation.qp import INSIDE, solve_qp
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
 # radians: half a unit is a bold first step.
 FIRST_RADIUS = 0.5
-CREEPING = "good enough: eight steps together brought hardly more than one must predict"
 # Of violations, in a quadratic program whose multipliers tell the first-order optimality.
 _PENALTY = 1e3
-# Why the solver has stopped, by the core's words. The first two may also have converged.
+
+
+class Stop(StrEnum):
+    """Why a solver has stopped; all but the last by the core's words."""
+
+    OPTIMALITY = "optimality"
+    PROGRESS = "progress"
+    CREEPING = "creeping"
+    ITERATIONS = "iterations"
+    STUCK = "stuck"
+    STALLED = "stalled"
+    UNDEFINED = "undefined"
+    ENOUGH = "enough"  # whoever asked wants no better x
+
+    @property
+    def is_good_enough(self) -> bool:
+        """Whether x is at an optimum, or near enough to it."""
+        return self in (Stop.OPTIMALITY, Stop.PROGRESS, Stop.CREEPING, Stop.ENOUGH)
+
+
+# In words. The first two may also have converged.
 _REASONS = {
-    "optimality": "first-order optimality is within {tolerance:g}",
-    "progress": "the predicted decrease is at most {progress:g} of the objective",
-    "creeping": CREEPING,
-    "iterations": "stopped after {max_iterations} iterations, before convergence",
-    "stuck": "stuck: the violation of the constraints no longer falls",
-    "stalled": "stalled: no step within the smallest trust region brings progress",
-    "undefined": "the functions are not defined at the start",
+    Stop.OPTIMALITY: "first-order optimality is within {tolerance:g}",
+    Stop.PROGRESS: "the predicted decrease is at most {progress:g} of the objective",
+    Stop.CREEPING: "good enough: eight steps together brought hardly more than one must predict",
+    Stop.ITERATIONS: "stopped after {max_iterations} iterations, before convergence",
+    Stop.STUCK: "stuck: the violation of the constraints no longer falls",
+    Stop.STALLED: "stalled: no step within the smallest trust region brings progress",
+    Stop.UNDEFINED: "the functions are not defined at the start",
 }
 
 AtX = TypeVar("AtX", bound=Evaluation)
@@ -47,7 +67,8 @@ class Solution(Generic[AtX]):
     # Whether no constraint is violated, and the objective is known to six digits
     converged: bool
     iterations: int  # quadratic programs solved
-    stop_reason: str  # a sentence
+    stop: Stop
+    stop_reason: str  # the same as a sentence
     # SR1 approximation of the Hessian of max terms and constraints, weighted by their multipliers;
     # shape (variables, variables), None if unknown
     curvature: Array | None = None
@@ -95,7 +116,7 @@ def minimise(
     Raises:
         ValueError: A value or derivative is not finite, or of a wrong shape.
     """
-    x, end, curvature, radius, iterations, stop, converged, optimality = compiled.minimise(
+    x, end, curvature, radius, iterations, word, converged, optimality = compiled.minimise(
         linearise,
         start,
         linearise(start) if at_start is None else at_start,
@@ -108,10 +129,11 @@ def minimise(
         FEASIBILITY_TOLERANCE,
         INSIDE,
     )
+    stop = Stop(word)
     reason = _REASONS[stop].format(
         tolerance=tolerance, progress=progress, max_iterations=max_iterations
     )
-    if stop in ("optimality", "progress"):
+    if stop in (Stop.OPTIMALITY, Stop.PROGRESS):
         reason = f"{'converged' if converged else 'good enough'}: {reason}"
     at_x = cast(AtX, end)
-    return Solution(x, at_x, optimality, converged, iterations, reason, curvature, radius)
+    return Solution(x, at_x, optimality, converged, iterations, stop, reason, curvature, radius)

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import EndedBy
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.objectives import weighted_sum, with_tie_break
@@ -270,11 +271,10 @@ class AttitudeSearch:
         if not self._optima:
             return True
         grid = self._coarsest().with_stage(iterations=_LOOK)
-        enough = _GAIN * self._leading(1)[0].path.value
         for other in islice(self.solver.initial_guesses(), _LOOKED_AT):
             self.solver.effort.starts += 1
             is_infeasible, value = rank(self.solver.solve(grid, other), SMALL_VIOLATION)
-            if not is_infeasible and value < enough:
+            if not is_infeasible and value < _GAIN * self._leading(1)[0].path.value:
                 return True
         return False
 
@@ -318,10 +318,10 @@ class AttitudeSearch:
 
     def _with_effort(self) -> Plan:
         """Return the best plan with the effort of the whole search."""
-        report = self.solver.effort.report(self.best.solver)
+        ended = self.best.solver
         if self.best is self.shortest:
-            report = replace(report, stop_reason=NO_BETTER)
-        return replace(self.best, solver=report)
+            ended = replace(ended, stop_reason=NO_BETTER, ended_by=EndedBy.CONVERGED)
+        return replace(self.best, solver=self.solver.effort.report(ended))
 
     def _coarsest(self, norm: float = np.inf) -> Grid:
         """Return the coarsest grid, with a p-norm in place of the largest Euler angle."""

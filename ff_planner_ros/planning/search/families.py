@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.measures import straight_way
 from ff_planner_ros.planning.motion.plan import Plan
@@ -56,6 +57,20 @@ def path_families(
     if not is_regular(problem.robot, q_start, settings):
         return (splines,)
     return end_effector_families(problem), splines
+
+
+def ways_of_guess(
+    problem: PlanningProblem, settings: PlannerSettings, guess: ArrayLike
+) -> tuple[Sequence[PathFamily], Array]:
+    """Return the families that a guess may be of, and its numbers.
+
+    Raises:
+        InvalidInput: It is not finite, or no family has so many variables.
+    """
+    groups = path_families(problem, settings)
+    size = len(guess) if isinstance(guess, Sized) else 0
+    ways = next((ways for ways in groups if ways[0].variables == size), groups[0])
+    return ways, finite_vector("first_guess", guess, ways[0].variables)
 
 
 def require_papers_paths(problem: PlanningProblem, field: str, value: str, advice: str) -> None:

@@ -36,7 +36,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.candidate import Effort
-from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.families import path_families, ways_of_guess
 from ff_planner_ros.planning.search.free_search import (
     TO_OPTIMUM,
     Entrant,
@@ -89,12 +89,14 @@ def rounds(
         effort: Counts what is tried.
 
     Raises:
-        InvalidInput: The start violates a requirement.
+        InvalidInput: The start violates a requirement, or the first guess fits no family.
         NoPlanFound: The longest duration is too short for the joints, or the goal is out of reach,
             or in an obstacle, at all durations to begin at.
         OutOfTime: By the watch.
     """
     begun = _plannable(problem, settings)
+    if first_guess is not None:
+        ways_of_guess(begun[0], settings, first_guess)
     families = range(len(path_families(begun[0], settings)))
     if problem.objective.only_duration:
         yield _fastest(problem, begun, settings, watch, first_guess, effort)

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.motion.watch import SEARCHING, Progress, Watch
+from ff_planner_ros.planning.motion.watch import SEARCHING, Progress, Watch, in_time
 from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
 from ff_planner_ros.planning.optimisation.free_program import FreeProgram
 from ff_planner_ros.planning.optimisation.program import PathProgram, path_program
@@ -270,7 +270,7 @@ def _watched(
     def linearise(along: Array) -> PathLinearisation:
         nonlocal is_initial
         watch.require_time()
-        at_x = free.linearise(along)
+        at_x = in_time(watch, free.linearise, along)
         if is_initial and at_x.is_defined:
             effort.met.update(free.program.met(at_x))
             is_initial = False

@@ -9,11 +9,18 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import Failure
+from ff_planner_ros.errors import EndedBy, Failure
 from ff_planner_ros.planning.check.check import failures, named_failures
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
-from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
+from ff_planner_ros.planning.motion.watch import (
+    CHECKING,
+    REFINING,
+    SEARCHING,
+    Progress,
+    Watch,
+    in_time,
+)
 from ff_planner_ros.planning.optimisation.evaluated_path import (
     EvaluatedPath,
     PathLinearisation,
@@ -22,7 +29,7 @@ from ff_planner_ros.planning.optimisation.evaluated_path import (
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
 from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.optimisation.restoration import nearest_feasible
-from ff_planner_ros.planning.optimisation.solver import Solution, minimise
+from ff_planner_ros.planning.optimisation.solver import Solution, Stop, minimise
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
@@ -156,7 +163,8 @@ class GridSolver:
             return solution
         at_best = self.solve(grid.with_stage(iterations=0), self._best_visited.x)
         reason = "good enough: the best on the way that keeps the constraints"
-        return replace(at_best, stop_reason=reason, curvature=solution.curvature)
+        curvature = solution.curvature
+        return replace(at_best, stop=Stop.ENOUGH, stop_reason=reason, curvature=curvature)
 
     def tighten(
         self, grid: Grid, solution: PathSolution, solve: Callable[[Grid, Array], PathSolution]
@@ -239,13 +247,15 @@ class GridSolver:
         if best.at_x.motion.singular_at is not None:
             return None, [], best.at_x.motion.singular_at
         plan = self._plan_along(best, None)
+        plan = replace(plan, solver=replace(plan.solver, ended_by=""))  # the search goes on, or not
         named = named_failures(self.problem, plan, self.settings)
         hardest_first = sorted(named, key=lambda one: self.effort.met[one[0]])
         return plan, hardest_first, 0.0
 
     def report(self, solution: PathSolution) -> SolverReport:
         """Return the report of a solution, with the effort of the whole search so far."""
-        found = SolverReport(0, 0, 0, solution.optimality, solution.stop_reason)
+        ended_by = EndedBy.CONVERGED if solution.stop.is_good_enough else EndedBy.EXHAUSTED
+        found = SolverReport(0, 0, 0, solution.optimality, solution.stop_reason, ended_by)
         return self.effort.report(found)
 
     def _plan_along(self, solution: PathSolution, followed: FollowedMotion | None) -> Plan:
@@ -281,13 +291,14 @@ class GridSolver:
 
     def _watched(self, grid: Grid) -> Callable[[Array], EvaluatedPath]:
         """Return a function that evaluates on a grid, counts effort and reports to the watch."""
-        phase = REFINING if grid.stage is self.grids[-1].stage else SEARCHING
+        is_finest = grid.stage.points == self.program.points
+        phase = REFINING if is_finest else SEARCHING
         is_initial = True
 
         def evaluate(along: Array) -> EvaluatedPath:
             nonlocal is_initial
             self.watch.require_time(phase)
-            at_x = grid.evaluate(along)
+            at_x = in_time(self.watch, grid.evaluate, along)
             if at_x.is_defined:
                 if is_initial:
                     self.effort.met.update(grid.program.met(at_x))

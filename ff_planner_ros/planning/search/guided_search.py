@@ -12,6 +12,7 @@ from ff_planner_ros.planning.motion.measures import joint_path_length, straight_
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, PassingOn, Watch
 from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
+from ff_planner_ros.planning.optimisation.solver import Stop
 from ff_planner_ros.planning.search.grid import CLEARANCES, Grid
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution
 from ff_planner_ros.planning.search.multi_start import is_promising
@@ -51,7 +52,15 @@ class Allowance(PassingOn):
     def require_time(self, phase: str = SEARCHING, /) -> None:
         """Count an evaluation; raises OutOfTime after the last."""
         self._watch.require_time(phase)
-        self._left -= phase != CHECKING
+        self._count(int(phase != CHECKING))
+
+    def passed(self, steps: int, end: OutOfTime | None = None) -> None:
+        """Count the evaluations of a part that ran beside others, likewise."""
+        self._watch.passed(steps, end)
+        self._count(steps)
+
+    def _count(self, evaluations: int) -> None:
+        self._left -= evaluations
         if self.used_up:
             raise OutOfTime("the initial guess has used up its evaluations")
 
@@ -73,7 +82,7 @@ def plan_from(solver: GridSolver, guess: Array) -> Plan | None:
     solution = solver.restore(grid, solver.solve(grid, coarse.x), _RESTORATION_ITERATIONS)
     found, followed = solver.tighten(grid, solution, solver.solve_and_restore)
     if found.feasible and not found.converged:
-        found = replace(found, stop_reason=_ENOUGH)
+        found = replace(found, stop=Stop.ENOUGH, stop_reason=_ENOUGH)
     return next(solver.sound_plans(found, followed), None)
 
 
@@ -98,7 +107,8 @@ def plans_near(solver: GridSolver, guess: Array) -> Iterator[Plan]:
     nearest = solver.nearest(grid, guess, at_guess, _RESTORATION_ITERATIONS)
     found, followed = solver.tighten(grid, nearest, partial(_restoration, solver))
     if found.feasible:
-        yield from solver.sound_plans(replace(found, stop_reason=_NEAREST), followed)
+        found = replace(found, stop=Stop.ENOUGH, stop_reason=_NEAREST)
+        yield from solver.sound_plans(found, followed)
     solution = solver.solve(grid, guess, at_start=at_guess)
     better = solver.restore(grid, solution, _RESTORATION_ITERATIONS)
     found, followed = solver.tighten(grid, better, partial(_restoration, solver))

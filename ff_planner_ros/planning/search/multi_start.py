@@ -9,7 +9,7 @@ from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.check.check import out_of_time, refusal
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.optimisation.solver import CREEPING
+from ff_planner_ros.planning.optimisation.solver import Stop
 from ff_planner_ros.planning.paths.path_family import singular_refusal
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution, rank
@@ -57,7 +57,7 @@ def first_plan(
         refused = singular_refusal(singular_at, solver.problem.duration)
     else:
         refused = refusal(attempt, [one for _, one in violated])
-        refused.requirement = violated[0][0]
+        refused.requirement = violated[0][0] if violated else ""
     refused.met = solver.effort.met
     raise refused
 
@@ -100,5 +100,5 @@ def is_promising(coarse: PathSolution, problem: PlanningProblem) -> bool:
     if coarse.feasible:
         has_edges = problem.robot.geometry is Geometry.SHAPES or problem.obstacle_bodies
         most = _PROMISING_OPTIMALITY_OF_BODIES if has_edges else _PROMISING_OPTIMALITY
-        return coarse.stop_reason == CREEPING or coarse.optimality <= most
+        return coarse.stop is Stop.CREEPING or coarse.optimality <= most
     return coarse.at_x.violation <= PROMISING_VIOLATION

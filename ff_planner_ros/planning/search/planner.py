@@ -9,7 +9,7 @@ from functools import partial
 from typing import NamedTuple, TypeAlias
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.preconditions import require_plannable, require_time
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
@@ -96,9 +96,7 @@ def plan(
         what = "the remainder of the running plan" if is_remainder else "the best plan so far"
         report = replace(best.plan.solver, stop_reason=f"{end}: {what}", ended_by=end.ended_by)
         return replace(best.plan, solver=report)
-    is_optimal = found.solver.stop_reason.startswith(("converged", "good enough"))
-    ended_by = EndedBy.CONVERGED if is_optimal else EndedBy.EXHAUSTED
-    return replace(found, solver=replace(found.solver, ended_by=ended_by))
+    return found
 
 
 class _Best(PassingOn):

@@ -8,8 +8,8 @@ from itertools import chain
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, finite_vector
-from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.motion.followed_path import followed_joints
@@ -24,7 +24,7 @@ from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.candidate import plan_of_motion
 from ff_planner_ros.planning.search.continuing import NEAR, PathNear, Remainder
-from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.families import ways_of_guess
 from ff_planner_ros.planning.search.grid_solver import GridSolver
 from ff_planner_ros.planning.search.guided_search import plan_from, plans_near
 from ff_planner_ros.robot.configuration import configuration
@@ -48,11 +48,7 @@ def plan_near_guess(
     if guess is None:
         raise NoPlanFound(Status.CHECK_FAILED, "the first guess leads to no duration")
     require_plannable(problem, settings)
-    groups = path_families(problem, settings)
-    fitting = [ways for ways in groups if len(guess) == ways[0].variables]
-    if not fitting:
-        finite_vector("first_guess", guess, groups[0][0].variables)
-    ways = fitting[0]
+    ways, guess = ways_of_guess(problem, settings, guess)
     problem = replace(problem, parametrisation=Parametrisation(ways[0].name))
 
     def promise(family: PathFamily) -> tuple[float, float]:
@@ -75,7 +71,6 @@ def _plan_in_family(
     guess: Array,
 ) -> Plan | None:
     """Return the plan of one family that a guess leads to, if there is one."""
-    guess = finite_vector("first_guess", guess, family.variables)
     asked = problem.objective
     turns_count = asked.chaser_attitude > 0.0
     first = replace(problem, objective=SHORTEST if turns_count else asked)
@@ -140,7 +135,8 @@ def _unchanged(problem: PlanningProblem, settings: PlannerSettings, rest: Remain
             return None
     q, v = motion.q[:: motion.pieces], motion.v[:: motion.pieces]
     by_time = accelerations(robot, q, v, joints.accelerations)
-    report = SolverReport(1, 0, 0, np.inf, "good enough: the remainder of the running plan")
+    reason = "good enough: the remainder of the running plan"
+    report = SolverReport(1, 0, 0, np.inf, reason, EndedBy.CONVERGED)
     plan = plan_of_motion(problem, settings, q, v, by_time, report)
     plan = replace(plan, family=REMAINDER)
     return None if any(failures(problem, plan, settings)) else plan

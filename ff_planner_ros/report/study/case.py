@@ -72,8 +72,16 @@ class _Deadline(Watch):
 
     def require_time(self, phase: str = "", /) -> None:  # noqa: ARG002 (any phase)
         """Raise OutOfTime once it is over."""
-        if time.monotonic() > self._end:
-            raise OutOfTime(f"a report plans a case for {_LONGEST:g} s at most")
+        if self.time_left() < 0.0:
+            raise self.cut_short()
+
+    def time_left(self) -> float:
+        """Return what is left [s]."""
+        return self._end - time.monotonic()
+
+    def cut_short(self) -> OutOfTime:
+        """Return what ends the search."""
+        return OutOfTime(f"a report plans a case for {_LONGEST:g} s at most")
 
 
 def _report(row: Row, directory: Path, scenario: Path) -> Report:
