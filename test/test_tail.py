@@ -20,7 +20,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import MAX_POINTS, Limits, PlanningProblem, Sphere
 from ff_planner_ros.planning.search.planner import plan
-from ff_planner_ros.planning.task.tail import EndBehaviour, _intervals, with_tail
+from ff_planner_ros.planning.task.tail import EndBehaviour, tail_intervals, with_tail
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.simulation.verification import verify
 
@@ -350,8 +350,7 @@ def test_a_plan_has_no_more_points_with_its_tail_than_a_plan_may(
     lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
     """Of 50 points in 10 s: with 9950 more it has as many as it may."""
-    motion = lemur_plan.trajectory
-    assert _intervals(lemur_capture, motion, 9950 * 10.0 / 49) == MAX_POINTS - 50
+    assert tail_intervals(50, 10.0, STOP, 9950 * 10.0 / 49, False) == MAX_POINTS - 50
     with pytest.raises(InvalidInput, match="10000 at most") as refused:
         with_tail(lemur_capture, lemur_plan, STOP, 9951 * 10.0 / 49, SETTINGS)
     assert refused.value.field == "post_goal_duration"

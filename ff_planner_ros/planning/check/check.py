@@ -24,7 +24,7 @@ from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.robot.wheels import momenta_of
 
 # What may help where the best attempt, on few points, violates nothing.
-_TRY_MORE = ("more initial guesses", "more iterations")
+_TRY_MORE = ("more planner.starts", "more planner.max_iterations")
 
 
 def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:

@@ -92,6 +92,12 @@ class Phase:
             allowed = "either it or target_body must be given"
             raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
 
+    @property
+    def longest_duration(self) -> float:
+        """The longest that it may have [s]."""
+        lasts = self.duration
+        return lasts.maximum if isinstance(lasts, DurationRange) else lasts
+
     def after(self, before: PlanningProblem | Phase) -> Phase:
         """Return the phase with the values that it omits taken from the phase before."""
         return replace(

@@ -21,7 +21,7 @@ from ff_planner_ros.common.forms import (
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Posture
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.digest import digest_of
@@ -31,7 +31,11 @@ from ff_planner_ros.planning.task.phase import (
     Phase,
     require_mass,
 )
-from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour
+from ff_planner_ros.planning.task.tail import (
+    FORMER_END_BEHAVIOURS,
+    EndBehaviour,
+    tail_intervals,
+)
 
 # A goal is at its motion's last point, but for this [s].
 _ROUNDING = 1e-6
@@ -46,7 +50,8 @@ class PlanningTask:
 
     Raises:
         InvalidInput: A value is not allowed, `running_goal` is not ahead on `running`, there are
-            too many phases, or the mass of a captured body is missing.
+            too many phases, the mass of a captured body is missing, or no plan can have the
+            post-goal segment.
     """
 
     problem: PlanningProblem  # its start is the state as measured
@@ -135,9 +140,18 @@ class PlanningTask:
         object.__setattr__(self, "then", tuple(then))
         if self.then and self.problem.target_body is not None:
             require_mass(self.problem.target_body)
+        self._require_tail(then[-1] if then else None)
         if len(self.then) > MOST_PHASES:
             told, allowed = f"{len(self.then)} phases", f"{MOST_PHASES} may follow the first"
             raise InvalidInput(Status.WRONG_SIZE, "phases", told, allowed)
+
+    def _require_tail(self, last: Phase | None) -> None:
+        """Refuse a post-goal segment that the plan of the last phase cannot have."""
+        points, lasts, posture = self.problem.points, self.problem.duration, self.problem.posture
+        if last is not None:
+            points, lasts = last.points or points, last.longest_duration
+            posture = last.target if isinstance(last.target, Posture) else None
+        tail_intervals(points, lasts, self.end_behaviour, self.tail, posture is not None)
 
     def _require_remainder(self, goal: float) -> None:
         """Refuse to take over from a motion that does not run then, or is at its goal already."""

@@ -76,12 +76,10 @@ def with_tail(
     if end_behaviour is EndBehaviour.NONE:
         return plan
     robot, motion = problem.robot, plan.trajectory
-    if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR and problem.posture is not None:
-        allowed = "with a goal of the joints it must be none or stop_joints: the goal has no place"
-        raise InvalidInput(Status.UNSUPPORTED, "end_behaviour", end_behaviour, allowed)
-    seconds = finite_number("post_goal_duration", seconds, above=0.0)
+    lasts, points = problem.duration, len(motion.time)
+    intervals = tail_intervals(points, lasts, end_behaviour, seconds, problem.posture is not None)
     name = f"{end_behaviour}, {seconds:g} s"
-    time = np.linspace(0.0, seconds, 1 + _intervals(problem, motion, seconds))
+    time = np.linspace(0.0, seconds, 1 + intervals)
     # A plan with few points has few points published, not a coarser motion.
     steps = int(np.ceil(time[1] * _STEPS / problem.duration - 1e-9))
     finer = np.interp(np.arange(steps * (len(time) - 1) + 1), steps * np.arange(len(time)), time)
@@ -113,12 +111,28 @@ def with_tail(
     return longer
 
 
-def _intervals(problem: PlanningProblem, motion: Trajectory, seconds: float) -> int:
-    """Return the number of intervals of a post-goal segment."""
-    in_plan = len(motion.time) - 1
+def tail_intervals(
+    points: int, lasts: float, end_behaviour: EndBehaviour, seconds: float, is_of_joints: bool
+) -> int:
+    """Return the number of intervals of a post-goal segment; refuse one that no plan can have.
+
+    Args:
+        points: Of the plan to the goal.
+        lasts: Time to the goal [s].
+        is_of_joints: Whether the goal is one of the joints.
+
+    Raises:
+        InvalidInput: As by `with_tail`.
+    """
+    if end_behaviour is EndBehaviour.NONE:
+        return 0
+    if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR and is_of_joints:
+        allowed = "with a goal of the joints it must be none or stop_joints: the goal has no place"
+        raise InvalidInput(Status.UNSUPPORTED, "end_behaviour", end_behaviour, allowed)
+    seconds = finite_number("post_goal_duration", seconds, above=0.0)
     # A whole number of the plan's steps, but for rounding, takes no more than these.
-    wanted = max(np.ceil(seconds / problem.duration * in_plan - 1e-9), _LEAST_INTERVALS)
-    if not len(motion.time) + wanted <= MAX_POINTS:
+    wanted = max(np.ceil(seconds / lasts * (points - 1) - 1e-9), _LEAST_INTERVALS)
+    if not points + wanted <= MAX_POINTS:
         raise InvalidInput(
             Status.OUT_OF_RANGE,
             "post_goal_duration",

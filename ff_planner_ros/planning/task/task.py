@@ -17,6 +17,7 @@ from ff_planner_ros.errors import (
     InvalidInput,
     NoPlanFound,
     OutOfTime,
+    Status,
 )
 from ff_planner_ros.planning.check.check import failures, out_of_time, refusal
 from ff_planner_ros.planning.motion.forward import as_measured, carried_forward
@@ -91,8 +92,7 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
     post-goal segment. The plan is that of the first phase, with those of the others in `then`.
 
     Raises:
-        InvalidInput: `task` is no task, the start violates what the plan must keep, or the
-            post-goal segment is too long.
+        InvalidInput: `task` is no task, or the start violates what the plan must keep.
         NoPlanFound: The method found no plan; or its plan does not pass the check, with the
             post-goal segment or without; or the controller would not accept it; or the watch ended
             the search. In a sequence, the message names the phase, `found` holds the plans before
@@ -270,7 +270,10 @@ def _performed(
 
     def whole_of(to_goal: Plan) -> Plan:
         chosen = lasting(problem, to_goal.duration)
-        return with_tail(chosen, to_goal, task.end_behaviour, task.tail, settings)
+        try:
+            return with_tail(chosen, to_goal, task.end_behaviour, task.tail, settings)
+        except InvalidInput as error:  # of the range, this duration has too many points
+            raise NoPlanFound(Status.CHECK_FAILED, str(error), to_goal) from None
 
     to_goal = robust_plan(problem, settings, watch, guess, method, whole_of)
     chosen = lasting(problem, to_goal.duration)

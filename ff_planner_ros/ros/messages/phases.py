@@ -70,12 +70,6 @@ def phases_in(
     return tuple(phases)
 
 
-def longest_duration(phase: Phase) -> float:
-    """Return the longest duration that a phase may have [s]."""
-    lasts = phase.duration
-    return lasts.maximum if isinstance(lasts, DurationRange) else lasts
-
-
 def _phase(
     message: PhaseMessage, robot: Robot, parameters: NodeParameters, body: TargetBody | None
 ) -> Phase:
@@ -104,7 +98,7 @@ def _phase(
 
 def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str) -> PhaseMessage:
     """Write a phase as an entry of a request's field `then`."""
-    told = replace(phase, payload=None, duration=longest_duration(phase))
+    told = replace(phase, payload=None, duration=phase.longest_duration)
     message: PhaseMessage = write_object(told, PhaseMessage(), entry_of)
     message.goal.pose.header.frame_id = inertial_frame
     if isinstance(phase.duration, DurationRange):

@@ -31,7 +31,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     state_from_message,
     time_in_ns,
 )
-from ff_planner_ros.ros.messages.phases import longest_duration, phases_in
+from ff_planner_ros.ros.messages.phases import phases_in
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.continuing import continued_plan, followed_until, motion_on
@@ -187,7 +187,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
         )
         then = phases_in(request, problem.robot, parameters, body)
         tail = 0.0 if end_behaviour is EndBehaviour.NONE else parameters.post_goal_duration
-        lasts = problem.duration + sum(map(longest_duration, then)) + tail
+        lasts = problem.duration + sum(phase.longest_duration for phase in then) + tail
         field = "duration" if problem.duration_range is None else "duration_max"
         require_end(field, problem.duration, start_ns / NANOSECONDS + lasts)
         ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
