@@ -56,16 +56,21 @@ def drawn(order: int, seed: int) -> Drawn:
     return Drawn(chain_robot("free4"), q, v, lower, upper, rng.uniform(0.5, 2.0))
 
 
-def extremes(of: Drawn, order: int) -> Iterator[tuple[int, int, float]]:
-    """Yield interval, joint and value of each extreme of the cubics between the points."""
+def extremes(of: Drawn, order: int) -> Iterator[tuple[int, int, int, float]]:
+    """Yield interval, joint, number there and value of each extreme of the cubics, late ones first.
+
+    The number is that among those of the joint in the interval.
+    """
     for joint in range(JOINTS):
         rows = of.q[:, 7 + joint], of.v[:, 6 + joint]
         spline = CubicHermiteSpline(STEP * np.arange(POINTS), *rows)
         for interval, coefficients in enumerate(spline.c.T):
             curve = np.polyder(np.poly1d(coefficients), order)
-            for root in np.polyder(curve).roots:
-                if abs(root.imag) < 1e-12 and 0.0 < root.real < STEP:
-                    yield interval, joint, curve(root.real)
+            roots = np.polyder(curve).roots
+            within = [root.real for root in roots if abs(root.imag) < 1e-12]
+            within = sorted((root for root in within if 0.0 < root < STEP), reverse=True)
+            for number, root in enumerate(within):
+                yield interval, joint, number, curve(root)
 
 
 def expected(of: Drawn, order: int) -> list[tuple[int, float]]:
@@ -73,8 +78,9 @@ def expected(of: Drawn, order: int) -> list[tuple[int, float]]:
     values, later = (of.q[1:, 7:], of.v[1:, 6:])[order], POINTS - 1
     # By joint: the value, the name of its upper limit, and how far that of the lower one is.
     places = [(j, at, i * JOINTS + j, later * JOINTS) for (i, j), at in np.ndenumerate(values)]
-    for interval, joint, value in extremes(of, order):
-        places.append((joint, value, -1 - interval * JOINTS - joint, -POINTS * JOINTS))
+    for interval, joint, number, value in extremes(of, order):
+        name = -1 - (2 * number * POINTS + interval) * JOINTS - joint
+        places.append((joint, value, name, -POINTS * JOINTS))
     rows = []
     for joint, value, name, to_lower in places:
         limits = of.upper[joint] - value, value - of.lower[joint]
@@ -95,6 +101,7 @@ def test_what_is_left_at_points_and_extremes_is_that_of_the_cubics(order: int, s
     assert len([name for name, _ in wanted if name < 0]) > 10
     assert len({name for name, _ in wanted}) < 2 * (2 * POINTS - 1) * JOINTS, "all are near"
     assert [name for name, _ in found] == [name for name, _ in wanted]
+    assert len(set(names)) == len(names)
     np.testing.assert_allclose(
         [value for _, value in found], [value for _, value in wanted], rtol=0.0, atol=1e-12
     )
@@ -119,7 +126,7 @@ def test_joints_stop_at_the_height_of_their_cubics(seed: int) -> None:
     of = drawn(0, seed)._replace(interest=-FAR)
     values, _, names, *_ = of.rows(0, stop_interest=FAR)
     assert len(values) == JOINTS
-    below = -2 - 2 * POINTS * JOINTS  # the names of turns
+    below = -2 - 4 * POINTS * JOINTS  # the names of turns
     time = np.linspace(0.0, 2.0, 400_001)
     for joint, value in enumerate(values):
         position, rate = of.q[-1, 7 + joint], of.v[-1, 6 + joint]

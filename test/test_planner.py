@@ -10,14 +10,26 @@ import pytest
 from dense_motion import joints_between
 
 from ff_planner_ros.common.share import share_directory
-from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
+from ff_planner_ros.planning.optimisation import solver
+from ff_planner_ros.planning.optimisation.solver import Stop
 from ff_planner_ros.planning.paths.joint_spline import joint_splines
 from ff_planner_ros.planning.paths.path_family import Motion
-from ff_planner_ros.planning.problem.problem import Limits, Objective, Parametrisation, Sphere
+from ff_planner_ros.planning.paths.start_motion import start_motion
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Limits,
+    Objective,
+    Parametrisation,
+    Sphere,
+)
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.planning.search import guided_search, planner
+from ff_planner_ros.planning.search import guided_search, multi_start, planner
+from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.grid_solver import GridSolver
+from ff_planner_ros.planning.search.guided_search import Allowance
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.state import SystemState
 
@@ -336,11 +348,74 @@ def test_a_guess_that_takes_too_long_leaves_the_search_its_time(
         assert found.xi.tobytes() == shortest.xi.tobytes(), looks
 
 
-@pytest.mark.parametrize("guess", [np.zeros(17), np.full(18, np.nan), np.zeros((6, 3))])
-def test_a_first_guess_that_is_no_path_is_refused(capture, settings, guess):
+@pytest.mark.parametrize("guess", [np.zeros(17), np.full(18, np.nan), np.zeros((6, 3)), [[1], []]])
+@pytest.mark.parametrize("window", [None, DurationRange(8.0, 10.0)])
+@pytest.mark.parametrize("ways", [1, 2])
+def test_a_first_guess_that_is_no_path_is_refused(capture, settings, guess, window, ways):
+    """Of two ways round, of which the guess may be either, as of one."""
+    problem = replace(capture, duration_range=window)
+    if ways == 2:  # half a turn leads there either way
+        problem = replace(problem, target=half_turn(problem))
+    assert len(path_families(problem, settings)[0]) == ways
     with pytest.raises(InvalidInput) as refusal:
-        plan(capture, settings, first_guess=guess)
+        plan(problem, settings, first_guess=guess)
     assert refusal.value.field == "first_guess"
+
+
+def half_turn(problem):
+    """The target of a problem, turned until the way there is half a turn."""
+    begun = start_motion(problem.robot, problem.start, problem.duration).end_effector
+    there = begun.rotation_ee_to_inertial @ np.diag([-1.0, -1.0, 1.0])
+    return replace(problem.target, quaternion_xyzw=pin.Quaternion(there).coeffs())
+
+
+def test_evaluations_on_all_points_are_told_as_refining(capture, settings):
+    told = list[Progress]()
+
+    class Listening(Watch):
+        def report(self, progress):
+            told.append(progress)
+
+    plan(replace(capture, objective=LENGTH), settings, Listening())
+    phases = list(dict.fromkeys(progress.phase for progress in told))
+    assert phases == [SEARCHING, REFINING, CHECKING]
+
+
+def test_evaluations_of_a_race_count_for_a_guess():
+    """As many as it may have, one after the other or beside others."""
+    for has_range, looks in ((False, 120), (True, 480)):
+        allowance = Allowance(Watch(), has_range)
+        for _ in range(looks // 12 - 1):
+            allowance.passed(12)
+        for _ in range(12):
+            allowance.require_time()
+        allowance.require_time(CHECKING)
+        assert not allowance.used_up
+        with pytest.raises(OutOfTime):
+            allowance.passed(12)
+        assert allowance.used_up
+
+
+def test_a_search_whose_best_attempt_violates_nothing_says_so(
+    capture, settings, shortest, monkeypatch
+):
+    """On few points a path may keep every constraint that its finer ones did not."""
+    monkeypatch.setattr(multi_start, "_coarse_paths", lambda *_: iter(()))
+    monkeypatch.setattr(GridSolver, "best_attempt", lambda _: (shortest, [], 0.0))
+    with pytest.raises(NoPlanFound, match=r"keeps every constraint.*more initial guesses") as found:
+        plan(replace(capture, objective=LENGTH, parametrisation=PAPERS), settings)
+    assert (found.value.status, found.value.requirement) == (Status.CHECK_FAILED, "")
+    assert found.value.attempt is shortest
+
+
+def test_how_a_search_ended_is_not_read_from_words(capture, settings, monkeypatch):
+    words = {stop: f"whatever it is called: {stop}" for stop in Stop if stop is not Stop.ENOUGH}
+    problem = replace(capture, objective=LENGTH)
+    before = plan(problem, settings).solver
+    monkeypatch.setattr(solver, "_REASONS", words)
+    after = plan(problem, settings).solver
+    assert before.ended_by is after.ended_by is EndedBy.CONVERGED
+    assert after.rollouts == before.rollouts
 
 
 def test_a_goal_that_no_posture_reaches_is_refused_with_the_reach(capture, settings):

@@ -169,7 +169,8 @@ def test_steps_that_together_bring_hardly_anything_are_the_last(progress, creeps
     solution = minimise(linearise, np.zeros(2), 60, 1e-12, progress)
     assert not solution.converged
     assert (solution.iterations == 8) == creeps
-    assert (solution.stop_reason == solver.CREEPING) == creeps
+    assert (solution.stop is solver.Stop.CREEPING) == creeps
+    assert solution.stop.is_good_enough == creeps
 
 
 def test_what_is_known_at_the_start_is_not_asked_for_again():

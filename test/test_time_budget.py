@@ -102,3 +102,17 @@ def test_what_used_the_time_is_told(clock: list[float]) -> None:
         "0.50 s kept for the answer"
     )
     assert f"is used up ({end.value.used_for}); whether" in str(out_of_time(end.value))
+
+
+def test_a_step_ends_where_its_check_would_come_too_late(clock: list[float]) -> None:
+    """After a check of half a second, a step may take what is left before another one."""
+    watch = TimeBudget(Budget(4.0), reserved=0.25)
+    watch.require_time(CHECKING)
+    clock[0] = 1000.5
+    watch.require_time()
+    assert watch.time_left() == 2.75
+    clock[0] = 1003.5
+    assert watch.time_left() == -0.25
+    end = watch.cut_short()
+    assert str(end) == "the time budget of 4 s is used up"
+    assert end.used_for.endswith("0.50 s checking, 3.00 s searching, 0.25 s kept for the answer")
