@@ -17,12 +17,12 @@ from bodied_robots import (
     random_robot,
     tumbling_spheres,
 )
-from core_rows import CoreRows, pair_distances_of_core, sphere_distances_of_core
+from core_rows import CoreRows, pair_distances_of_core, rows_along, sphere_distances_of_core
 from robots import random_state
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import sphere_arrays, spheres_of
+from ff_planner_ros.core.conversions import bodies_of, sphere_arrays, spheres_of
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     distance_from,
@@ -329,3 +329,22 @@ def test_what_was_asked_of_coal_first_changes_no_distance() -> None:
         asked = [sys.executable, "-c", ASKED_FIRST, *turn]
         found.add(subprocess.run(asked, capture_output=True, text=True, check=True).stdout)
     assert len(found) == 1, found
+
+
+def test_requirements_of_other_bodies_or_other_times_have_rows_of_their_own() -> None:
+    """Whichever is asked first, at quarters of the intervals or not."""
+    robot, points = all_pairs(1), 4
+    fewer = replace(robot, bodies=robot.bodies[:2], pairs=((0, 1),))
+    q = configurations(robot, 2 * points - 1, 5)
+    asked = [
+        compiled.pairs_apart(bodies_of(of), np.zeros(len(of.pairs)), 1e3, quarter_way, None)
+        for of in (robot, fewer)
+        for quarter_way in (False, True)
+    ]
+    alone = [rows_along(robot, [one], q[:points], q[points:]) for one in asked]
+    assert len({len(one.values) for one in alone}) == len(asked)
+    for order in ([0, 1, 2, 3], [3, 2, 1, 0], [1, 3, 0, 2]):
+        found = rows_along(robot, [asked[k] for k in order], q[:points], q[points:])
+        np.testing.assert_array_equal(
+            found.values, np.concatenate([alone[k].values for k in order])
+        )

@@ -17,6 +17,7 @@ from test_scenario import MISSING, SCENARIO, saved
 from ff_planner_ros.campaign.study import study_schema
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.scenario.scenario import scenario_schema
 
 CONFIG = share_directory() / "config"
@@ -270,3 +271,32 @@ def test_what_the_check_lets_pass_is_valid_by_the_schema(
 
 def test_every_key_of_the_tests_is_in_the_schema() -> None:
     assert SCENARIO.keys() <= SCHEMA["properties"].keys()
+
+
+@pytest.mark.parametrize(
+    ("told", "refused"),
+    [
+        (
+            "points: 8500\nend_behaviour: hold_end_effector\npost_goal_duration: 2.0",
+            "2 s: with its",
+        ),
+        ("points: 50\nend_behaviour: stop_joints\npost_goal_duration: -1.0", "-1.0: it must be"),
+        ("points: 50\nend_behaviour: stop_joints\npost_goal_duration: 2100.0", "2100 s: with its"),
+    ],
+)
+@pytest.mark.parametrize("command", ["check", "plan"])
+def test_a_post_goal_segment_that_no_plan_can_have_is_refused_before_any_search(
+    command: str,
+    told: str,
+    refused: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of 10,000 points; by the same rule whoever asks."""
+    monkeypatch.setattr(compiled.PathProgram, "at", None)  # nothing is searched
+    file = tmp_path / "scenario.yaml"
+    text = LEMUR_SCENARIO.read_text().replace("../robots", str(CONFIG / "robots"))
+    file.write_text(text.replace("points: 50", told))
+    assert main([command, str(file)]) == 2
+    assert f"post_goal_duration is {refused}" in "".join(capsys.readouterr())
