@@ -18,6 +18,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.commands.options import require_directory, require_file
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.paths.polynomial import PARAMETERS
 
 CONFIG = share_directory() / "config"
@@ -320,6 +321,19 @@ def test_an_output_that_is_a_pipe_is_left_to_who_reads_it(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     require_file("--json", pipe)  # to open it would wait for a reader
+    reader, writer = os.pipe()  # as of a shell's >(...)
+    require_file("--json", Path(f"/dev/fd/{writer}"))
+    os.close(writer)
+    os.close(reader)
+
+
+def test_an_output_that_is_a_link_is_tried_where_it_leads(tmp_path):
+    for name, place in (("link", "there.json"), ("lost", "none/there.json")):
+        (tmp_path / name).symlink_to(tmp_path / place)
+    require_file("--json", tmp_path / "link")
+    with pytest.raises(InvalidInput, match=r"--json is .*lost: it cannot be written: No such file"):
+        require_file("--json", tmp_path / "lost")
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["link", "lost"]
 
 
 def test_a_plan_that_cannot_be_written_after_all_is_printed(tmp_path, monkeypatch, capsys):

@@ -69,13 +69,14 @@ def require_outputs(options: Namespace) -> None:
 def require_file(option: str, path: Path) -> None:
     """Refuse a path to which no file can be written; one that is there is left as it is."""
     try:
-        path = path.resolve()
         is_there = path.exists()
-        if not is_there or path.is_file() or path.is_dir():  # a pipe must not be opened twice
-            with path.open("ab"):
-                pass
+        if is_there and not (path.is_file() or path.is_dir()):
+            return  # a pipe must not be opened twice
+        place = path.resolve()  # and not the link that leads there
+        with place.open("ab"):
+            pass
         if not is_there:
-            path.unlink()
+            place.unlink()
     except (OSError, ValueError) as error:  # the latter: a character that no path can have
         raise _unwritable(option, path, getattr(error, "strerror", None) or error) from None
 
