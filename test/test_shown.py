@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from ff_planner_ros.common.shown import LONGEST_VALUE, printable, shortened, shown
+from ff_planner_ros.common.text_file import read_text
 from ff_planner_ros.errors import InvalidInput, Status
 
 LONG = {
@@ -45,3 +46,11 @@ def test_a_path_in_a_refusal_keeps_the_name_of_its_file_and_what_is_allowed() ->
     many = ", ".join(f"name_{k}" for k in range(1000))
     said = str(InvalidInput(Status.OUT_OF_RANGE, "key", many, f"known are {many} and the_last"))
     assert "and the_last (" in said
+
+
+@pytest.mark.parametrize("line_end", [b"\n", b"\r\n", b"\r"])
+def test_a_fault_in_a_file_has_its_line_however_lines_end(line_end: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_bytes(line_end.join([b"one", b"", b"three", b"f\xff"]))
+    with pytest.raises(InvalidInput, match=r"byte \d+ in line 4$"):
+        read_text(path, 1000)

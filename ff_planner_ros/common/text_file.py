@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from pathlib import Path
 from typing import TypeAlias
@@ -45,7 +46,7 @@ def read_text(
     try:
         return data.decode()
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
+        line = len(re.findall(rb"\r\n?|\n", data[: error.start])) + 1
         reason = f"it is not UTF-8: {error.reason}, byte {error.start} in line {line}"
     raise InvalidInput(status, field, path, reason)
 
