@@ -119,7 +119,6 @@ def test_a_joint_that_is_too_fast_between_two_points_is_refused(place: str, sign
             the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
-@pytest.mark.law("PLAN-05")
 @both_ways
 @pytest.mark.parametrize(("rate", "spare"), [(0.3, 3e-5), (1e-3, 1e-6), (0.01, 1e-6)])
 def test_start_search_and_check_allow_a_velocity_the_same_excess(
