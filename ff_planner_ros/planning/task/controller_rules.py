@@ -34,7 +34,9 @@ import numpy as np
 
 from ff_planner_ros.common.declared import declare
 from ff_planner_ros.common.forms import TRUTH, a_number
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.motion.plan import Plan
 
 # The controller's own: single precision's [rad/s].
 REST = float(np.finfo(np.float32).eps)
@@ -76,6 +78,20 @@ class Command:
     velocities: _Rows  # [rad/s or m/s]
     accelerations: _Rows  # [rad/s2 or m/s2]
     effort: _Rows  # [N m or N]
+
+
+def command_of(plan: Plan, controller: Controller) -> Command:
+    """Return a plan as the message that a controller is sent."""
+    motion = plan.trajectory
+    torques = motion.joint_torques if controller.effort_interface else motion.joint_torques[:, :0]
+    return Command(
+        joint_names=plan.joint_names,
+        time_from_start_ns=np.rint(motion.time * NANOSECONDS).astype(np.int64).tolist(),
+        positions=motion.joint_positions.tolist(),
+        velocities=motion.joint_velocities.tolist(),
+        accelerations=motion.joint_accelerations.tolist(),
+        effort=torques.tolist(),
+    )
 
 
 def require_acceptable(controller: Controller, command: Command) -> None:

@@ -30,7 +30,7 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.robust.robust import robust_plan
 from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
-from ff_planner_ros.planning.task.controller_rules import Command, Controller, require_acceptable
+from ff_planner_ros.planning.task.controller_rules import command_of, require_acceptable
 from ff_planner_ros.planning.task.following import following
 from ff_planner_ros.planning.task.notes import notes_on, with_hull_note, with_notes
 from ff_planner_ros.planning.task.planning_task import PlanningTask
@@ -50,7 +50,6 @@ __all__ = [
 # Takes the problem in the frame that the plan is made in, settings, watch and initial guess.
 Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, FirstGuess | None], Plan]
 
-_NANOSECONDS = 1e9
 # A phase that another follows keeps so much more clearance [m], if one of a few initial guesses
 # leads to such a plan: the next phase begins there, with one body more.
 _ROOM, _FEW = 0.02, 3
@@ -290,7 +289,7 @@ def _performed(
         others = sorted(moments - {moment}, key=lambda other: (abs(other - moment), other))
         return _at_another_moment(task, problem, watch, method, others, undrivable)
     if task.controller is not None:
-        require_acceptable(task.controller, _command(whole, task.controller))
+        require_acceptable(task.controller, command_of(whole, task.controller))
     return whole
 
 
@@ -337,17 +336,3 @@ def _refused(found: Plan, why: tuple[Failure, ...], is_planner: bool) -> NoPlanF
     ending = Failure(why[0].status, found.solver.stop_reason, ())
     words = refusal(found, [ending, *why], advice=["--method optimal"]).constraint
     return NoPlanFound(why[0].status, words, found, why)
-
-
-def _command(plan: Plan, controller: Controller) -> Command:
-    """Return a plan as the message that a controller is sent."""
-    motion = plan.trajectory
-    torques = motion.joint_torques if controller.effort_interface else motion.joint_torques[:, :0]
-    return Command(
-        joint_names=plan.joint_names,
-        time_from_start_ns=np.rint(motion.time * _NANOSECONDS).astype(np.int64).tolist(),
-        positions=motion.joint_positions.tolist(),
-        velocities=motion.joint_velocities.tolist(),
-        accelerations=motion.joint_accelerations.tolist(),
-        effort=torques.tolist(),
-    )
