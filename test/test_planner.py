@@ -371,14 +371,16 @@ def half_turn(problem):
     return replace(problem.target, quaternion_xyzw=pin.Quaternion(there).coeffs())
 
 
-def test_evaluations_on_all_points_are_told_as_refining(capture, settings):
+@pytest.mark.parametrize("has_guess", [False, True])
+def test_evaluations_on_all_points_are_told_as_refining(capture, settings, shortest, has_guess):
     told = list[Progress]()
 
     class Listening(Watch):
         def report(self, progress):
             told.append(progress)
 
-    plan(replace(capture, objective=LENGTH), settings, Listening())
+    guess = shortest.coefficients if has_guess else None
+    plan(replace(capture, objective=LENGTH), settings, Listening(), guess)
     phases = list(dict.fromkeys(progress.phase for progress in told))
     assert phases == [SEARCHING, REFINING, CHECKING]
 
