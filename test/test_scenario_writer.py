@@ -65,6 +65,7 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
     rng = np.random.default_rng(seed)
     joints = robot.joints
     ends = rng.random() < 0.5
+    duration = max(abs(number(rng)) or 1.0, 1e-3)
     return PlanningTask(
         problem=PlanningProblem(
             robot=robot,
@@ -76,8 +77,8 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
             target=Target(
                 vector(rng), quaternion(rng), vector(rng), vector(rng), vector(rng), vector(rng)
             ),
-            duration=max(abs(number(rng)) or 1.0, 1e-3),
-            points=int(rng.integers(5, 10_001)),
+            duration=duration,
+            points=int(rng.integers(5, 5_001 if ends else 10_001)),
             obstacles=tuple(
                 Sphere(name, vector(rng), abs(number(rng)) or 1.0, rng.choice([0, 1]) * vector(rng))
                 for name in rng.choice(IDS, rng.integers(len(IDS)), replace=False).tolist()
@@ -98,7 +99,7 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
         if rng.random() < 0.5
         else None,
         end_behaviour=list(EndBehaviour)[rng.integers(3)] if ends else EndBehaviour.NONE,
-        tail=abs(number(rng)),
+        tail=float(rng.uniform(1e-3, 0.9)) * duration,  # with so many points as there may be
         controller=Controller(robot.joint_names, False, bool(rng.random() < 0.5))
         if rng.random() < 0.5
         else None,
