@@ -459,8 +459,9 @@ def test_state_obstacles_and_request_come_back_out_of_their_messages(
     problem, robot = lemur_capture, lemur_capture.robot
     message = state_message(problem.start, robot.joint_names, STAMP_NS, FRAME)
     state = state_from_message(message, "chaser_state", robot, FRAME)
+    assert not state.ee_at_rest, "a file's word, which no message has"
     for item in fields(state):
-        expected = getattr(problem.start, item.name)
+        expected = getattr(replace(problem.start, ee_at_rest=False), item.name)
         np.testing.assert_array_equal(getattr(state, item.name), expected)
     spheres = spheres_from_message(obstacles_message(problem.obstacles, STAMP_NS, FRAME), FRAME)
     assert [(s.id, s.center.tolist(), s.radius) for s in spheres] == [

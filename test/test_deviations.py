@@ -33,3 +33,17 @@ def test_joints_that_slide_deviate_by_their_weight(lemur_plan: Plan) -> None:
     measured = replace(planned, joint_positions=planned.joint_positions - off)
     found = deviations(planned, measured, weights)
     np.testing.assert_allclose(found.joint_position, 0.03, rtol=0.0, atol=1e-9)
+
+
+def test_a_continuous_joint_that_is_measured_a_turn_off_is_where_it_is_planned(
+    lemur_plan: Plan,
+) -> None:
+    """Who publishes joint states may count its turns otherwise, from one to the next."""
+    planned, joint = lemur_plan.trajectory, 2
+    times, joints = planned.joint_positions.shape
+    turns = 2.0 * np.pi * np.outer(np.arange(times) % 3 - 1, np.eye(joints)[joint])
+    measured = replace(planned, joint_positions=planned.joint_positions + turns + 0.01)
+    continuous = [number == joint for number in range(joints)]
+    found = deviations(planned, measured, continuous=continuous)
+    np.testing.assert_allclose(found.joint_position, 0.01, rtol=0.0, atol=1e-9)
+    assert deviations(planned, measured).joint_position.max() > 6.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 import random
@@ -81,6 +82,16 @@ def solve(
     return worker.solve(
         PlanningTask(problem, settings), Budget(budget), time.monotonic(), check, report
     )
+
+
+def impatient(seconds: float) -> Callable[[], None]:
+    """Return a check that fails once nobody would wait any longer."""
+    give_up = time.monotonic() + seconds
+
+    def check() -> None:
+        assert time.monotonic() < give_up, "nobody answers"
+
+    return check
 
 
 def server(worker: Worker) -> int:
@@ -493,13 +504,13 @@ def test_a_budget_that_ends_while_a_solver_is_loaded_is_answered_then_with_that_
 
     with monkeypatch.context() as patch:
         patch.setattr(module.subprocess, "Popen", stopped)
-        patch.setattr(module, "_LEAST_GRACE", DEADLINE)
+        patch.setattr(module, "_LEAST_GRACE", math.inf)
         for number in (spare_of(worker), server(worker)):
             os.kill(number, signal.SIGKILL)
         with pytest.raises(
             NoPlanFound, match=r"0\.5 s .* while a new solver has been loading"
         ) as end:
-            solve(worker, lemur_capture, settings, 0.5)
+            solve(worker, lemur_capture, settings, 0.5, check=impatient(60.0))
     assert end.value.status is Status.TIMED_OUT
     assert "fewer points" not in str(end.value)
     for number in started:

@@ -306,7 +306,8 @@ def _with_measured(
     # A plan's times are counted in nanoseconds, too: the last may be beyond its end by rounding.
     time = np.clip(time, plan.motion.time[0], plan.motion.time[-1])
     measured = measured_motion(plan.robot, time, [window.states[s] for s in stamps.tolist()])
-    found = deviations(plan.motion, measured, plan.robot.joint_weights)
+    of_joints = plan.robot.joint_weights, plan.robot.continuous
+    found = deviations(plan.motion, measured, *of_joints)
     worst = float(found.joint_position.max())
     tolerance = parameters.following_tolerance if parameters is not None else np.inf
     if worst > tolerance:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,7 +16,7 @@ from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.motion import chaser_motion
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.pose_motion import poses_between
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.configuration import configuration, without_turns
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import (
     quaternion_inverse,
@@ -63,24 +64,29 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
 
 
 def deviations(
-    planned: Trajectory, measured: Trajectory, weights: Array | float = 1.0
+    planned: Trajectory,
+    measured: Trajectory,
+    weights: Array | float = 1.0,
+    continuous: Sequence[bool] | bool = False,
 ) -> Deviations:
     """Return the deviations of a measured motion from the plan, interpolated at its times.
 
     Args:
         weights: `Robot.joint_weights`, shape (joints,): 1, or rad/m for prismatic joints.
+        continuous: `Robot.continuous`: a joint is where it was a turn ago.
     """
     time = measured.time
     chaser, chaser_attitude = planned_poses(planned, "chaser", time)
     ee, ee_orientation = planned_poses(planned, "ee", time)
     positions, velocities, _ = joint_motion(planned).at(time)
+    aside = without_turns(measured.joint_positions - positions, continuous)
     return Deviations(
         time=time,
         chaser_position=np.linalg.norm(measured.chaser_positions - chaser, axis=1),
         chaser_angle=_turn(chaser_attitude, measured.chaser_quaternions_xyzw),
         ee_position=np.linalg.norm(measured.ee_positions - ee, axis=1),
         ee_angle=_turn(ee_orientation, measured.ee_quaternions_xyzw),
-        joint_position=np.abs(weights * (measured.joint_positions - positions)).max(axis=1),
+        joint_position=np.abs(weights * aside).max(axis=1),
         joint_velocity=np.abs(weights * (measured.joint_velocities - velocities)).max(axis=1),
     )
 
