@@ -170,7 +170,7 @@ def test_a_library_with_plans_of_unequal_length_fails_no_task(tmp_path: Path) ->
         StoredPlan(kind, place[:-1], np.ones(variables)),
         StoredPlan(kind, np.append(place, 0.0), np.ones(variables)),
         StoredPlan(kind, np.empty(0), np.ones(variables)),
-        StoredPlan(kind, 1e300 * np.ones(len(place)), np.ones(variables)),
+        StoredPlan(kind, 1e100 * np.ones(len(place)), np.ones(variables)),
         StoredPlan(kind, place, np.ones(variables + 1)),
     ]
     save_library(odd, tmp_path)

@@ -123,6 +123,6 @@ def test_a_publisher_of_obstacles_that_is_gone_is_told() -> None:
         client.wait_for_planner()
         with publishing("mapper", ObstacleSphereArray, "obstacles", LATCHED) as mapper:
             mapper.publish(scene.obstacles())
-            told(client, heard, "obstacles", "old")
+            told(client, heard, "obstacles", "not stamped")
         client.node.destroy_publisher(client._obstacles)
         told(client, heard, "obstacles", "their publisher is gone")

@@ -155,7 +155,9 @@ CASES = {
         _set("start_time.sec", 12),
     ),
     "a payload without a mass": Case(
-        Status.OUT_OF_RANGE, ("payload.inertia.m", "greater than 0"), _set("payload", [Payload()])
+        Status.OUT_OF_RANGE,
+        ("payload.inertia.m", "greater than 0"),
+        _set("payload", [Payload(link="link_7")]),
     ),
     "a start time in a year": Case(
         Status.OUT_OF_RANGE, ("start_time", "s ahead of now", "start_horizon"), _in_a_year

@@ -277,6 +277,9 @@ def test_a_robot_that_takes_a_payload_is_in_all_else_what_it_was(case: str) -> N
     assert took.notes == (*bare.notes, "link tool holds a payload of 3 kg")
     for name in {item.name for item in fields(Robot)} - OF_PAYLOAD - OF_SHAPES:
         before, after = getattr(bare, name), getattr(took, name)
+        if name == "locked_joints":  # the payload's own joint is one more
+            assert after[-1].name == "payload_on_tool"
+            after = after[:-1]
         if name == "wheels":
             assert digest_of(before) == digest_of(after)
         elif isinstance(before, np.ndarray):

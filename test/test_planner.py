@@ -406,7 +406,7 @@ def test_a_search_whose_best_attempt_violates_nothing_says_so(
     """On few points a path may keep every constraint that its finer ones did not."""
     monkeypatch.setattr(multi_start, "_coarse_paths", lambda *_: iter(()))
     monkeypatch.setattr(GridSolver, "best_attempt", lambda _: (shortest, [], 0.0))
-    with pytest.raises(NoPlanFound, match=r"keeps every constraint.*more initial guesses") as found:
+    with pytest.raises(NoPlanFound, match=r"keeps every constraint.*more planner\.starts") as found:
         plan(replace(capture, objective=LENGTH, parametrisation=PAPERS), settings)
     assert (found.value.status, found.value.requirement) == (Status.CHECK_FAILED, "")
     assert found.value.attempt is shortest

@@ -322,7 +322,7 @@ def test_the_joints_of_a_target_are_where_the_scenario_says_or_as_near_to_zero_a
     told = (
         f"target_body.urdf: its joints are locked: drive at {drive:g} rad, hinge at {hinge:g} rad"
     )
-    assert notes_on_files(task) == notes_on(task.problem) == (told,)
+    assert notes_on_files(task) == notes_on(task.problem, task.settings) == (told,)
     # What is written has the shapes where the joints put them, and needs no joints.
     write_scenario(task, tmp_path / "again.yaml")
     assert load_task(tmp_path / "again.yaml", Defaults(SETTINGS)).digest == task.digest

@@ -68,7 +68,7 @@ PERFECT = Imperfections()
 ALONG_A_BODY = Path(poses=[PoseStamped()])
 LEAD = 1.5  # of a testbed that waits [s]
 # What the testbed's sensors measure of a state: everything but these.
-NOT_MEASURED = ("joint_accelerations", "wheel_momenta")
+NOT_MEASURED = ("joint_accelerations", "wheel_momenta", "ee_at_rest")
 MEASURED = [item.name for item in fields(SystemState) if item.name not in NOT_MEASURED]
 
 

@@ -649,16 +649,17 @@ def test_an_error_that_nobody_foresaw_is_internal_and_ends_its_process_alone(
     fresh: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     solve(fresh, lemur_capture, settings)
-    process = child(fresh)
+    process, broken = child(fresh), PlanningTask(lemur_capture, settings)
+    object.__setattr__(broken, "settings", None)
     with pytest.raises(FfPlannerError, match="the planner failed: AttributeError") as failure:
-        solve(fresh, lemur_capture, None)  # type: ignore[arg-type]
+        fresh.solve(broken, Budget(LONG), time.monotonic(), nothing, nothing)
     assert failure.value.status is Status.INTERNAL_ERROR
     assert solve(fresh, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert child(fresh) != process, "nobody knows what state it was in"
 
 
 def test_what_a_library_prints_does_not_garble_the_answers(worker: Worker) -> None:
-    with pytest.raises(FfPlannerError, match="the planner failed"):
+    with pytest.raises(FfPlannerError, match="task is None: it must be a PlanningTask"):
         worker.solve(Loud(), Budget(LONG), time.monotonic(), nothing, nothing)  # type: ignore[arg-type]
 
 

@@ -102,7 +102,7 @@ def test_values_of_the_right_type_pass() -> None:
         (integer, True, "a is True: it must be a whole number"),
         (integer, "50", "a is '50': it must be a whole number"),
         (text, 7, "a is 7: it must be text"),
-        (text, "", "a is '': it must be text"),
+        (text, "", "a is '': it must be text, and not empty"),
     ],
 )
 def test_values_of_another_type_are_refused(reader, value: object, message: str) -> None:

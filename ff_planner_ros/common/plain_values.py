@@ -120,7 +120,7 @@ def text(field: str, value: object) -> str:
     """
     if found := any_text(field, value):
         return found
-    raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be text")
+    raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be text, and not empty")
 
 
 def any_text(field: str, value: object) -> str:

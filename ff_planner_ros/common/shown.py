@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import reprlib
 from array import array
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from typing import Any
 
@@ -113,9 +113,14 @@ def _fact(value: Any) -> str:
             return f"{' x '.join(map(str, shape))} numbers{ends}"
         value = value.tolist()
     if isinstance(value, list | tuple):
-        entries = [str(getattr(one, "id", "")) or _fact(one) for one in value[:_FIRST]]
+        entries = [_named(one) or _fact(one) for one in value[:_FIRST]]
         return f"[{', '.join(entries)}{', ...' if len(value) > _FIRST else ''}]"
     return quoted(value)
+
+
+def _named(value: Any) -> str:
+    """Return the id of an obstacle, the class of another dataclass; empty: it is none."""
+    return str(getattr(value, "id", type(value).__name__)) if is_dataclass(value) else ""
 
 
 def in_log(text: str) -> str:

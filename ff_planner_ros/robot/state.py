@@ -87,11 +87,12 @@ class SystemState:
     # Whether a file asked for the joint velocities that hold the end effector at rest
     ee_at_rest: bool = False
 
+    FACTS = ("position_chaser_in_inertial", "quaternion_chaser_to_inertial_xyzw", "joint_positions")
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        check_declared(self, "")
+        check_declared(self, "", ee_at_rest=bool)
         joints = len(self.joint_positions)
         finite_vector("joints.velocity", self.joint_velocities, joints)
         if self.joint_accelerations is not None:

@@ -96,7 +96,7 @@ class PathProgram:
     def in_core(self) -> compiled.PathProgram:
         """The program as the core has it."""
         problem, goal_motion = self.problem, self.family.goal_motion
-        requirements = list[tuple[int, compiled.PathRequirement | Callable[..., Rows | None]]]()
+        requirements: list[tuple[int, compiled.PathRequirement | Callable[..., Rows | None]]] = []
         for number, required in enumerate(self.requirements):
             if required.name in self.on_demand or not required.concerns(problem):
                 continue

@@ -71,6 +71,7 @@ class Sphere:
     body: TargetBody | None = None  # that it is fixed to, if any
     place_in_body: Array | None = None  # of its centre then, in the body's frame; shape (3,) [m]
 
+    FACTS = ("id", "center", "radius", "velocity")
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:
@@ -169,6 +170,7 @@ class ObstacleBody:
     body: TargetBody | None = None  # that it is fixed to, if any
     place_in_body: pin.SE3 | None = None  # of the shape's frame then, in the body's frame
 
+    FACTS = ("id", "shape", "position", "velocity", "angular_velocity")
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:

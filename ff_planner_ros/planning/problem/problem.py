@@ -204,7 +204,7 @@ class PlanningProblem:
         late=True,
     )
 
-    FACTS = ("robot", "target", "duration", "points", "obstacles")
+    FACTS = ("robot", "duration", "points", "obstacles", "posture", "target")
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:

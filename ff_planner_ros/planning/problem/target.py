@@ -111,6 +111,7 @@ class Target:
         late=True,
     )
 
+    FACTS = ("position", "quaternion_xyzw", "linear_velocity", "angular_velocity", "orientation")
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:

@@ -161,7 +161,7 @@ class TargetBody:
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        check_declared(self, "target_body")
+        check_declared(self, "target_body", notes=tuple)
         inertia = possible_inertia("target_body.inertia", self.inertia)
         object.__setattr__(self, "inertia", inertia)
         bodies = [one for one in self.obstacles if isinstance(one, AttachedBody)]

@@ -82,6 +82,7 @@ class Phase:
         late=True,
     )
 
+    FACTS = ("duration", "target", "target_body", "points")
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:

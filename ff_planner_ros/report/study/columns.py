@@ -88,7 +88,7 @@ def unit_of(key: str) -> str:
         return "kg" if key.endswith(".mass") else "kg m2" if ".inertia." in key else ""
     steps = re.findall(r"[^.\[\]]+", key)
     for words in _described(_schema(), steps):
-        if unit := re.search(r"\[([^\[\]]+)\]\. Since", words):
+        if unit := re.search(r"\[([^\[\]]+)\]\.$", words):
             return unit[1]
     return ""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from difflib import get_close_matches
 from typing import Any
 
 from ff_planner_msgs.msg import PlanRequest
@@ -40,7 +41,8 @@ def split_setting(setting: str, known: Collection[str]) -> tuple[str, str]:
         allowed = "it must read key=value, such as objective.chaser_attitude=1"
         raise InvalidInput(Status.OUT_OF_RANGE, "--set", setting, allowed)
     if key not in known:
-        allowed = f"allowed are {', '.join(known)}"
+        nearest_first = dict.fromkeys([*get_close_matches(key, known), *known])
+        allowed = f"allowed are {', '.join(nearest_first)}"
         raise InvalidInput(Status.OUT_OF_RANGE, f"--set {key}", "an unknown key", allowed)
     return key, value
 

@@ -108,7 +108,7 @@ class Worker:
                 raise Interrupted
             late = time.monotonic() - begun - budget.seconds
             is_ready = has_begun or self._servers[0].is_loaded
-            if late > is_ready * max(_LEAST_GRACE, min(budget.seconds, _GRACE)):
+            if late > (max(_LEAST_GRACE, min(budget.seconds, _GRACE)) if is_ready else 0.0):
                 raise NoPlanFound(
                     Status.TIMED_OUT,
                     f"the time budget of {budget.seconds:g} s is used up {why()}; whether there is "
