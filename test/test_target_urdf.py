@@ -350,6 +350,12 @@ def test_a_message_and_a_scenario_have_the_joints_of_a_target_at_the_same_positi
     assert alone.notes == (note, other)
 
 
+def test_what_of_a_target_is_not_read_and_cannot_matter_is_noted() -> None:
+    unread = _read(URDF.replace("</robot>", "<catalogue/></robot>"))
+    assert unread.notes[0] == "target_body.urdf: not read: <catalogue> in <robot>"
+    assert unread.notes[1:] == _read(URDF).notes
+
+
 def test_an_inertia_of_a_target_in_another_unit_is_noted() -> None:
     """In g mm2: of a bus of 100 kg and 1 m."""
     told = 'ixx="10" iyy="12" izz="8" ixy="0.5"'

@@ -126,6 +126,7 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
     ] or [np.linalg.norm((center * place).translation) for place in places.values()]
     if size := 2.0 * float(max(reaches)):
         notes += [note for link in tree.links.values() for note in too_wide(link, size)]
+    notes = [*faults.notes, *notes]
     return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass), tuple(notes))
 
 
