@@ -495,6 +495,7 @@ def test_a_budget_that_ends_while_a_solver_is_loaded_is_answered_then_with_that_
 ) -> None:
     """Both have died, and the new one is stopped before it is loaded: no grace can help it."""
     started, start = list[int](), subprocess.Popen
+    both = {spare_of(worker), server(worker)}
 
     def stopped(*arguments: Any, **options: Any) -> Any:
         process = start(*arguments, **options)
@@ -505,7 +506,7 @@ def test_a_budget_that_ends_while_a_solver_is_loaded_is_answered_then_with_that_
     with monkeypatch.context() as patch:
         patch.setattr(module.subprocess, "Popen", stopped)
         patch.setattr(module, "_LEAST_GRACE", math.inf)
-        for number in (spare_of(worker), server(worker)):
+        for number in both:
             os.kill(number, signal.SIGKILL)
         with pytest.raises(
             NoPlanFound, match=r"0\.5 s .* while a new solver has been loading"
