@@ -13,6 +13,8 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.problem import Sphere, attached
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 _INERTIAL = (
@@ -91,3 +93,22 @@ def turning(times: Sequence[float] | Array, begin: Array, rates: Array) -> Follo
     time = np.array(times, np.float64)
     angles = np.asarray(begin) + np.outer(time - time[0], rates)
     return told(time, angles, np.tile(rates, (len(time), 1)))
+
+
+def panel_about(x: float, begin: float, rate: float) -> list[Sphere]:
+    """A sphere of 0.3 m on a body that turns about z at a place on the x axis, 1 m from there.
+
+    Args:
+        begin: Angle from the x axis at the start [rad].
+        rate: [rad/s].
+    """
+    body = TargetBody(
+        position=np.array([x, 0.0, 0.0]),
+        quaternion_xyzw=[0.0, 0.0, np.sin(begin / 2), np.cos(begin / 2)],
+        inertia=np.eye(3),
+        grasp_position=[0.0, 0.0, 9.0],
+        grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        angular_velocity=[0.0, 0.0, rate],
+        obstacles=(AttachedSphere("panel", [1.0, 0.0, 0.0], 0.3),),
+    )
+    return [one for one in attached(body) if isinstance(one, Sphere)]

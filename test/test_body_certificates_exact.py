@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from straight_arms import ball, straight_arm, told, turning
+from straight_arms import ball, panel_about, straight_arm, told, turning
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance import body_certificate, certificate
@@ -115,17 +115,7 @@ def test_what_turns_far_from_a_robot_at_rest_in_steps_of_seconds(way: float, pac
     """On a circle of 1 m about a place 3 m beyond the tip; nearest is its near end, once a turn."""
     rest, rate = told(pace * TIMES, STILL, STILL), 3.0 * way / pace
     begin = np.pi - rate * pace * (0.6 * TIMES[11] + 0.4 * TIMES[12])
-    body = TargetBody(
-        position=np.array([4.6, 0.0, 0.0]),
-        quaternion_xyzw=[0.0, 0.0, np.sin(begin / 2), np.cos(begin / 2)],
-        inertia=np.eye(3),
-        grasp_position=[0.0, 0.0, 9.0],
-        grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
-        angular_velocity=[0.0, 0.0, rate],
-        obstacles=(AttachedSphere("panel", [1.0, 0.0, 0.0], 0.3),),
-    )
-    panel = [one for one in attached(body) if isinstance(one, Sphere)]
-    assert spheres_are(rest, panel, 1.6).pair == TIP
+    assert spheres_are(rest, panel_about(4.6, begin, rate), 1.6).pair == TIP
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

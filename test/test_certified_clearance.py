@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from straight_arms import straight_arm, told, turning
+from straight_arms import panel_about, straight_arm, told, turning
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance import certificate
@@ -70,17 +70,7 @@ def test_what_turns_far_from_an_arm_at_rest_in_steps_of_seconds(way: float, pace
     times = pace * TIMES
     rest, rate = told(times, np.zeros((5, 1)), np.zeros((5, 1))), way * 0.5 / pace
     begin = np.pi - rate * 3.1 * pace
-    body = TargetBody(
-        position=np.array([4.0, 0.0, 0.0]),
-        quaternion_xyzw=[0.0, 0.0, np.sin(begin / 2), np.cos(begin / 2)],
-        inertia=np.eye(3),
-        grasp_position=[0.0, 0.0, 9.0],
-        grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
-        angular_velocity=[0.0, 0.0, rate],
-        obstacles=(AttachedSphere("panel", [1.0, 0.0, 0.0], 0.3),),
-    )
-    panel = [one for one in attached(body) if isinstance(one, Sphere)]
-    require(rest, panel, 1.7)
+    require(rest, panel_about(4.0, begin, rate), 1.7)
 
 
 @pytest.mark.parametrize("step", [0.5, 8.0])

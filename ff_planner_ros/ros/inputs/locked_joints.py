@@ -19,7 +19,6 @@ _FIELDS = {
     JOINT_STATES.message_type: ("name", "position", "velocity"),
     CHASER_STATE.message_type: ("joint_names", "joint_positions", "joint_velocities"),
 }
-_TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,7 @@ def _differences(source: str, message: Any, robot: Robot, tolerance: float) -> I
             one = locked[joint]
             off = float(value) if is_rate else float(value) - one.position
             if one.type == "continuous" and not is_rate and math.isfinite(off):
-                off = math.remainder(off, _TURN)
+                off = math.remainder(off, math.tau)
             if not abs(off) <= tolerance:
                 yield _Off(one, f"{source}.{kind}[{joint}]", float(value), bool(is_rate))
 
