@@ -147,6 +147,10 @@ NOT_EXPANDED = "which is not expanded: run xacro first"
         ),
         (within("link", "<origin xyz='0 0 1'/>"), "link 'chaser' is with an unknown <origin>"),
         (within("link", PANEL), "link 'chaser' is with an unknown <link>: it may hold inertial"),
+        (
+            within("joint", "<orign xyz='0 0 1'/>"),
+            "with an unknown <orign>: it may hold origin, parent, child, axis, limit, mimic",
+        ),
         (within("inertial", "<pose>1 2 3 0 0 0</pose>"), "inertial is with an unknown <pose>"),
         (LEMUR.replace("<mass ", "<mass unit='g' "), "inertial mass is with an unknown 'unit'"),
         (within("joint", "<origin>1 2 3</origin>"), "origin text is '1 2 3': it must be in attr"),

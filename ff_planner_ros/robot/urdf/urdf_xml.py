@@ -301,7 +301,8 @@ class _Reader:
         places = (number for text in attributes.values() for number in finite_numbers(text))
         if (parent.tag, tag) == ("link", "origin") and not any(places):
             return  # as onshape-to-robot writes it
-        known = [part for part, inside in self._parts[-1].items() if inside is not None]
+        parts = self._parts[-1].items()
+        known = [part for part, inside in parts if inside is not None and part != LOCKED]
         known += _SEVERAL if parent.tag == "link" else ()
         allowed = f"it may hold {listed(known) or 'no elements'}"
         self._add("", f"with an unknown <{shortened(tag)}>", allowed)
