@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -57,9 +56,7 @@ def rows_of(
     return ROWS.get(required.name, required.rows)(problem, motion, sensitivity, margin)
 
 
-def distances_of_core(
-    program: PathProgram, required: Requirement, motion: Motion, _: Sensitivity
-) -> Rows:
+def distances_of_core(program: PathProgram, required: Requirement, motion: Motion) -> Rows:
     """Return all distances of interest; tests of clearance and bodies have their truth."""
     # Without margins, and nothing may touch.
     problem = replace(program.problem, allowed_collisions=())
@@ -75,16 +72,8 @@ def distances_of_core(
     return Rows(found.constraints, found.constraints_jacobian, found.names - _NAMES // 2)
 
 
-def linearise(
-    program: PathProgram,
-    x: Array,
-    distances_of: Callable[..., Rows] = distances_of_core,
-) -> PathLinearisation:
-    """Return what `PathProgram.linearise` does.
-
-    Args:
-        distances_of: As `distances_of_core`.
-    """
+def linearise(program: PathProgram, x: Array) -> PathLinearisation:
+    """Return what `PathProgram.linearise` does."""
     motion = program.family.motion(x, program.points, program.damping)
     if motion.singular_at is not None:
         return undefined(motion)
@@ -108,7 +97,7 @@ def linearise(
             continue
         margin = program.margins[required.name]
         if required.name in DISTANCES:
-            near = distances_of(program, required, driven, sensitivity)
+            near = distances_of_core(program, required, driven)
             kept.append((number, DISTANCES[required.name](problem, driven, near, margin)))
         elif (found := rows_of(required, problem, driven, sensitivity, margin)) is not None:
             kept.append((number, found))

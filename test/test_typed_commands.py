@@ -40,7 +40,7 @@ CI = re.compile(
 )
 NIGHTLY = re.compile(
     r".*(ff-planner (bench|campaign|map)|--library|data_set|ten_thousand|two_hundred"
-    r"|before_and_after|by_mass|comparisons)"
+    r"|by_mass|comparisons)"
 )
 # Commands of a page that a tutorial types in CI with nearly the same words, or that another test
 # runs there (test_public_interface.py, test_without_ros.py): here, at night.
