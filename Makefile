@@ -91,7 +91,7 @@ $(VENV)/core: $(CORE) | $(VENV)/complete
 EXTRAS_everyday := test
 EXTRAS_ci := test robots browser
 EXTRAS_nightly := $(EXTRAS_ci)
-# The contest of methods, a distribution of its own for those who want it.
+# Experiments, a distribution of its own for those who want it.
 BENCHMARK_everyday := ./benchmark
 BENCHMARK_ci := ./benchmark[ompl,drake]
 BENCHMARK_nightly := $(BENCHMARK_ci)
@@ -169,7 +169,7 @@ SHORT_TEST := bag_golden cli dynamics golden_replay node package planner polynom
 
 # What the package does where no ROS is installed: the commands that a user would try first, on an
 # installation of the base package alone. `verify` and `campaign` must say what they lack, and
-# `verify` run with it. Then the contest, of its wheel.
+# `verify` run with it. Then the experiments, of their wheel.
 WITHOUT_ROS := $(CURDIR)/.venv_without_ros
 CAPTURE := $(CURDIR)/config/scenarios/lemur_capture.yaml
 STUDY := $(CURDIR)/config/studies/lemur_masses.yaml
@@ -187,7 +187,6 @@ without-ros:
 	ff-planner robot $(CURDIR)/config/robots/lemur/lemur.urdf; \
 	ff-planner report answer.json; \
 	ff-planner compare $(CAPTURE); \
-	ff-planner bench --quick --scenarios 1; \
 	python $(CURDIR)/examples/plan_in_python.py; \
 	said=$$(ff-planner verify answer.json 2>&1) && exit 1; grep 'ff_planner_ros\[simulation\]' <<< "$$said"; \
 	said=$$(ff-planner campaign $(STUDY) --out tables 2>&1) && exit 1; \
@@ -197,7 +196,8 @@ without-ros:
 	ff-planner verify answer.json; \
 	python -m pip install --disable-pip-version-check --quiet --constraint $(CURDIR)/constraints.txt $(CURDIR)/benchmark; \
 	ff-planner-benchmark dataset data_set --scenarios 1; \
-	ff-planner-benchmark contest data_set --scenarios 1 --method ours
+	ff-planner-benchmark contest data_set --scenarios 1 --method ours; \
+	ff-planner-benchmark bench --quick --scenarios 1
 	rm -rf $(WITHOUT_ROS)
 
 # The core's tests on a build that stops at every access out of bounds and all undefined behaviour:
@@ -253,7 +253,7 @@ docs: env $(VENV)/docs
 # Measures the benchmark anew, and writes its tables and the sentences with its figures. It takes
 # 40 minutes, on a machine that does nothing else.
 figures: env $(VENV)/extras_everyday
-	$(BIN)/ff-planner bench --json docs/benchmark.json
+	$(BIN)/ff-planner-benchmark bench --json docs/benchmark.json
 	@$(MAKE) --no-print-directory installation-figures
 
 # Those of a default installation alone, in two minutes: the command, and the service of a node.

@@ -113,10 +113,11 @@ def captures_in_short() -> str:
     medians, slow = (cells("captures", column) for column in ("median [s]", "95 % [s]"))
     return dedent(
         f"""\
-        `ff-planner bench` captures {cell("captures", "problems", "tumbling")} bodies of each of
-        {len(medians)} [classes](../explanation/benchmark.md#captures-of-bodies-that-tumble). It
-        finds a plan for {solved("captures")}, in {least(medians)} s to {most(medians)} s of
-        processor time (medians of the classes), and in {least(slow)} s to {most(slow)} s for 95 %,
+        `ff-planner-benchmark bench` captures {cell("captures", "problems", "tumbling")} bodies
+        of each of {len(medians)}
+        [classes](../explanation/benchmark.md#captures-of-bodies-that-tumble). It finds a plan for
+        {solved("captures")}, in {least(medians)} s to {most(medians)} s of processor time (medians
+        of the classes), and in {least(slow)} s to {most(slow)} s for 95 %,
         on one core of an {MACHINE}. Executed in MuJoCo, end effector and grasp are at most {far} mm
         and {turned} deg apart at the capture, and move apart at {fast} mm/s at most.
         """

@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from ros_processes import Scene, connected_client, private_domain, running_planner
 
+from ff_planner_benchmark.bench.report import figures_json
 from ff_planner_ros.bag.provenance import provenance
-from ff_planner_ros.bench.report import figures_json
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import Status

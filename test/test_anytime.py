@@ -15,6 +15,7 @@ from dense_motion import truth
 from recorded_requests import only_request
 from robots import LEMUR_SCENARIO
 
+from ff_planner_benchmark.problems import all_features
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
 from ff_planner_ros.cli import main
@@ -35,7 +36,6 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, l
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.planner import _Best
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import all_features
 from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.replay import Verdict, replay

@@ -7,6 +7,7 @@ import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
 from shared_plans import planned
 
+from ff_planner_benchmark.problems import shapes
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
@@ -18,7 +19,6 @@ from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search import multi_start, planner
 from ff_planner_ros.planning.search.planner import plan
-from ff_planner_ros.problems import shapes
 from ff_planner_ros.problems.robots import arm_urdf
 from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.model import robot_from_urdf_text

@@ -19,6 +19,7 @@ from shaped_problems import SOLIDS
 from shared_plans import planned
 from test_tumbling import body_of
 
+from ff_planner_benchmark.problems.placing import Track, beside, free_body, gap_of
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import from_trajectory
@@ -29,7 +30,6 @@ from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSp
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.bodies import Swept, sphere_gap
-from ff_planner_ros.problems.placing import Track, beside, free_body, gap_of
 from ff_planner_ros.robot.collision.solids import KINDS, Solid
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.replay import Verdict, replay

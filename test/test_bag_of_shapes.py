@@ -12,6 +12,7 @@ from recorded_requests import only_request
 from shaped_problems import SOLIDS, capture_among_bodies
 from test_tumbling import body_of
 
+from ff_planner_benchmark.problems import shapes, tumbling
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.export import export_npz
@@ -27,7 +28,6 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import shapes, tumbling
 from ff_planner_ros.robot.collision.solids import KINDS
 from ff_planner_ros.ros.client import request_of_scenario
 from ff_planner_ros.ros.messages.from_messages import scene_from_message, target_body_from_message

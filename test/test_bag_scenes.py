@@ -10,6 +10,7 @@ from ff_planner_msgs.msg import AllowedCollisions, Approach, Goal, Plan, PlanAns
 from geometry_msgs.msg import Vector3
 from scipy.spatial.transform import Rotation
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.bag.scenes import (
     Received,
     Stamps,
@@ -28,7 +29,6 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
 )
 from ff_planner_ros.planning.problem.target_body import TargetBody
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.ros.messages.to_messages import (
     bodies_message,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from recorded_requests import only_request
 
-from ff_planner_ros.bench.captures import captured_measurement
+from ff_planner_benchmark.bench.captures import captured_measurement
+from ff_planner_benchmark.problems import captured
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import perform
-from ff_planner_ros.problems import captured
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify

@@ -9,6 +9,7 @@ from bodied_robots import tumbling_spheres
 from robots import random_state
 from test_core import FREE, PLANAR, chain_robot
 
+from ff_planner_benchmark.problems import tumbling as captures
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance import certificate
 from ff_planner_ros.planning.distance.certificate import (
@@ -20,7 +21,6 @@ from ff_planner_ros.planning.distance.certificate import (
 )
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
 from ff_planner_ros.planning.problem.problem import Sphere
-from ff_planner_ros.problems import tumbling as captures
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 

@@ -241,7 +241,6 @@ BAG = str(Path(__file__).parent / "golden_bags" / "offline_solved")
 # Every output of every command: no work is done for one that cannot be written.
 OUTPUTS = [
     ("ask", "--json"),
-    ("bench", "--json"),
     ("campaign", "study.yaml", "--out"),
     ("campaign", "study.yaml", "--out", "out", "--library"),
     ("campaign", "report", "DIR", "--output"),
@@ -606,15 +605,6 @@ def test_an_old_name_of_an_option_still_works_and_says_the_new_one(command, old,
     with pytest.raises(SystemExit):
         command_parser().parse_args([command.split()[0], "--help"])
     assert old.split()[0] not in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("option", ["--dataset", "--score"])
-def test_of_an_option_that_is_another_programs_now_one_line_says_which(option, capsys):
-    with pytest.raises(SystemExit) as refused:
-        main(["bench", "--method", "ours", option, "scenario.yaml", "answer.json"])
-    assert refused.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"ff-planner: {option} is now a command of ff-planner-benchmark")
 
 
 def test_the_version_is_told_alone(capsys):

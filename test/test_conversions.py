@@ -25,6 +25,7 @@ from pages import DOCS
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import (
@@ -53,7 +54,6 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.messages.from_messages import (
     problem_from_request,
     spheres_from_message,

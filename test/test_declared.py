@@ -12,6 +12,7 @@ from ff_planner_msgs.msg import Approach as ApproachMessage
 from ff_planner_msgs.msg import ChaserState, ObstacleSphere, PlanRequest
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.bag.older_messages import present_request
 from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import (
@@ -35,7 +36,6 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import entry_of
 

@@ -11,6 +11,7 @@ import pytest
 from bodied_robots import random_solid
 from robots import LEMUR_SCENARIO
 
+from ff_planner_benchmark.problems import shapes
 from ff_planner_ros.analysis.drawing.solids import surface_of
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
@@ -23,7 +24,6 @@ from ff_planner_ros.planning.paths.outlines import around_body
 from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import shapes
 from ff_planner_ros.robot.collision.solids import Solid
 
 POINTS, DAMPING = 13, 0.005

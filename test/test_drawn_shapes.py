@@ -19,6 +19,7 @@ from test_solids import volume
 from test_tumbling import body_of
 from visualization_msgs.msg import Marker
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.analysis import nearest as nearest_bodies
 from ff_planner_ros.analysis.drawing.capture_view import capture_figure
 from ff_planner_ros.analysis.drawing.from_above import view_from_above
@@ -34,7 +35,6 @@ from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sp
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.report.plan_words import obstacle_table

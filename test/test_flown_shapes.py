@@ -12,13 +12,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from ff_planner_benchmark.problems import shapes
 from ff_planner_ros.analysis.nearest import Nearest, nearest
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import shapes
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.state import SystemState

@@ -14,6 +14,7 @@ from robots import LEMUR_SCENARIO
 from test_any_frame import FRAMES
 from test_tumbling import seen_from
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.analysis.plan_document import planned_scene
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
@@ -46,7 +47,6 @@ from ff_planner_ros.planning.search.planner import NOBODY
 from ff_planner_ros.planning.search.planner import plan as planner
 from ff_planner_ros.planning.task import task as task_module
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.problems.robots import ROBOTS, bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 

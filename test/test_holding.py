@@ -12,6 +12,7 @@ from scipy.linalg import expm, null_space
 from scipy.spatial.transform import Rotation
 from shared_plans import planned
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -20,7 +21,6 @@ from ff_planner_ros.planning.paths.holding import holding_in_part, poses_held
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 from ff_planner_ros.planning.task import tail
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import base_twist, total_momentum
 from ff_planner_ros.robot.rotation import skew

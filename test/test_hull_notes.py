@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from shaped_problems import FAR, SOLIDS
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
 from ff_planner_ros.analysis.summary import plan_rows
 from ff_planner_ros.common.arrays import Array
@@ -19,7 +20,6 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.notes import hull_notes
 from ff_planner_ros.planning.task.task import PlanningTask, perform, without_search
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.ros.messages.to_messages import answer_of_error
 

@@ -9,6 +9,10 @@ import pinocchio as pin
 import pytest
 from robots import CONFIG, random_state, random_urdf
 
+from ff_planner_benchmark.problems import joint_goals
+from ff_planner_benchmark.problems.joint_goals import ROBOTS
+from ff_planner_benchmark.problems.witnessed import drawn_problem
+from ff_planner_benchmark.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.forward import driven
@@ -27,11 +31,7 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.grid import grids_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import joint_goals
-from ff_planner_ros.problems.joint_goals import ROBOTS
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.problems.witnessed import drawn_problem
-from ff_planner_ros.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum

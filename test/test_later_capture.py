@@ -17,6 +17,7 @@ from recorded_requests import only_request
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.analysis.plan_document import phases_of, planned_scene
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.plans import read_plans
@@ -43,7 +44,6 @@ from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.planning.task.whole import whole, whole_scene
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration

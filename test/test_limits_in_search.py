@@ -17,6 +17,7 @@ from reference_program import rows_of
 from robots import CANADARM2_SCENARIO, ROBOTS, random_state
 from shared_plans import planned
 
+from ff_planner_benchmark.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -37,7 +38,6 @@ from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text

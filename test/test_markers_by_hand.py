@@ -16,13 +16,13 @@ from shaped_problems import SOLIDS, with_fixed_bodies
 from test_tumbling import body_of, moved
 from visualization_msgs.msg import Marker
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.target_body import AttachedSphere
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 
 BALL = 0.3

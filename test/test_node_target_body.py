@@ -26,6 +26,7 @@ from ros_processes import (
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
@@ -33,7 +34,6 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import TargetBody as FreeBody
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import target_body_message

@@ -18,6 +18,7 @@ from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive
 from shaped_problems import FAR, SOLIDS, among_bodies, bodies, capture_among_bodies
 from test_tumbling import body_of
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.messages import obstacles as obstacles_module
 from ff_planner_ros.messages.obstacles import PRIMITIVES, bodies_of
@@ -25,7 +26,6 @@ from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.planning.task.digest import digest_of
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.messages.from_messages import (
     bodies_from_message,

@@ -12,7 +12,7 @@ from typing import NoReturn
 import pytest
 from robots import CONFIG, LEMUR_SCENARIO
 
-from ff_planner_ros.bench.success import attempt
+from ff_planner_benchmark.bench.success import attempt
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters

@@ -22,7 +22,7 @@ from ff_planner_ros.common.share import installation_prefixes
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 PACKAGE = SOURCE_TREE / "ff_planner_ros"
 MODULES = sorted(PACKAGE.rglob("*.py"))
-# The contest of methods, a distribution of its own that imports the package, never the reverse.
+# Experiments, a distribution of its own that imports the package, never the reverse.
 BENCHMARK = SOURCE_TREE / "benchmark"
 OF_BENCHMARK = sorted((BENCHMARK / "ff_planner_benchmark").rglob("*.py"))
 TESTS = sorted((SOURCE_TREE / "test").glob("*.py"))
@@ -47,7 +47,6 @@ FLOORS = (
     {"parameters", "messages"},
     {"baselines", "simulation", "analysis"},
     {"problems"},
-    {"bench"},
     {"bag", "time_budget"},
     # "ros" is ros/__init__.py
     {"ros", "ros.background", "ros.joining", "ros.parameter_files", "ros.qos"},
@@ -69,7 +68,7 @@ FLOORS = (
     {"cli"},
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, FLOOR_OF["bench"]
+SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, FLOOR_OF["problems"]
 # Rooms and modules that talk to ROS; the others run where no ROS is installed.
 WITH_ROS = (
     "ros",
@@ -83,7 +82,6 @@ WITH_ROS = (
     "console.live",
 )
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
-ROOM_WITH_CLOCKS = "bench"
 # Subjects of a room, without __init__.py, and lines of a file.
 MOST_FILES, MOST_LINES = 15, 350
 # Import name to name for pip, where the two differ.
@@ -227,8 +225,6 @@ def test_rooms_below_bag_know_nothing_of_ros_mcap_or_clocks():
         if FLOOR_OF[room] > HIGHEST_FLOOR_WITHOUT_ROS:
             continue
         imported = top_level_imports([path])
-        if room == ROOM_WITH_CLOCKS:
-            imported -= {"time"}
         foreign = ros_packages(imported) | imported & {"mcap", "mcap_ros2", "time", "datetime"}
         violations += [f"{module} imports {name}" for name in foreign - {"ff_planner_ros"}]
     assert violations == []

@@ -11,6 +11,7 @@ import pytest
 from robots import LEMUR_SCENARIO
 from shared_plans import planned
 
+from ff_planner_benchmark.problems.witnessed import SINGULAR, problem
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -19,7 +20,6 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems.witnessed import SINGULAR, problem
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import smallest_singular_values
 from ff_planner_ros.simulation.verification import verify

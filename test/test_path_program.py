@@ -19,7 +19,15 @@ from core_rows import rows_of_motion
 from reference_load_rows import accelerations_at_points
 from robots import CONFIG
 
-from ff_planner_ros.bench.measurement import OBJECTIVES
+from ff_planner_benchmark.bench.measurement import OBJECTIVES
+from ff_planner_benchmark.problems import (
+    all_features,
+    captured,
+    joint_goals,
+    shapes,
+    tumbling,
+    witnessed,
+)
 from ff_planner_ros.core.compiled import NAMES_EACH
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
@@ -46,15 +54,7 @@ from ff_planner_ros.planning.robust.margins import CORRIDOR
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.grid import grids_of
-from ff_planner_ros.problems import (
-    all_features,
-    bodies,
-    captured,
-    joint_goals,
-    shapes,
-    tumbling,
-    witnessed,
-)
+from ff_planner_ros.problems import bodies
 from ff_planner_ros.problems.robots import ROBOTS, arm_urdf
 from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.configuration import configuration

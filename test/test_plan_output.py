@@ -15,11 +15,11 @@ from nav_msgs.msg import Path
 from rclpy.lifecycle import LifecycleNode
 from robots import random_state
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
 from ff_planner_ros.planning.task.captured import CapturedBody
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import plan_message, time_message

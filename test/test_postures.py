@@ -14,6 +14,7 @@ import yaml
 from robots import CONFIG, LEMUR_SCENARIO, LEMUR_URDF
 from scipy.optimize import linprog
 
+from ff_planner_benchmark.problems import captured, joint_goals
 from ff_planner_ros.analysis.drawing.figures import plot_plan
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
@@ -44,7 +45,6 @@ from ff_planner_ros.planning.search.free_search import FreeSearch
 from ff_planner_ros.planning.search.planner import NOBODY
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import captured, joint_goals
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, load_robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momenta

@@ -12,12 +12,12 @@ import pytest
 from answers import FRAME, answer_of
 from rclpy.serialization import serialize_message
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.report import from_bag
 from ff_planner_ros.report.plan_words import obstacle_table
 from ff_planner_ros.ros.messages.to_messages import (

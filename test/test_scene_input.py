@@ -13,8 +13,8 @@ from ff_planner_msgs.msg import Scene as SceneMessage
 from rclpy.serialization import serialize_message
 from shape_msgs.msg import SolidPrimitive
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.inputs import scene_input as scene_input_module
 from ff_planner_ros.ros.inputs import speakers as speakers_module
 from ff_planner_ros.ros.inputs.scene_input import SceneInput

@@ -11,6 +11,7 @@ from robots import CONFIG
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
@@ -27,7 +28,6 @@ from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.rotation import skew

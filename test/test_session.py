@@ -16,11 +16,11 @@ from robots import LEMUR_URDF
 from ros_processes import FRAME, Scene
 from test_diagnostics import WELL
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import load_robot
 from ff_planner_ros.ros import session
 from ff_planner_ros.ros.inputs.scene_input import SceneInput

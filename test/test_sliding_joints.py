@@ -15,6 +15,7 @@ from robots import random_state, random_urdf
 from shaped_problems import bodies
 from test_core import WEIGHT, chain_robot
 
+from ff_planner_benchmark.problems import joint_goals
 from ff_planner_ros.analysis.drawing.panels import joint_angles, joint_rates, joint_torques
 from ff_planner_ros.analysis.extremes import joint_extremes
 from ff_planner_ros.analysis.plan_document import plan_document
@@ -47,7 +48,6 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import joint_goals
 from ff_planner_ros.problems.robots import bench_robot, planar_urdf
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.configuration import configuration

@@ -11,10 +11,10 @@ from drawn_plans import drawn_plan
 from robots import random_state
 from scipy.spatial.transform import Rotation
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.system_frame import SystemFrame, in_own_frame, system_frame
 from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, Sphere, Target
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState

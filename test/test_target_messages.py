@@ -18,6 +18,7 @@ from recorded_requests import only_request
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.analysis.drawing.capture_view import capture_figure
 from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import PLANNED
@@ -39,7 +40,6 @@ from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY

@@ -14,6 +14,7 @@ import pytest
 import yaml
 from test_tumbling import body_of
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
@@ -23,7 +24,6 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, l
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.notes import notes_on, notes_on_files
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
 from ff_planner_ros.ros.messages.to_messages import target_body_message

@@ -19,13 +19,13 @@ from scipy.spatial.transform import Rotation
 from test_plan_output import START, Output
 from visualization_msgs.msg import MarkerArray
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.captured import CapturedBody
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.ros.outputs import preview
 from ff_planner_ros.ros.outputs import transforms as transforms_module

@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES, Frame
 
+from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
@@ -40,7 +41,6 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, l
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import tumbling
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner

@@ -39,8 +39,8 @@ CI = re.compile(
     r"|--pareto|--draw|--srdf|--sensitivity|--parquet|--set|> my_planner|rs my_planner)"
 )
 NIGHTLY = re.compile(
-    r".*(ff-planner (bench|campaign|map)|--library|data_set|ten_thousand|two_hundred"
-    r"|by_mass|comparisons)"
+    r".*(ff-planner (campaign|map)|ff-planner-benchmark|--library|data_set|ten_thousand"
+    r"|two_hundred|by_mass)"
 )
 # Commands of a page that a tutorial types in CI with nearly the same words, or that another test
 # runs there (test_public_interface.py, test_without_ros.py): here, at night.

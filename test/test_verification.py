@@ -14,6 +14,7 @@ from robots import CANADARM2_SCENARIO, CONFIG, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 from shared_plans import planned
 
+from ff_planner_benchmark.problems import captured, witnessed
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
@@ -31,7 +32,6 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import perform
-from ff_planner_ros.problems import captured, witnessed
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.deviation import (

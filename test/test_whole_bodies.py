@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from whole_bodies import WholeBodies, judge_of
 
+from ff_planner_benchmark.bench.measurement import OBJECTIVES
 from ff_planner_ros.analysis.touching import touching
-from ff_planner_ros.bench.measurement import OBJECTIVES
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
@@ -87,7 +87,6 @@ def link_names(robot: Robot, pair: str) -> str:
 def test_no_plan_of_shapes_touches_anything(
     judges: dict[str, WholeBodies], times: Callable[[int, int], int]
 ) -> None:
-    """`test/whole_bodies.py` is the same for any number of plans."""
     planned = 0
     for number in range(times(1, 20)):
         for name in bodies.ROBOTS:

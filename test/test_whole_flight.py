@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 from robots import CONFIG
 
+from ff_planner_benchmark.problems import captured as drawn
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
@@ -20,7 +21,6 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.planning.task.whole import whole
-from ff_planner_ros.problems import captured as drawn
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.capture import captured, end_effector_motion

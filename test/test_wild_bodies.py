@@ -11,7 +11,7 @@ import pytest
 from test_wild_robots import ARMS, file_of, on_a_chaser, robots_of_others
 from whole_bodies import WholeBodies
 
-from ff_planner_ros.bench.measurement import OBJECTIVES
+from ff_planner_benchmark.bench.measurement import OBJECTIVES
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.task import PlanningTask, perform

@@ -130,8 +130,3 @@ def test_another_module_that_is_missing_is_not_told_as_ros(tmp_path: Path) -> No
     (line,) = done.stderr.splitlines()
     assert "this command needs pinocchio: there is no module pinocchio" in line
     assert "ROS" not in line
-
-
-def test_the_benchmark_can_be_imported(tmp_path: Path) -> None:
-    done = python("import ff_planner_ros.bench.report", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr

@@ -9,6 +9,7 @@ from functools import cache, partial
 import numpy as np
 from bodied_robots import body_placements, collision, random_robot, with_solids
 
+from ff_planner_benchmark.problems import witnessed
 from ff_planner_ros.planning.distance.allowed_contact import split_pairs
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import (
@@ -19,7 +20,6 @@ from ff_planner_ros.planning.problem.problem import (
     attached,
 )
 from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
-from ff_planner_ros.problems import witnessed
 from ff_planner_ros.problems.robots import bench_robot, planar_urdf
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid

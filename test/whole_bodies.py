@@ -1,16 +1,11 @@
 """Plans judged apart from our code: Pinocchio reads the URDF, Coal looks 1000 times a second.
 
-Of ours there are only the plan's samples; which links must not touch is written out here. As a
-command it plans the problems of bench and counts the plans that touch anything:
-`.venv/bin/python test/whole_bodies.py 1000`; a second number is the first problem's.
+Of ours there are only the plan's samples; which links must not touch is written out here.
 """
 
 from __future__ import annotations
 
-import sys
-import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import coal
@@ -127,7 +122,7 @@ class WholeBodies:
 
 
 def judge_of(robot: str, directory: Path) -> WholeBodies:
-    """The judge of a robot of bench."""
+    """The judge of a robot of `problems.bodies`."""
     from ff_planner_ros.problems.robots import arm_urdf
 
     if robot == "arm6":
@@ -136,40 +131,3 @@ def judge_of(robot: str, directory: Path) -> WholeBodies:
         return WholeBodies(urdf, "chaser", ARM6)
     base_link, pairs = {"lemur": ("chaser", LEMUR), "canadarm2": ("station", CANADARM2)}[robot]
     return WholeBodies(ROBOTS / robot / f"{robot}.urdf", base_link, pairs)
-
-
-def main(plans: int, first: int = 0) -> int:
-    """Plan problems of bench for three objectives, and count the plans that touch anything."""
-    from ff_planner_ros.bench.measurement import OBJECTIVES
-    from ff_planner_ros.errors import FfPlannerError
-    from ff_planner_ros.parameters import load_parameters
-    from ff_planner_ros.planning.task.task import PlanningTask, perform
-    from ff_planner_ros.problems import bodies
-
-    settings, solved, tried, touching = load_parameters().planner, 0, 0, 0
-    with tempfile.TemporaryDirectory() as directory:
-        judges = {robot: judge_of(robot, Path(directory)) for robot in bodies.ROBOTS}
-        while solved < plans:
-            index, objective = divmod(tried + first * len(OBJECTIVES), len(OBJECTIVES))
-            number, robot = divmod(index, len(bodies.ROBOTS))
-            name, called = bodies.ROBOTS[robot], list(OBJECTIVES)[objective]
-            problem = replace(bodies.problem(name, number).problem, objective=OBJECTIVES[called])
-            tried += 1
-            try:
-                made = perform(PlanningTask(problem, settings))
-            except FfPlannerError as error:
-                print(f"missed: {name} {number}, {called}: {error}", flush=True)
-                continue
-            solved += 1
-            found = judges[name].touching(made.trajectory, problem.obstacles)
-            touching += bool(found)
-            if found:
-                print(f"touches: {name} {number}, {called}: {found}", flush=True)
-            if solved % 10 == 0 or solved == plans:
-                told = f"{tried} problems, {solved} plans, {touching} of them touch something"
-                print(told, flush=True)
-    return int(touching > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:])))

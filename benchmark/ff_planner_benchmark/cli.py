@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ff_planner_ros import cli
+from ff_planner_ros.commands.options import add_output, require_file
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -19,7 +20,7 @@ def command_parser() -> ArgumentParser:
     """Return the parser; the options that it reads hold `verb`, and the `function` that runs it."""
     parser = ArgumentParser(
         prog="ff-planner-benchmark",
-        description="Methods compared on a data set of scenarios for free-floating manipulators.",
+        description="Experiments with the planner, and methods compared on a data set.",
         epilog="Exit code: 0 done, 2 bad input, 3 an answer that does not solve its scenario.",
     )
     verbs = parser.add_subparsers(metavar="COMMAND", dest="verb", required=True)
@@ -28,6 +29,12 @@ def command_parser() -> ArgumentParser:
         command = verbs.add_parser(verb, help=summary)
         command.set_defaults(function=_run)
         return command
+
+    bench = add("bench", "measure speed and success rate")
+    bench.add_argument("--quick", action="store_true", help="seconds instead of minutes")
+    bench_help = "of each class (default: 200; quick: 4)"
+    bench.add_argument("--scenarios", type=int, metavar="N", help=bench_help)
+    add_output(bench, "--json", "FILE", "write all figures", require_file)
 
     contest = add(
         "contest", "let methods plan the scenarios of a data set, and judge their answers"

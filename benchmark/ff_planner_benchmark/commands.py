@@ -1,4 +1,4 @@
-"""The commands of `ff-planner-benchmark`: dataset, contest, score, simulate."""
+"""The commands of `ff-planner-benchmark`: bench, dataset, contest, score, simulate."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from pathlib import Path
 
 from ff_planner_benchmark import contest_results
 from ff_planner_benchmark import dataset as data_set
+from ff_planner_benchmark.bench.report import run_on_one_core
 from ff_planner_benchmark.contest import results
 from ff_planner_benchmark.flown import HEADER, flown_rows
 from ff_planner_benchmark.method_process import ENTRANTS
 from ff_planner_benchmark.scorer import score as scorer
 from ff_planner_ros.analysis.json_file import json_text, read_json
+from ff_planner_ros.bag.provenance import provenance
 from ff_planner_ros.common.process_environment import PLANNING
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import InvalidInput, Status
@@ -25,6 +27,13 @@ from ff_planner_ros.errors import InvalidInput, Status
 _MOST = 10_000
 # Rows of a method in the table of reasons.
 _REASONS = 8
+
+
+def bench(options: argparse.Namespace) -> int:
+    """Measure speed and success rate of the planner."""
+    _require_in_range("scenarios", options.scenarios)
+    commit = provenance().get("git", "")
+    return run_on_one_core(options.quick, options.scenarios, options.json, commit)
 
 
 def dataset(options: argparse.Namespace) -> int:

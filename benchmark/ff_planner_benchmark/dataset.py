@@ -23,12 +23,12 @@ from typing import Any
 
 import yaml
 
-from ff_planner_benchmark import still_goals
+from ff_planner_benchmark.problems import still_goals, tumbling
 from ff_planner_ros.common.text_file import read_text
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario_writer import described_problem
-from ff_planner_ros.problems import bodies, scenarios, tumbling
+from ff_planner_ros.problems import bodies, scenarios
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 

@@ -10,6 +10,7 @@ import pytest
 from robots import CONFIG, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 
+from ff_planner_benchmark.problems import captured, shapes
 from ff_planner_ros.analysis.nearest import nearest
 from ff_planner_ros.cli import main
 from ff_planner_ros.common import plug_ins
@@ -20,7 +21,6 @@ from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import captured, shapes
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.simulation.other_engines import ENGINES
 

@@ -5,10 +5,10 @@ import pytest
 
 from ff_planner_benchmark import dataset
 from ff_planner_benchmark.flown import flown_rows
+from ff_planner_benchmark.problems import captured, joint_goals
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import captured, joint_goals
 
 pytestmark = pytest.mark.ci
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from robots import CONFIG
 
+from ff_planner_benchmark.problems import shapes
 from ff_planner_ros.analysis.nearest import nearest
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems import bodies, shapes
+from ff_planner_ros.problems import bodies
 from ff_planner_ros.robot.collision.lines import with_bodies
 
 pytestmark = pytest.mark.ci

@@ -6,11 +6,10 @@ from argparse import SUPPRESS, Action, ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import Any
 
-from ff_planner_ros.commands import bags, bench, campaigns, doctor, files, planning, robot, ros
+from ff_planner_ros.commands import bags, campaigns, doctor, files, planning, robot, ros
 
 ADDERS = (
     ros.add_ask,
-    bench.add_bench,
     campaigns.add_campaign,
     files.add_check,
     planning.add_compare,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ff_planner_benchmark.bench.direct import solve_directly
 from ff_planner_benchmark.entrants.planned import answer_of
-from ff_planner_ros.bench.direct import solve_directly
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.optimisation.program import path_program

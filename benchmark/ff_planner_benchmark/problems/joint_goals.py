@@ -1,0 +1,254 @@
+"""Problems of attitude-controlled chasers, prismatic joints, and goals in joint space.
+
+All but "random start" have a motion that solves them, the witness.
+
+- "held": reaction wheels hold the chaser's attitude while the end effector reaches a pose among
+  spheres. Wheel limits are 1.05 or 3 times the witness's peaks, four problems each in turn.
+- "rail": an arm on a prismatic joint along its chaser reaches a pose among spheres.
+- "stow": the arm reaches a posture in a given time, among spheres.
+- "random start": the protocol of Misra and Bai (2017): a chaser at rest, its attitude held by
+  wheels, with an arm of eight joints, moves from random postures to one pose among spheres.
+- "stop": the joints come to rest as soon as possible, with accelerations limited to little more
+  than the witness's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_benchmark.problems.witnessed import (
+    drawn_with_witness,
+    random_posture,
+    spheres_beside,
+)
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion.forward import driven
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.wheel_motion import wheels_along
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Limits,
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Posture,
+    Sphere,
+    Target,
+)
+from ff_planner_ros.problems.robots import bench_robot, first_sound
+from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.wheels import Wheels
+
+KINDS = ("held", "random start", "rail", "stow", "stop")
+ROBOTS = ("lemur", "arm6", "arm7", "arm10")  # in turn
+ON_RAILS = ("rail6", "rail7")  # likewise
+RANDOM_STARTS = "arm8"
+# Limits of the wheels over the witness's peaks, in turn.
+NEAR, FAR = 1.05, 3.0
+# What wheels hold at the start, over the witness's peaks.
+_STORED = 0.2
+# Of a stop: how fast the joints begin [rad/s], how long the witness takes [s], how much more than
+# its accelerations are allowed, and from when to when the planner may choose.
+_FAST, _STOPS_IN, _SPARE, _WINDOW = 0.15, (3.0, 6.0), 1.05, (0.2, 2.0)
+_SPHERES, _STEPS = 3, 200
+# Of random starts: how far the spheres are away from the arm there [m], and how long it has [s].
+_AWAY, _LASTS = 0.02, 30.0
+# And of their goal the smallest singular value of the generalised Jacobian at least.
+_REGULAR = 0.08
+
+
+@dataclass(frozen=True, eq=False)
+class JointGoal:
+    """A problem, and a joint motion that solves it."""
+
+    robot: str  # name, as `bench_robot` takes it
+    problem: PlanningProblem
+    witness: JointMotion | None  # None: none is known
+
+
+def problems(kind: str, count: int) -> Iterator[JointGoal]:
+    """Yield the first `count` problems of a kind; see `problem`."""
+    for number in range(count):
+        yield problem(kind, number)
+
+
+@cache
+def problem(kind: str, number: int) -> JointGoal:
+    """Return a problem of one of `KINDS`; kind and number seed the draw."""
+    rng = np.random.default_rng([*kind.encode(), number])
+    if kind == "random start":
+        return JointGoal(RANDOM_STARTS, _from_random_start(rng), None)
+    robots = ON_RAILS if kind == "rail" else ROBOTS
+    name = robots[number % len(robots)]
+    robot = bench_robot(name)
+    if kind == "held":
+        robot = replace(robot, base=Base.ATTITUDE_HELD, wheels=Wheels())
+    return first_sound(kind, lambda: _draw(kind, number, name, robot, rng))
+
+
+def _draw(
+    kind: str, number: int, name: str, robot: Robot, rng: np.random.Generator
+) -> JointGoal | None:
+    """Draw a problem with a witness; None if what was drawn is not sound."""
+    posture = random_posture(robot, False, rng)
+    if posture is None:
+        return None
+    drawn = drawn_with_witness(robot, posture, Orientation.FIXED, _SPHERES, rng)
+    if drawn is None:
+        return None
+    asked, witness = drawn
+    if kind == "held":
+        factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
+        limited = _with_wheels(asked, witness, factor, rng)
+        return JointGoal(name, _moving_as_reached(limited, witness), witness)
+    if kind == "rail":
+        return JointGoal(name, _moving_as_reached(asked, witness), witness)
+    if kind == "stow":
+        return JointGoal(name, replace(asked, posture=Posture(witness.positions[-1])), witness)
+    stopping = _stopping(asked, rng)
+    return None if stopping is None else JointGoal(name, *stopping)
+
+
+def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
+    """Return the fixed scene of `_scene` with a random initial posture.
+
+    The system's centre of mass is at rest in the origin.
+    """
+    robot, goal, spheres = _scene()
+
+    def draw() -> Array | None:
+        posture = random_posture(robot, False, rng)
+        if posture is None:
+            return None
+        points = arm_points(robot, _at_origin(robot, posture)[None])
+        away = clearances(points, np.zeros(1), segments(points), spheres).distance.min()
+        return posture if away >= _AWAY else None
+
+    posture = first_sound("random start", draw)
+    still = np.zeros(3)
+    start = SystemState(
+        position_chaser_in_inertial=_at_origin(robot, posture)[:3] + robot.position_chaser_in_base,
+        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        linear_velocity_chaser_in_inertial=still,
+        angular_velocity_chaser_in_inertial=still,
+        joint_positions=posture,
+        joint_velocities=np.zeros(robot.joints),
+    )
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, goal)
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    return PlanningProblem(
+        robot=robot,
+        start=start,
+        target=Target(tip.translation.copy(), eigen_quaternion(tip.rotation)),
+        duration=_LASTS,
+        points=50,
+        obstacles=spheres,
+        objective=Objective(1.0, 0.0),
+        limits=Limits(joint_velocities=True),
+    )
+
+
+@cache
+def _scene() -> tuple[Robot, Array, tuple[Sphere, ...]]:
+    """Return the robot of random starts, its configuration at the goal, and spheres beside it."""
+    robot = replace(bench_robot(RANDOM_STARTS), base=Base.ATTITUDE_HELD, wheels=Wheels())
+    rng = np.random.default_rng(0)
+
+    def draw() -> tuple[Robot, Array, tuple[Sphere, ...]] | None:
+        posture = random_posture(robot, False, rng)
+        if posture is None:
+            return None
+        goal = _at_origin(robot, posture)
+        spheres = spheres_beside(robot, goal[None], np.zeros(1), _SPHERES, 0.0, rng)
+        is_regular = smallest_singular_values(robot, goal[None])[0] > _REGULAR
+        return (robot, goal, spheres) if is_regular else None
+
+    return first_sound("scene of random starts", draw)
+
+
+def _at_origin(robot: Robot, posture: Array) -> Array:
+    """Return the configuration with its centre of mass at the origin and the base unrotated."""
+    q = np.concatenate([np.zeros(6), [1.0], posture])
+    q[:3] = -pin.centerOfMass(robot.model, robot.model.createData(), q)
+    return q
+
+
+def way_of(robot: Robot, problem: PlanningProblem, witness: JointMotion) -> tuple[Array, ...]:
+    """Return times of a witness, and its configurations, tangent velocities and accelerations.
+
+    Shapes (times,) [s], (times, 7 + joints), (times, 6 + joints) and (times, joints) [rad/s2].
+    """
+    q, v = configuration(robot, problem.start)
+    momentum = total_momentum(robot, robot.model.createData(), q, v)
+    times = np.linspace(0.0, witness.time[-1], _STEPS + 1)
+    way, velocities, _ = driven(robot, q, momentum, witness, times)
+    _, _, accelerations = witness.at(times)
+    return times, way, velocities, accelerations
+
+
+def _moving_as_reached(problem: PlanningProblem, witness: JointMotion) -> PlanningProblem:
+    """Return a problem whose goal moves as the end effector does at the witness's end.
+
+    To rest there while the chaser drifts is another motion, which takes more of the wheels.
+    """
+    robot, data = problem.robot, problem.robot.model.createData()
+    _, q, v, _ = way_of(robot, problem, witness)
+    pin.forwardKinematics(robot.model, data, q[-1], v[-1])
+    pin.updateFramePlacements(robot.model, data)
+    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    moving = replace(
+        problem.target, linear_velocity=twist.linear.copy(), angular_velocity=twist.angular.copy()
+    )
+    return replace(problem, target=moving)
+
+
+def _with_wheels(
+    problem: PlanningProblem, witness: JointMotion, factor: float, rng: np.random.Generator
+) -> PlanningProblem:
+    """Return a problem with wheels whose limits are `factor` times the witness's peaks."""
+    robot, wheels = problem.robot, Wheels()
+    _, q, v, accelerations = way_of(robot, problem, witness)
+    momenta, torques = wheels_along(robot, wheels, np.zeros(3), q, v, accelerations)
+    stored = _STORED * np.abs(momenta).max() * rng.uniform(-1.0, 1.0, 3)
+    limits = (
+        tuple((factor * np.abs(rows).max(axis=0)).tolist()) for rows in (momenta + stored, torques)
+    )
+    held = replace(robot, wheels=Wheels(wheels.axes, *limits))
+    return replace(problem, robot=held, start=replace(problem.start, wheel_momenta=stored))
+
+
+def _stopping(
+    problem: PlanningProblem, rng: np.random.Generator
+) -> tuple[PlanningProblem, JointMotion] | None:
+    """Return a problem to stop as soon as possible and its witness; None: it leaves its limits."""
+    robot, joints = problem.robot, problem.robot.joints
+    rates, lasts = rng.uniform(-_FAST, _FAST, joints), float(rng.uniform(*_STOPS_IN))
+    begin = problem.start.joint_positions
+    end, still = begin + rates * lasts / 2.0, np.zeros(joints)
+    if ((end < robot.lower_position_limits) | (end > robot.upper_position_limits)).any():
+        return None
+    ends = np.array([begin, end]), np.array([rates, still]), np.zeros((2, joints))
+    witness = JointMotion(np.array([0.0, lasts]), *ends)
+    (lowest, highest), _ = witness.extremes(2)
+    allowed = _SPARE * np.maximum(-lowest, highest)
+    first, last = (part * lasts for part in _WINDOW)
+    return replace(
+        problem,
+        start=replace(problem.start, joint_velocities=rates),
+        posture=Posture(at_rest=True),
+        duration=last,
+        duration_range=DurationRange(first, last),
+        obstacles=(),
+        objective=Objective(0.0, 0.0, 1.0),
+        limits=Limits(joint_velocities=True, joint_accelerations=tuple(allowed.tolist())),
+    ), witness
