@@ -27,13 +27,16 @@ class World:
     """The chaser's state on its topic, again and again, and the obstacles."""
 
     def __init__(self, client: Client) -> None:
-        self.client, self.aside = client, 0.0
+        self.client, self.aside, self.mount = client, 0.0, 0.0  # [m]; [rad] of a fixed joint
         client.publish_obstacles(SCENE.obstacles())
         client.node.create_timer(0.1, self._publish)
 
     def _publish(self) -> None:
         state = SCENE.state(self.client.now_ns())
         state.pose.position.x += self.aside
+        state.joint_names = [*state.joint_names, "end_effector_mount"]
+        state.joint_positions = [*state.joint_positions, self.mount]
+        state.joint_velocities = [*state.joint_velocities, 0.0]
         self.client.publish_state(state)
 
 

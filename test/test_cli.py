@@ -456,6 +456,15 @@ def test_robot_shows_the_chain(capsys):
     assert re.search(r"at zero angles +\[1\.7, 0\.2626, 2\.1156\] m in the chaser frame", shown)
 
 
+def test_robot_locks_joints_as_a_scenario_does(capsys):
+    assert main(["robot", str(LEMUR), "--locked-joints", "joint_1: 0.5, joint_2: -0.25"]) == 0
+    shown = capsys.readouterr()
+    assert shown.out.count("deg/s") == 5
+    assert "joint_1 at 0.5 rad, joint_2 at -0.25 rad" in shown.err
+    assert main(["robot", str(LEMUR), "--locked-joints", "joint_1: 0.5, elbow: 1.0"]) == 2
+    assert "robot.locked_joints" in capsys.readouterr().err
+
+
 def test_robot_tells_where_no_effort_limit_is_known(tmp_path, capsys):
     unknown = tmp_path / "unknown.urdf"
     unknown.write_text(LEMUR.read_text().replace('effort="80.0"', 'effort="0"'))

@@ -156,6 +156,27 @@ def test_a_plan_whose_start_the_system_has_left_is_refused_in_the_nodes_words(
     assert not heard(world, entry.plan_id)
 
 
+def test_a_joint_that_is_measured_elsewhere_than_the_model_fixes_it_is_told_as_the_node_tells_it(
+    console: Console, world: World
+) -> None:
+    elsewhere = "chaser_state.joint_positions[end_effector_mount] is 0.4 rad"
+    entry = console.plan()
+    made = console.live._plans.waiting(entry)
+    assert made is not None
+    world.mount = 0.4
+    try:
+        wait_for(lambda: elsewhere in console.panel._state.content, "the refusal of the state")
+        assert not console.panel._measured._above.visible
+        moved_ns = world.client.now_ns()
+        wait_for(lambda: world.client.now_ns() > moved_ns + NANOSECONDS, "ten more states")
+        status, words = console.live._link.release(made.plan_id, made.token)
+        assert status is Status.START_OUTSIDE_LIMITS
+        assert elsewhere in words
+    finally:
+        world.mount = 0.0
+    wait_for(lambda: console.shows("drawn in green"), "the state")
+
+
 def test_a_rejected_plan_cannot_be_released_any_more(console: Console, world: World) -> None:
     entry = console.plan()
     made = console.live._plans.waiting(entry)

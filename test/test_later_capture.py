@@ -27,7 +27,8 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.console.curves import ATTITUDE, CLEARANCE, VELOCITIES, curves_of
 from ff_planner_ros.console.stages import stages_of
-from ff_planner_ros.demo.mission import ends_of_phases
+from ff_planner_ros.demo.executive import FlownPlan
+from ff_planner_ros.demo.mission import ends_of_phases, mission_report
 from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import from_trajectory
@@ -51,6 +52,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.ros.client import request_of_scenario
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
+from ff_planner_ros.ros.outputs.prediction import FramePose, TrackingError
 from ff_planner_ros.runs import offline_bag
 from ff_planner_ros.runs.replay import Verdict, replay
 
@@ -342,6 +344,9 @@ def test_its_bag_tells_when_each_phase_begins_and_where_the_body_is(
     since = (np.array(stamps) - stamps[0]) / NANOSECONDS
     np.testing.assert_allclose(since, begins[:-1], atol=2e-9)
     np.testing.assert_allclose(ends_of_phases(response), begins[1:], atol=2e-9)
+    pose, error = FramePose(np.zeros(3), Rotation.identity()), TrackingError(0.0, 0.0)
+    flown = FlownPlan(pose, pose, error, error, np.zeros(0), np.zeros(0))
+    assert mission_report(response, [flown])["duration"] == pytest.approx(begins[-1])
     assert plan_from_answer(response).duration == pytest.approx(begins[-1])
     (told,) = read_plans(bag)
     columns = told.columns()

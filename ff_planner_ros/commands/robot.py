@@ -43,6 +43,8 @@ def add_robot(add: Add) -> None:
     robot.add_argument("--base-link", metavar="LINK", help="default: the root")
     tip_help = "default: the only link that moves and carries no other"
     robot.add_argument("--tip-link", metavar="LINK", help=tip_help)
+    locked_help = "joints to lock, and where [rad, m]: 'rail: 0.2, hand: -1.0'; as a scenario's"
+    robot.add_argument("--locked-joints", default="", metavar="JOINT: AT,..", help=locked_help)
     robot.add_argument(
         "--geometry",
         choices=[one.value for one in Geometry],
@@ -60,12 +62,14 @@ def add_robot(add: Add) -> None:
 def show_robot(options: Namespace) -> int:
     """Print a robot as the planner reads it from a URDF; draw it and write an SRDF if asked."""
     from ff_planner_ros.analysis.summary import robot_rows
+    from ff_planner_ros.parameters.robot import locked_joints_of
     from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
 
     robot = robot_from_urdf_text(
         read_urdf(options.urdf),
         options.base_link,
         options.tip_link,
+        held_at=locked_joints_of(options.locked_joints),
         geometry=None if options.geometry is None else Geometry(options.geometry),
         directory=options.urdf.resolve().parent,
     )

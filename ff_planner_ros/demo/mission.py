@@ -88,7 +88,7 @@ def phases_said(request: PlanRequest, answer: PlanAnswer) -> list[str]:
 
 
 def mission_report(answer: PlanAnswer, flown: Sequence[FlownPlan]) -> dict[str, Any]:
-    """Return the report of a committed plan, for JSON.
+    """Return the report of a committed plan, for JSON; its duration is that of all phases.
 
     Args:
         flown: Comparison at the end of each phase, or at the end alone.
@@ -97,7 +97,7 @@ def mission_report(answer: PlanAnswer, flown: Sequence[FlownPlan]) -> dict[str, 
         "status": int(answer.status.code),
         "plan_id": answer.plan_id,
         "solve_time": answer.solver.solve_time,
-        "duration": answer.plans[0].duration,
+        "duration": ends_of_phases(answer)[-1],
         **_reached(flown[-1]),
         "phases": [_reached(one) for one in flown],
     }

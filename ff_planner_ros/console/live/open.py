@@ -22,8 +22,7 @@ from ff_planner_ros.console.page import Page
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.problem.posture import end_effector_at
 from ff_planner_ros.ros.client import request_of_nothing, request_of_scenario
-from ff_planner_ros.ros.inputs.state_input import StateInput
-from ff_planner_ros.ros.requests.reading import read_request
+from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, read_request
 
 _PERIOD = 0.25  # [s] between looks
 _DURATION = 10.0  # of a plan where no scenario says [s]
@@ -76,20 +75,16 @@ class LivePage:
         """Return the entry of the first goal, not planned yet, as the node would read it now."""
         try:
             knowledge = self._link.knowledge
-            request = self._request(knowledge.states, knowledge.now_ns)
-            task = read_request(request, knowledge).task
+            task = read_request(self._request(knowledge), knowledge).task
         except FfPlannerError as error:
             return Entry(_GOAL, None, error=error, status="not known yet", words=str(error))
         return Entry(_GOAL, task, status="not planned")
 
-    def _request(self, states: StateInput, now_ns: int) -> PlanRequest:
-        parameters = self._link.parameters
-        frame = parameters.inertial_frame
+    def _request(self, knowledge: Knowledge) -> PlanRequest:
+        frame = knowledge.parameters.inertial_frame
         if self._scenario is not None:
             return request_of_scenario(self._scenario, frame, ())
-        limits = parameters.state_max_age, parameters.state_future_tolerance
-        state = states.snapshot(now_ns, *limits).state
-        place = end_effector_at(self._link.robot, state)
+        place = end_effector_at(knowledge.robot, measured_state((), knowledge).state)
         request = request_of_nothing(frame)
         request.duration, request.objective.joint_path_length = _DURATION, 1.0
         request.goal.orientation = Goal.FREE

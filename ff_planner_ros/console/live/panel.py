@@ -20,6 +20,7 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.outputs.prediction import tracking_error
+from ff_planner_ros.ros.requests.reading import measured_state
 
 _RELEASE, _REJECT = "release", "reject"
 _NO_TOKEN = (
@@ -126,10 +127,8 @@ class NodePanel:
             _show(self._state, "".join(words))
 
     def _snapshot(self) -> Snapshot | FfPlannerError:
-        now = self._link.knowledge
-        limits = now.parameters.state_max_age, now.parameters.state_future_tolerance
         try:
-            return now.states.snapshot(now.now_ns, *limits)
+            return measured_state((), self._link.knowledge)
         except FfPlannerError as error:
             return error
 
