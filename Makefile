@@ -119,7 +119,7 @@ demo: env
 # The tests that a change needs, cut after half a minute: of MODULES, or of what differs from main.
 quick: BEGUN := $(shell date +%s)
 quick: env $(VENV)/extras_everyday
-	@$(BIN)/python test/quick.py --begun $(BEGUN) $(MODULES)
+	@$(BIN)/python tools/quick.py --begun $(BEGUN) $(MODULES)
 
 # The tests of a tier: `everyday`; `ci`, with coverage and with what the benchmark and the robots of
 # others need; `nightly`. One worker more than the two cores it is measured on: flights in real time
@@ -132,12 +132,12 @@ test: env $(VENV)/extras_$(TIER)
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --tier $(TIER) $(COVERAGE_$(TIER)) --junitxml build/tests_$(TIER).xml
 
 # Runs the tests that provoke a law (test/laws.yaml), and writes their results into
-# docs/reference/evidence.md. Of a run of all tests it is `test/evidence.py ci build/tests_ci.xml`.
+# docs/reference/evidence.md. Of a run of all tests it is `tools/evidence.py ci build/tests_ci.xml`.
 evidence: TIER := ci
 evidence: env $(VENV)/extras_ci
 	rm -f build/evidence.xml
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --tier $(TIER) -m law --junitxml build/evidence.xml || true
-	$(BIN)/python test/evidence.py $(TIER) build/evidence.xml
+	$(BIN)/python tools/evidence.py $(TIER) build/evidence.xml
 
 # Jazzy's own Python, where the machine has it: the other steps run on the machine's default.
 PYTHON_OF_JAZZY = $(firstword $(shell for python in python3.12 ~/.pyenv/versions/3.12.*/bin/python3.12; do \
@@ -157,7 +157,7 @@ nightly:
 # `make mutants FAULTS=AREA` tries some, `FAULTS=--today` a seventh of all: another one each night.
 FAULTS ?=
 mutants: env $(VENV)/extras_everyday
-	$(BIN)/python test/faults/run.py $(FAULTS)
+	$(BIN)/python tools/faults.py $(FAULTS)
 
 # A part of the tests in a minute: one plan after the other, bags of earlier versions, one node. For
 # another Python: `make short-test PYTHON=python3.12 VENV=.venv_python3.12`.
@@ -258,8 +258,8 @@ figures: env $(VENV)/extras_everyday
 
 # Those of a default installation alone, in two minutes: the command, and the service of a node.
 installation-figures: env $(VENV)/extras_everyday
-	$(BIN)/python test/installation_figures.py
-	$(BIN)/python test/doc_tables.py
+	PYTHONPATH=test $(BIN)/python tools/installation_figures.py
+	$(BIN)/python tools/doc_tables.py
 
 # Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow. None
 # of our own is a package of an index.
@@ -276,7 +276,7 @@ REQUIRES_OF_BENCHMARK := import tomllib; \
 
 # The core for aarch64 under an emulator: its tests, and its numbers beside this machine's.
 aarch64: env
-	test/aarch64/run.sh
+	tools/aarch64/run.sh
 
 # Before a release: sdists and wheels, each tried in an environment of its own, metadata, colcon,
 # licences. `make release-check PYTHONS="python3.11 python3.12"` tries the wheel on each, with RELEASED
@@ -285,7 +285,7 @@ PYTHONS ?= $(BIN)/python
 RELEASED ?= simulation,campaign,console,ros
 
 release-check: env $(VENV)/extras_everyday $(VENV)/colcon
-	$(BIN)/python test/release_check.py $(addprefix --python=,$(PYTHONS)) --extras=$(RELEASED)
+	$(BIN)/python tools/release_check.py $(addprefix --python=,$(PYTHONS)) --extras=$(RELEASED)
 
 # The version is that of package.xml; `make version VERSION=1.2.3` writes it to the other places that tools
 # read, with today as the day of the release. The heading in CHANGELOG.md is written by hand.

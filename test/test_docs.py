@@ -143,7 +143,7 @@ def test_every_page_of_docs_can_be_reached_from_the_readme() -> None:
 @every_page
 def test_every_generated_table_is_what_the_code_declares(page: Path) -> None:
     for block in BLOCK.finditer(text_of(page)):
-        allowed = "run .venv/bin/python test/doc_tables.py"
+        allowed = "run .venv/bin/python tools/doc_tables.py"
         assert block[0] == expected(block), f"{page.name}: {block[3]} is old: {allowed}"
 
 

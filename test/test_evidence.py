@@ -32,7 +32,7 @@ JUNIT = """<testsuites><testsuite>
 
 def test_the_page_is_made_of_laws_and_tests_as_they_are() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    assert text == expected(text), "run .venv/bin/python test/evidence.py"
+    assert text == expected(text), "run .venv/bin/python tools/evidence.py"
     shown = re.findall(r"^\| ([A-Z]+-\d\d) \|", text, re.MULTILINE)
     assert sorted(shown) == sorted(known_ids())
 

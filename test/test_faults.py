@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from faults.run import AREAS, PACKAGE, PROJECT, SAID, SHARE, Fault, copy_of, faults_of
+from faults import AREAS, PACKAGE, PROJECT, SAID, SHARE, Fault, copy_of, faults_of
 
 
 @pytest.mark.parametrize("area", AREAS)

@@ -177,7 +177,7 @@ def test_the_page_lists_every_interface_of_the_node_and_its_bag_has_every_topic(
                 break
         assert planner.stop() == 0
     assert found == expected
-    assert does == allowed, "run test/security_policy.py"
+    assert does == allowed, "run tools/security_policy.py"
     recorded = set(read_bag(planner.bag))
     assert topics == recorded
     assert ("/clock" in recorded) == (simulated_time == "true")

@@ -12,7 +12,7 @@ from textwrap import indent
 
 import pytest
 
-HERE = Path(__file__).parent
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
 PASSES, FAILS = "assert True", "assert False"
 FILES = {
     ".gitignore": "__pycache__/",
@@ -54,8 +54,9 @@ def project(tmp_path: Path) -> Path:
             never = indent(text or "pass", "    ")
             text = f"if False:\n{never}\n\n\ndef test_law():\n    {PASSES}\n"
         file.write_text(text)
-    for name in ("quick.py", "faults/run.py", "faults/__init__.py"):
-        shutil.copy(HERE / name, tmp_path / "test" / name)
+    (tmp_path / "tools").mkdir()
+    for name in ("quick.py", "faults.py"):
+        shutil.copy(TOOLS / name, tmp_path / "tools" / name)
     git(tmp_path, "init", "--initial-branch=main")
     commit(tmp_path)
     return tmp_path
@@ -73,7 +74,7 @@ def commit(project: Path) -> None:
 
 def quick(project: Path, *arguments: str) -> tuple[int, str]:
     """Return exit code and output."""
-    command = [sys.executable, "test/quick.py", *arguments]
+    command = [sys.executable, "tools/quick.py", *arguments]
     ran = subprocess.run(command, cwd=project, capture_output=True, text=True, check=False)
     return ran.returncode, ran.stdout + ran.stderr
 

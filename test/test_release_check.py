@@ -11,7 +11,7 @@ import pytest
 from release_check import unknown_keys
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
-SAMPLE = SOURCE_TREE / "test" / "aarch64" / "sample.py"
+SAMPLE = SOURCE_TREE / "tools" / "aarch64" / "sample.py"
 
 
 @pytest.mark.parametrize("file", ["package.xml", "msg_defs/package.xml"])

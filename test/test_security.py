@@ -22,7 +22,7 @@ DEMAND = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
 
 @pytest.mark.law("NODE-22")
 def test_the_policy_is_made_from_the_table_of_interfaces() -> None:
-    assert POLICY.read_text(encoding="utf-8") == policy(), "run test/security_policy.py"
+    assert POLICY.read_text(encoding="utf-8") == policy(), "run tools/security_policy.py"
 
 
 @pytest.mark.law("NODE-22")

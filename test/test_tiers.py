@@ -26,7 +26,8 @@ def test_it_closes_with_what_ran_and_what_the_longer_tiers_hold(
     workers: str, tmp_path: Path
 ) -> None:
     (tmp_path / "test_made_up.py").write_text(TESTS)
-    (tmp_path / "pytest.ini").write_text(f"[pytest]\npythonpath = {Path(__file__).parent}\n")
+    here = Path(__file__).parent
+    (tmp_path / "pytest.ini").write_text(f"[pytest]\npythonpath = {here} {here.parent}/tools\n")
     command = [sys.executable, "-m", "pytest", "-ptiers", "-pno:cacheprovider", f"-n{workers}"]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     heading, told, *longer = ran.stdout.splitlines()[-4:]

@@ -31,10 +31,10 @@ SUFFIXES = {"", ".py", ".pyi", ".typed", ".so", ".hpp", ".cpp", ".css", ".js", "
 SUFFIXES |= {".urdf", ".srdf", ".json", ".rviz", ".txt", ".md", ".sh"}
 # The last Python for which ROS's wheels have compiled modules.
 LAST_WITH_ROS = (3, 12)
-NOT_SHIPPED = ("test/", "docs/", ".ci/", "benchmark/", "msg_defs/", "build/")
+NOT_SHIPPED = ("test/", "tools/", "docs/", ".ci/", "benchmark/", "msg_defs/", "build/")
 # Licences of what the base package brings, as its distributions name them.
-ALLOWED = ("0BSD", "Apache", "BSD", "BSL", "CC0", "ISC", "MIT", "MPL", "PSF", "Python-2.0", "Zlib")
-ALLOWED += ("any-OSI",)  # apsw, which rosbags brings
+ALLOWED = {"0BSD", "Apache", "BSD", "BSL", "CC0", "ISC", "MIT", "MPL", "PSF", "Python-2.0", "Zlib"}
+ALLOWED |= {"any-OSI"}  # apsw, which rosbags brings
 
 
 def run(*command: str | Path, cwd: Path = TREE, **environment: str) -> str:
@@ -194,7 +194,7 @@ def of_ros(bin_: Path, share: Path, empty: Path) -> None:
     """The node comes to the robot that it cannot find, and a plan in a bag is replayed."""
     code = "import subprocess, sys; done = subprocess.run(sys.argv[1:], capture_output=True, "
     code += "text=True); print(done.stdout + done.stderr)"
-    node = [bin_ / "planner_node", "--ros-args", "-p", "robot.urdf:=none.urdf"]
+    node: list[str | Path] = [bin_ / "planner_node", "--ros-args", "-p", "robot.urdf:=none.urdf"]
     said = run(bin_ / "python", "-c", code, *node, cwd=empty)
     assert "robot.urdf is none.urdf" in said, said
     capture = share / "config" / "scenarios" / "lemur_capture.yaml"

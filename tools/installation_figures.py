@@ -65,7 +65,7 @@ def commands() -> Iterator[Waited]:
         environment = os.environ | {"PYTHONPYCACHEPREFIX": bytecode, "PYTHONDONTWRITEBYTECODE": ""}
         for run in range(RUNS + 1):
             for name, options in COMMANDS.items():
-                command = [program, "plan", CAPTURE, *options]
+                command = [str(program), "plan", str(CAPTURE), *options]
                 before, begun = _used(), time.perf_counter()
                 subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, check=True)
                 seconds = time.perf_counter() - begun

@@ -1,6 +1,6 @@
 """The tests that a change needs, in half a minute; `make quick` runs it.
 
-    .venv/bin/python test/quick.py [--begun TIME] [FILE ...]
+    .venv/bin/python tools/quick.py [--begun TIME] [FILE ...]
 
 First the tests that changed and those that `test/faults` names for a changed file, then the files
 of tests that import it, those with its name and with fewest imports first. None starts a node
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from faults.run import AREAS, HERE, PACKAGE, faults_of
+from faults import AREAS, HERE, PACKAGE, faults_of
 
 LIMIT = 30.0  # from the start of the command [s]
 IMPORT = re.compile(r"^\s*(?:from ([\w.]+) import (\([^)]*\)|.*)|import (.*))", re.MULTILINE)
@@ -116,7 +116,7 @@ def tests_that_know(file: str) -> set[str]:
     return pages | {test for test in filter(is_test, sources) if name_in(text_of(test))}
 
 
-SOURCES = (PACKAGE, "benchmark", "test")
+SOURCES = (PACKAGE, "benchmark", "test", "tools")
 
 
 def is_test(file: str) -> bool:
@@ -132,7 +132,7 @@ def module_of(file: str) -> str:
     path = Path(file)
     if file.startswith(f"{PACKAGE}/core/") and path.suffix in {".cpp", ".hpp", ".pyi"}:
         return f"{PACKAGE}.core.compiled"
-    parts = path.with_suffix("").parts[path.parts[0] in {"benchmark", "test"} :]
+    parts = path.with_suffix("").parts[path.parts[0] in {"benchmark", "test", "tools"} :]
     return ".".join(parts).removesuffix(".__init__")
 
 

@@ -17,7 +17,7 @@ POLICY = SOURCE_TREE / "config" / "security" / "policy.xml"
 HEADER = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <!-- Who may do what with the planner; docs/how_to/security.md says how to use it. Made by
-     test/security_policy.py from the table of docs/reference/interfaces.md. -->
+     tools/security_policy.py from the table of docs/reference/interfaces.md. -->
 """
 NODE, RECORDER = "ff_planner", "ff_planner_recorder"
 PUBLISH, SUBSCRIBE, REPLY, REQUEST = "publish", "subscribe", "reply", "request"
@@ -28,10 +28,20 @@ ELEMENTS = {PUBLISH: "topic", SUBSCRIBE: "topic", REPLY: "service", REQUEST: "se
     CALL: "action",
 }
 # What every rclpy node and every lifecycle node has.
-OF_NODES = ("describe_parameters", "get_parameter_types", "get_parameters", "list_parameters")
+OF_NODES: tuple[str, ...] = (
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "list_parameters",
+)
 OF_NODES += ("set_parameters", "set_parameters_atomically")
 TYPES = ("get_type_description",)
-OF_LIFECYCLE = ("change_state", "get_available_states", "get_available_transitions", "get_state")
+OF_LIFECYCLE: tuple[str, ...] = (
+    "change_state",
+    "get_available_states",
+    "get_available_transitions",
+    "get_state",
+)
 OF_LIFECYCLE += ("get_transition_graph",)
 SERVICE_EVENTS = "/_service_event"
 ROW = re.compile(

@@ -62,7 +62,7 @@ def write(file: str) -> None:
         found[f"plan {scenario}"] = plan.trajectory.joint_positions
         found[f"counts {scenario}"] = np.array([plan.solver.iterations, plan.solver.starts])
         print(f"{platform.machine()}: {scenario}", flush=True)
-    np.savez(file, **found)
+    np.savez(file, allow_pickle=False, **found)
 
 
 def compare(ours: str, theirs: str) -> bool:

@@ -1,8 +1,8 @@
 """Put one fault after the other into the code, and see whether the tests notice.
 
-    .venv/bin/python test/faults/run.py [AREA ...] [--jobs N] [--today]
+    .venv/bin/python tools/faults.py [AREA ...] [--jobs N] [--today]
 
-AREA.yaml beside this file lists faults that a reviewer would call real: a text that occurs once in
+test/faults/AREA.yaml lists faults that a reviewer would call real: a text that occurs once in
 a file of the package or the benchmark, what stands there instead, what goes wrong then, and the
 tests that are to fail. Written by hand, not mutants by machine: of these most are no faults, or
 change nothing.
@@ -33,10 +33,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-HERE = Path(__file__).parent
-PROJECT = HERE.parent.parent
+PROJECT = Path(__file__).resolve().parents[1]
+HERE = PROJECT / "test" / "faults"
 PACKAGE = "ff_planner_ros"
-COPIED = {PACKAGE, "test", "benchmark"}
+COPIED = {PACKAGE, "test", "tools", "benchmark"}
 AREAS = sorted(path.stem for path in HERE.glob("*.yaml"))
 # A fault that keeps its tests busy for so long [s] is noticed: they take seconds without it.
 PATIENCE = 1200

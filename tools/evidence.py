@@ -24,7 +24,7 @@ from xml.etree import ElementTree
 import yaml
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
-LAWS = Path(__file__).with_name("laws.yaml")
+LAWS = SOURCE_TREE / "test" / "laws.yaml"
 DOCS = SOURCE_TREE / "docs"
 PAGE = DOCS / "reference" / "evidence.md"
 RESULTS = DOCS / "evidence.json"
@@ -92,7 +92,7 @@ def _mark(node: ast.expr) -> tuple[str, list[str]]:
     name = ast.unparse(called)
     if not name.startswith("pytest.mark."):
         return "", []
-    return name.rpartition(".")[2], [a.value for a in arguments if isinstance(a, ast.Constant)]
+    return name.rpartition(".")[2], [str(a.value) for a in arguments if isinstance(a, ast.Constant)]
 
 
 @cache

@@ -37,12 +37,12 @@ CC=aarch64-linux-gnu-gcc CXX=aarch64-linux-gnu-g++ LDSHARED='aarch64-linux-gnu-g
 
 emulated() {
     env OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1 \
-        PYTHONPATH="$here:$here/test:$work/site:$work/site/cmeel.prefix/lib/python3.11/site-packages" \
+        PYTHONPATH="$here:$here/test:$here/tools:$work/site:$work/site/cmeel.prefix/lib/python3.11/site-packages" \
         qemu-aarch64-static -L "$work/root" "$work/root/usr/bin/python3.11" "$@"
 }
 emulated -m pytest -p no:cacheprovider -c "$here/pyproject.toml" --rootdir "$here" -o addopts= -p tiers \
     -W ignore -q -k "${AARCH64_TESTS:-border or driven or times}" "$here"/test/test_core_{border,driven_motion,times}.py
-emulated "$here/test/aarch64/sample.py" write "$work/theirs.npz"
+emulated "$here/tools/aarch64/sample.py" write "$work/theirs.npz"
 OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 PYTHONPATH="$here/test" \
-    "$python" test/aarch64/sample.py write "$work/ours.npz"
-"$python" test/aarch64/sample.py compare "$work/ours.npz" "$work/theirs.npz"
+    "$python" tools/aarch64/sample.py write "$work/ours.npz"
+"$python" tools/aarch64/sample.py compare "$work/ours.npz" "$work/theirs.npz"
