@@ -60,6 +60,7 @@ def rows_along(
     q_half_way: Array,
     v: Array | None = None,
     lasting: bool = False,
+    step: float = 1.0,
     aside: Array | None = None,
 ) -> CoreRows:
     """Return the rows of one or more requirements of a motion.
@@ -69,6 +70,7 @@ def rows_along(
         q_half_way: Between them. Shape (points - 1, 7 + joints).
         v: Tangent velocities at the points; None: it rests.
         lasting: Whether the last variable is the duration, by which no configuration changes.
+        step: Time from point to point [s].
         aside: By what the variables are aside of those of the motion; None: nothing.
     """
     paths = resting_paths(robot, len(q), lasting)
@@ -89,7 +91,7 @@ def rows_along(
         seen.append((where, np.concatenate([of_q, of_half_way])))
 
     asked = [*((0, one) for one in requirements), (1, look)]
-    found = compiled.PathProgram(paths, 1.0, NO_OBJECTIVE, asked, correction).at(
+    found = compiled.PathProgram(paths, step, NO_OBJECTIVE, asked, correction).at(
         x if aside is None else aside
     )
     names = found.names - compiled.NAMES_EACH // 2

@@ -81,11 +81,11 @@ def programs(
     moving = {name: compiled.SplineRows(**rows, moved=rows["known"]) for name in names}
     path = {"duration": 2.0, "quintic": np.eye(6), "rotation_outer": np.eye(3)}
     lasting = compiled.EndEffectorPolynomial(**path, quintic_by_duration=np.full((6, 6), 0.1))
-    loads = {"margin": 1e-3, "interest": 3.0, "step": STEP}
+    loads = {"margin": 1e-3, "interest": 3.0}
     within = {"excess": 1e-4, "margin": 1e-3, "interest": 3.0}
     positions = within | {"lower": np.full(joints, -3.0), "upper": np.full(joints, 3.0)}
-    positions |= {"stop_interest": 3.0, "jerk": 10.0, "step": STEP}
-    rates = within | {"limits": np.full(joints, 3.0), "step": STEP}
+    positions |= {"stop_interest": 3.0, "jerk": 10.0}
+    rates = within | {"limits": np.full(joints, 3.0)}
     limited = [compiled.positions_within(**positions), compiled.rates_within(**rates)]
     program = compiled.PathProgram(paths, STEP, objective, list(enumerate(limited)))
     grasp = {

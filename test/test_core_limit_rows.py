@@ -35,13 +35,13 @@ class Drawn(NamedTuple):
     def rows(self, order: int, stop_interest: float = -FAR, aside: Array | None = None) -> CoreRows:
         """Return rows of positions, order 0, or of rates, whose limits are the upper ones."""
         asked = compiled.positions_within(
-            self.lower, self.upper, 0.0, 0.0, self.interest, stop_interest, JERK, STEP
+            self.lower, self.upper, 0.0, 0.0, self.interest, stop_interest, JERK
         )
         if order == 1:
             # As parts of limits, which are alike.
             of_limits = self.interest / self.upper[0]
-            asked = compiled.rates_within(self.upper, 0.0, 0.0, of_limits, STEP)
-        return rows_along(self.robot, [asked], self.q, self.q[1:], self.v, aside=aside)
+            asked = compiled.rates_within(self.upper, 0.0, 0.0, of_limits)
+        return rows_along(self.robot, [asked], self.q, self.q[1:], self.v, step=STEP, aside=aside)
 
 
 def drawn(order: int, seed: int) -> Drawn:

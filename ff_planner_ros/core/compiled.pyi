@@ -492,7 +492,6 @@ def positions_within(
     interest: float,
     stop_interest: float,
     jerk: float,
-    step: float,
 ) -> PathRequirement:
     """Return what makes the rows of `JointPositions`.
 
@@ -502,12 +501,9 @@ def positions_within(
         interest: Rows that are further from violated than this are left out [rad, m].
         stop_interest: Likewise of where joints come to rest after the last point.
         jerk: By which they stop [rad/s3, m/s3].
-        step: Time from point to point [s].
     """
 
-def rates_within(
-    limits: Array, excess: float, margin: float, interest: float, step: float
-) -> PathRequirement:
+def rates_within(limits: Array, excess: float, margin: float, interest: float) -> PathRequirement:
     """Return what makes the rows of `JointRates`; excess, margin and interest: parts of limits."""
 
 def attitude_within(
@@ -527,19 +523,16 @@ def singular_value_above(rows: Sequence[int], margin: float, interest: float) ->
     """
 
 def accelerations_within(
-    parts: Array, margin: float, interest: float, step: float, between: bool
+    parts: Array, margin: float, interest: float, between: bool
 ) -> PathRequirement:
     """Return what makes the rows of `JointAccelerations`; margin and interest: parts of limits.
 
     Args:
         parts: Of its limit, that a unit is of each joint; zero: it has none. Shape (joints,).
-        step: Time from point to point [s].
         between: Whether what is between points counts; then they are as dense as the plan's.
     """
 
-def torques_within(
-    base: str, parts: Array, margin: float, interest: float, step: float
-) -> PathRequirement:
+def torques_within(base: str, parts: Array, margin: float, interest: float) -> PathRequirement:
     """Return what makes the rows of `Torques`; as of `accelerations_within`."""
 
 def grasp_wrench_within(
@@ -553,7 +546,6 @@ def grasp_wrench_within(
     parts: Array,
     margin: float,
     interest: float,
-    step: float,
 ) -> PathRequirement:
     """Return what makes the rows of `GraspWrench`; margin and interest: parts of limits.
 
@@ -573,7 +565,6 @@ def wheels_within(
     excess: float,
     margin: float,
     interest: float,
-    step: float,
     between: bool,
 ) -> PathRequirement:
     """Return what makes the rows of `WheelLimits`; excess, margin, interest: parts of limits.

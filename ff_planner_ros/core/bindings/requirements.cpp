@@ -16,114 +16,82 @@ namespace {
 
 using Requirement = std::shared_ptr<PathRequirement>;
 
-Requirement positions_within(const Array& lower, const Array& upper, double excess, double margin,
-                             double interest, double stop_interest, double jerk, double step) {
-  const auto made = std::make_shared<PositionsWithin>();
-  made->lower = values(lower, "lower", {kAny});
-  made->upper = values(upper, "upper", {made->lower.size()});
-  made->excess = checked(excess, "excess");
-  made->margin = checked(margin, "margin");
-  made->interest = checked(interest, "interest");
-  made->stop_interest = checked(stop_interest, "stop_interest");
-  made->jerk = checked(jerk, "jerk");
-  made->step = checked(step, "step");
-  return made;
+// How Python gives a field of a requirement.
+template <typename T>
+struct Given {
+  using Type = T;
+};
+template <int N>
+struct Given<Eigen::Matrix<double, N, 1>> {
+  using Type = Array;
+};
+template <>
+struct Given<Matrix3> {
+  using Type = Array;
+};
+template <>
+struct Given<Vector6> {  // ones and zeros: the numbers of those that count
+  using Type = std::vector<int>;
+};
+template <>
+struct Given<Base> {
+  using Type = std::string;
+};
+template <>
+struct Given<std::shared_ptr<const std::vector<Sphere>>> {
+  using Type = std::shared_ptr<Spheres>;
+};
+
+// These throw ValueError of Python where it is not as expected.
+void take(double& to, double given, const char* name) { to = checked(given, name); }
+void take(int& to, int given, const char* name) {
+  if (given < 0) throw std::invalid_argument(std::string(name) + " must not be negative");
+  to = given;
+}
+void take(Eigen::VectorXd& to, const Array& given, const char* name) {
+  to = values(given, name, {kAny});
+}
+void take(Vector3& to, const Array& given, const char* name) { to = vector3(given, name); }
+void take(Matrix3& to, const Array& given, const char* name) { to = matrix3(given, name); }
+void take(Vector6& to, const std::vector<int>& given, const char*) { to = ones_at(given); }
+void take(Base& to, const std::string& given, const char*) { to = base_named(given); }
+template <typename Held>
+auto all_of(const std::shared_ptr<Held>& held) {
+  return std::shared_ptr<const std::remove_reference_t<decltype(held->all)>>(held, &held->all);
+}
+void take(std::shared_ptr<const std::vector<Sphere>>& to, const std::shared_ptr<Spheres>& given,
+          const char*) {
+  to = all_of(given);
+}
+template <typename T>
+void take(T& to, const T& given, const char*) {  // a flag, or checked when it was made
+  to = given;
 }
 
-Requirement rates_within(const Array& limits, double excess, double margin, double interest,
-                         double step) {
-  const auto made = std::make_shared<RatesWithin>();
-  made->limits = values(limits, "limits", {kAny});
-  made->excess = checked(excess, "excess");
-  made->margin = checked(margin, "margin");
-  made->interest = checked(interest, "interest");
-  made->step = checked(step, "step");
-  return made;
-}
+template <typename Owner, typename T>
+struct Field {
+  const char* name;
+  T Owner::* member;
+};
+template <typename Owner, typename T>
+Field(const char*, T Owner::*) -> Field<Owner, T>;
 
-Requirement attitude_within(const Array& chaser_to_base, double limit, double interest) {
-  const auto made = std::make_shared<AttitudeWithin>();
-  made->chaser_to_base = matrix3(chaser_to_base, "rotation_chaser_to_base");
-  made->limit = checked(limit, "limit");
-  made->interest = checked(interest, "interest");
-  return made;
-}
-
-Requirement rotation_within(double limit, double knee, double interest) {
-  const auto made = std::make_shared<RotationWithin>();
-  made->limit = checked(limit, "limit");
-  made->knee = checked(knee, "knee");
-  made->interest = checked(interest, "interest");
-  return made;
-}
-
-Requirement singular_value_above(const std::vector<int>& movable, double margin, double interest) {
-  const auto made = std::make_shared<SingularValueAbove>();
-  made->movable = ones_at(movable);
-  made->margin = checked(margin, "margin");
-  made->interest = checked(interest, "interest");
-  return made;
-}
-
-template <typename Loads>
-std::shared_ptr<Loads> loads_within(double margin, double interest, double step) {
-  const auto made = std::make_shared<Loads>();
-  made->margin = checked(margin, "margin");
-  made->interest = checked(interest, "interest");
-  made->step = checked(step, "step");
-  if (!(step > 0)) throw std::invalid_argument("step must be positive");
-  return made;
-}
-
-Requirement accelerations_within(const Array& parts, double margin, double interest, double step,
-                                 bool between) {
-  const auto made = loads_within<AccelerationsWithin>(margin, interest, step);
-  made->parts = values(parts, "parts", {kAny});
-  made->between = between;
-  return made;
-}
-
-Requirement torques_within(const std::string& base, const Array& parts, double margin,
-                           double interest, double step) {
-  const auto made = loads_within<TorquesWithin>(margin, interest, step);
-  made->base = base_named(base);
-  made->parts = values(parts, "parts", {kAny});
-  return made;
-}
-
-Requirement grasp_wrench_within(const std::string& base, int joints_before, const Array& position,
-                                const Array& rotation, double mass, const Array& center,
-                                const Array& inertia, const Array& parts, double margin,
-                                double interest, double step) {
-  const auto made = loads_within<GraspWrenchWithin>(margin, interest, step);
-  made->base = base_named(base);
-  if (joints_before < 0) throw std::invalid_argument("joints_before must not be negative");
-  made->joints_before = joints_before;
-  made->frame = {vector3(position, "position"), matrix3(rotation, "rotation")};
-  made->mass = checked(mass, "mass");
-  made->center = vector3(center, "center");
-  made->inertia = matrix3(inertia, "inertia");
-  const Values of_kinds = values(parts, "parts", {2});
-  made->parts[0] = of_kinds[0];
-  made->parts[1] = of_kinds[1];
-  return made;
+// Binds what makes a requirement of its fields.
+template <typename Made, typename... Owners, typename... Ts>
+void required(py::module_& m, const char* name, const Field<Owners, Ts>&... fields) {
+  m.def(
+      name,
+      [fields...](const typename Given<Ts>::Type&... given) -> Requirement {
+        const auto made = std::make_shared<Made>();
+        (take((*made).*fields.member, given, fields.name), ...);
+        return made;
+      },
+      py::arg(fields.name)...);
 }
 
 Wheels wheels(const Array& shares, const Array& stored) {
   const Rows of_wheels = rows(shares, "shares", {kAny, 3});
   return {of_wheels, values(stored, "stored", {of_wheels.rows()})};
-}
-
-Requirement wheels_within(const Wheels& wheels, const Array& momenta, const Array& torques,
-                          double excess, double margin, double interest, double step,
-                          bool between) {
-  const auto made = loads_within<WheelsWithin>(margin, interest, step);
-  made->wheels = wheels;
-  made->momenta = values(momenta, "momenta", {wheels.count()});
-  made->torques = values(torques, "torques", {wheels.count()});
-  made->excess = checked(excess, "excess");
-  made->between = between;
-  return made;
 }
 
 using Contacts = std::optional<std::shared_ptr<AllowedContacts>>;
@@ -159,35 +127,12 @@ AllowedContacts allowed_contacts(const Numbers& pairs, const Array& goal, double
   return {pairs_of(pairs), rows(goal, "goal", {kAny, 3}), checked(distance, "distance"), at_start};
 }
 
-template <typename Kept>
-std::shared_ptr<Kept> distances_kept(const Margins& margins, const Array& times, double interest,
-                                     bool quarter_way) {
-  const auto made = std::make_shared<Kept>();
-  made->margins = margins;
-  made->times = values(times, "times", {kAny});
-  made->interest = checked(interest, "interest");
-  made->quarter_way = quarter_way;
-  return made;
-}
-
 BodiesWithContacts with_contacts(const std::shared_ptr<Bodies>& bodies, const Contacts& allowed,
                                  size_t pairs) {
   if (!allowed) return {bodies, nullptr};
   require_among((*allowed)->pairs, pairs);
   for (const AllowedContacts::AtStart& of : (*allowed)->at_start) require_among(of.pairs, pairs);
   return {bodies, *allowed};
-}
-
-template <typename Held>
-auto all_of(const std::shared_ptr<Held>& held) {
-  return std::shared_ptr<const std::remove_reference_t<decltype(held->all)>>(held, &held->all);
-}
-
-Requirement lines_clear(const std::shared_ptr<Spheres>& spheres, const Margins& margins,
-                        const Array& times, double interest, bool quarter_way) {
-  const auto made = distances_kept<LinesClearOfSpheres>(margins, times, interest, quarter_way);
-  made->spheres = all_of(spheres);
-  return made;
 }
 
 template <typename Kept>
@@ -198,7 +143,11 @@ std::shared_ptr<Kept> bodies_clear(const std::shared_ptr<Bodies>& bodies, size_t
   if (static_cast<size_t>(margins.room.size()) != pairs)
     throw std::invalid_argument("room has " + std::to_string(margins.room.size()) +
                                 " numbers, and there are " + std::to_string(pairs) + " pairs");
-  const auto made = distances_kept<Kept>(margins, times, interest, quarter_way);
+  const auto made = std::make_shared<Kept>();
+  made->margins = margins;
+  made->times = values(times, "times", {kAny});
+  made->interest = checked(interest, "interest");
+  made->quarter_way = quarter_way;
   made->bodies = with_contacts(bodies, allowed, pairs);
   return made;
 }
@@ -241,64 +190,52 @@ GraspSeen grasp_seen(const Array& positions, const Array& rotations, const Array
           rows(twists, "twists", {times, 6}), moves_with_goal};
 }
 
-Requirement in_corridor(const GraspSeen& grasp, const Array& direction, double distance,
-                        double half_angle, double radius, double back_off, double margin,
-                        double interest) {
-  const auto made = std::make_shared<InCorridor>();
-  made->grasp = grasp;
-  made->direction = vector3(direction, "direction");
-  made->distance = checked(distance, "distance");
-  made->half_angle = checked(half_angle, "half_angle");
-  made->radius = checked(radius, "radius");
-  made->back_off = checked(back_off, "back_off");
-  made->margin = checked(margin, "margin");
-  made->interest = checked(interest, "interest");
-  return made;
-}
-
-Requirement goal_in_view(const GraspSeen& grasp, int carrier, const Array& rotation,
-                         const Array& position, const Array& axis, double half_angle, double until,
-                         double margin, double interest) {
-  const auto made = std::make_shared<GoalInView>();
-  made->grasp = grasp;
-  if (carrier < 0) throw std::invalid_argument("carrier must be zero or more");
-  made->carrier = carrier;
-  made->mount = {vector3(position, "position"), matrix3(rotation, "rotation")};
-  made->axis = vector3(axis, "axis");
-  made->half_angle = checked(half_angle, "half_angle");
-  made->until = checked(until, "until");
-  made->margin = checked(margin, "margin");
-  made->interest = checked(interest, "interest");
-  return made;
-}
-
 }  // namespace
 
 void bind_requirements(py::module_& m) {
   py::class_<PathRequirement, Requirement>(m, "PathRequirement");
-  m.def("positions_within", &positions_within, py::arg("lower"), py::arg("upper"),
-        py::arg("excess"), py::arg("margin"), py::arg("interest"), py::arg("stop_interest"),
-        py::arg("jerk"), py::arg("step"));
-  m.def("rates_within", &rates_within, py::arg("limits"), py::arg("excess"), py::arg("margin"),
-        py::arg("interest"), py::arg("step"));
-  m.def("attitude_within", &attitude_within, py::arg("rotation_chaser_to_base"), py::arg("limit"),
-        py::arg("interest"));
-  m.def("rotation_within", &rotation_within, py::arg("limit"), py::arg("knee"),
-        py::arg("interest"));
-  m.def("singular_value_above", &singular_value_above, py::arg("rows"), py::arg("margin"),
-        py::arg("interest"));
-  m.def("accelerations_within", &accelerations_within, py::arg("parts"), py::arg("margin"),
-        py::arg("interest"), py::arg("step"), py::arg("between"));
-  m.def("torques_within", &torques_within, py::arg("base"), py::arg("parts"), py::arg("margin"),
-        py::arg("interest"), py::arg("step"));
-  m.def("grasp_wrench_within", &grasp_wrench_within, py::arg("base"), py::arg("joints_before"),
-        py::arg("position"), py::arg("rotation"), py::arg("mass"), py::arg("center"),
-        py::arg("inertia"), py::arg("parts"), py::arg("margin"), py::arg("interest"),
-        py::arg("step"));
+  required<PositionsWithin>(
+      m, "positions_within", Field{"lower", &PositionsWithin::lower},
+      Field{"upper", &PositionsWithin::upper}, Field{"excess", &PositionsWithin::excess},
+      Field{"margin", &PositionsWithin::margin}, Field{"interest", &PositionsWithin::interest},
+      Field{"stop_interest", &PositionsWithin::stop_interest},
+      Field{"jerk", &PositionsWithin::jerk});
+  required<RatesWithin>(m, "rates_within", Field{"limits", &RatesWithin::limits},
+                        Field{"excess", &RatesWithin::excess},
+                        Field{"margin", &RatesWithin::margin},
+                        Field{"interest", &RatesWithin::interest});
+  required<AttitudeWithin>(
+      m, "attitude_within", Field{"rotation_chaser_to_base", &AttitudeWithin::chaser_to_base},
+      Field{"limit", &AttitudeWithin::limit}, Field{"interest", &AttitudeWithin::interest});
+  required<RotationWithin>(m, "rotation_within", Field{"limit", &RotationWithin::limit},
+                           Field{"knee", &RotationWithin::knee},
+                           Field{"interest", &RotationWithin::interest});
+  required<SingularValueAbove>(m, "singular_value_above",
+                               Field{"rows", &SingularValueAbove::movable},
+                               Field{"margin", &SingularValueAbove::margin},
+                               Field{"interest", &SingularValueAbove::interest});
+  required<AccelerationsWithin>(
+      m, "accelerations_within", Field{"parts", &AccelerationsWithin::parts},
+      Field{"margin", &LoadsWithin::margin}, Field{"interest", &LoadsWithin::interest},
+      Field{"between", &AccelerationsWithin::between});
+  required<TorquesWithin>(m, "torques_within", Field{"base", &DynamicLoadsWithin::base},
+                          Field{"parts", &TorquesWithin::parts},
+                          Field{"margin", &LoadsWithin::margin},
+                          Field{"interest", &LoadsWithin::interest});
+  required<GraspWrenchWithin>(
+      m, "grasp_wrench_within", Field{"base", &DynamicLoadsWithin::base},
+      Field{"joints_before", &GraspWrenchWithin::joints_before},
+      Field{"position", &GraspWrenchWithin::position},
+      Field{"rotation", &GraspWrenchWithin::rotation}, Field{"mass", &GraspWrenchWithin::mass},
+      Field{"center", &GraspWrenchWithin::center}, Field{"inertia", &GraspWrenchWithin::inertia},
+      Field{"parts", &GraspWrenchWithin::parts}, Field{"margin", &LoadsWithin::margin},
+      Field{"interest", &LoadsWithin::interest});
   py::class_<Wheels>(m, "Wheels").def(py::init(&wheels), py::arg("shares"), py::arg("stored"));
-  m.def("wheels_within", &wheels_within, py::arg("wheels"), py::arg("momenta"), py::arg("torques"),
-        py::arg("excess"), py::arg("margin"), py::arg("interest"), py::arg("step"),
-        py::arg("between"));
+  required<WheelsWithin>(
+      m, "wheels_within", Field{"wheels", &WheelsWithin::wheels},
+      Field{"momenta", &WheelsWithin::momenta}, Field{"torques", &WheelsWithin::torques},
+      Field{"excess", &WheelsWithin::excess}, Field{"margin", &LoadsWithin::margin},
+      Field{"interest", &LoadsWithin::interest}, Field{"between", &WheelsWithin::between});
   py::class_<Margins>(m, "Margins")
       .def(py::init(&margins), py::arg("margin"), py::arg("room"), py::arg("little"),
            py::arg("gained"));
@@ -308,8 +245,11 @@ void bind_requirements(py::module_& m) {
   py::class_<AllowedContacts, Contacts::value_type>(m, "AllowedContacts")
       .def(py::init(&allowed_contacts), py::arg("pairs"), py::arg("goal"), py::arg("distance"),
            py::arg("at_start"));
-  m.def("lines_clear_of_spheres", &lines_clear, py::arg("spheres"), py::arg("margins"),
-        py::arg("times"), py::arg("interest"), py::arg("quarter_way"));
+  required<LinesClearOfSpheres>(
+      m, "lines_clear_of_spheres", Field{"spheres", &LinesClearOfSpheres::spheres},
+      Field{"margins", &DistancesKept::margins}, Field{"times", &DistancesKept::times},
+      Field{"interest", &DistancesKept::interest},
+      Field{"quarter_way", &DistancesKept::quarter_way});
   m.def("bodies_clear_of_spheres", &clear_of_spheres, py::arg("bodies"), py::arg("spheres"),
         py::arg("margins"), py::arg("times"), py::arg("interest"), py::arg("quarter_way"),
         py::arg("allowed"));
@@ -321,12 +261,18 @@ void bind_requirements(py::module_& m) {
   py::class_<GraspSeen>(m, "GraspSeen")
       .def(py::init(&grasp_seen), py::arg("positions"), py::arg("rotations"), py::arg("counts"),
            py::arg("twists"), py::arg("moves_with_goal"));
-  m.def("in_corridor", &in_corridor, py::arg("grasp"), py::arg("direction"), py::arg("distance"),
-        py::arg("half_angle"), py::arg("radius"), py::arg("back_off"), py::arg("margin"),
-        py::arg("interest"));
-  m.def("goal_in_view", &goal_in_view, py::arg("grasp"), py::arg("carrier"), py::arg("rotation"),
-        py::arg("position"), py::arg("axis"), py::arg("half_angle"), py::arg("until"),
-        py::arg("margin"), py::arg("interest"));
+  required<InCorridor>(
+      m, "in_corridor", Field{"grasp", &InCorridor::grasp},
+      Field{"direction", &InCorridor::direction}, Field{"distance", &InCorridor::distance},
+      Field{"half_angle", &InCorridor::half_angle}, Field{"radius", &InCorridor::radius},
+      Field{"back_off", &InCorridor::back_off}, Field{"margin", &InCorridor::margin},
+      Field{"interest", &InCorridor::interest});
+  required<GoalInView>(
+      m, "goal_in_view", Field{"grasp", &GoalInView::grasp}, Field{"carrier", &GoalInView::carrier},
+      Field{"rotation", &GoalInView::rotation}, Field{"position", &GoalInView::position},
+      Field{"axis", &GoalInView::axis}, Field{"half_angle", &GoalInView::half_angle},
+      Field{"until", &GoalInView::until}, Field{"margin", &GoalInView::margin},
+      Field{"interest", &GoalInView::interest});
 }
 
 }  // namespace ff

@@ -95,7 +95,7 @@ ConstraintRows GoalInView::rows(const LookedAt& at) const {
 Pose GoalInView::camera_at(const Chain& chain, const Configuration& q) const {
   Pose at{q.position, q.attitude.toRotationMatrix()};
   for (int k = 0; k < carrier; ++k) at = chain.moved(at * chain.placements[k], k, q.joints[k]);
-  return at * mount;
+  return at * Pose{position, rotation};
 }
 
 }  // namespace ff

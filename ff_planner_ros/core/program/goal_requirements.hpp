@@ -48,9 +48,10 @@ struct InCorridor : PathRequirement {
 // The goal in a camera's view, or nearer than a distance.
 struct GoalInView : PathRequirement {
   GraspSeen grasp;
-  int carrier;   // joints that move the camera; none: the base carries it
-  Pose mount;    // of the camera in the frame of the last of them
-  Vector3 axis;  // of the view, unit length, in the camera's frame
+  int carrier;       // joints that move the camera; none: the base carries it
+  Matrix3 rotation;  // of the camera in the frame of the last of them
+  Vector3 position;  // likewise
+  Vector3 axis;      // of the view, unit length, in the camera's frame
   double half_angle, until;
   double margin;    // [rad]
   double interest;  // [rad, m]

@@ -35,8 +35,8 @@ void AccelerationsWithin::require_fits(Eigen::Index joints, Eigen::Index points)
 }
 
 ConstraintRows AccelerationsWithin::rows(const LookedAt& at) const {
-  JointAccelerations moved(at.joints(), step);
-  moved.differentiate(at.joints(), step, at.motion.has_duration());
+  JointAccelerations moved(at.joints(), at.step);
+  moved.differentiate(at.joints(), at.step, at.motion.has_duration());
   Parts loads(moved.values, moved.by_x, parts);
   if (between) loads.raise_at_peaks();
   return within(loads, Eigen::VectorXd::Constant(parts.size(), 1 - margin));
@@ -58,14 +58,14 @@ void TorquesWithin::require_fits(Eigen::Index joints, Eigen::Index points) const
 }
 
 ConstraintRows TorquesWithin::rows(const LookedAt& at) const {
-  JointAccelerations moved(at.joints(), step);
+  JointAccelerations moved(at.joints(), at.step);
   const Eigen::Index n = parts.size(), x = at.motion.variables();
   RowMajor torques = RowMajor::Zero(at.motion.points(), n), torques_by_x;
   each_point(at, moved.values, [&](Eigen::Index i, const InverseDynamics& of) {
     torques.row(i) = of.torques;
     if ((of.torques.cwiseProduct(parts).cwiseAbs().array() <= 1 - margin - interest).all()) return;
     if (torques_by_x.size() == 0) {
-      moved.differentiate(at.joints(), step, at.motion.has_duration());
+      moved.differentiate(at.joints(), at.step, at.motion.has_duration());
       torques_by_x.setZero(torques.rows(), n * x);
     }
     RowsToFill(torques_by_x.row(i).data(), n, x) = by_x(of.torques_by(), at, moved, i);
@@ -76,11 +76,12 @@ ConstraintRows TorquesWithin::rows(const LookedAt& at) const {
 
 void GraspWrenchWithin::require_fits(Eigen::Index joints, Eigen::Index points) const {
   require(joints_before <= joints, "the grasp is on a link of another chain");
+  require(parts.size() == 2, "parts must be two");
   require(points >= 3, "wrenches need three points");
 }
 
 ConstraintRows GraspWrenchWithin::rows(const LookedAt& at) const {
-  JointAccelerations moved(at.joints(), step);
+  JointAccelerations moved(at.joints(), at.step);
   ConstraintRows found;
   each_point(at, moved.values, [&](Eigen::Index i, const InverseDynamics& of) {
     const HeldBody body = held(at.chain, at.joints().positions.row(i));
@@ -90,7 +91,8 @@ ConstraintRows GraspWrenchWithin::rows(const LookedAt& at) const {
     for (int kind = 0; kind < 2; ++kind) {
       const double part = norms[kind] * parts[kind];
       if (!(1 - margin - part < interest)) continue;
-      if (moved.by_x.size() == 0) moved.differentiate(at.joints(), step, at.motion.has_duration());
+      if (moved.by_x.size() == 0)
+        moved.differentiate(at.joints(), at.step, at.motion.has_duration());
       if (by.size() == 0) by = by_x(of.wrench_by(body), at, moved, i);
       const Vector3 way = wrench.segment<3>(3 * kind) / norms[kind];
       found.add(1 - margin - part, 2 * i + kind,
@@ -104,18 +106,20 @@ HeldBody GraspWrenchWithin::held(const Chain& chain, const Joints& positions) co
   Pose at{Vector3::Zero(), Matrix3::Identity()};
   for (int k = 0; k < joints_before; ++k)
     at = chain.moved(at * chain.placements[k], k, positions[k]);
-  at = at * frame;
+  at = at * Pose{position, rotation};
   return {joints_before,
           Inertia::of_body(mass, at * center, at.rotation * inertia * at.rotation.transpose()),
           at.inverse().motion_to_inner()};
 }
 
 void WheelsWithin::require_fits(Eigen::Index, Eigen::Index points) const {
+  require(momenta.size() == wheels.count() && torques.size() == wheels.count(),
+          "momenta and torques are those of other wheels");
   require(points >= 3, "wheels need three points");
 }
 
 ConstraintRows WheelsWithin::rows(const LookedAt& at) const {
-  const WheelLoads loads(at.chain, wheels, at.motion, at.by_x, step);
+  const WheelLoads loads(at.chain, wheels, at.motion, at.by_x, at.step);
   Parts of_momenta(loads.momenta, loads.momenta_by_x, momenta);
   const Eigen::VectorXd all = Eigen::VectorXd::Ones(momenta.size()),
                         start = of_momenta.values.row(0).cwiseAbs();

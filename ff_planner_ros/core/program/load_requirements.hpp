@@ -21,7 +21,6 @@ struct Parts {
 // Loads with limits either way; the search keeps `most` of each.
 struct LoadsWithin : PathRequirement {
   double margin, interest;  // fractions of the limits
-  double step;              // time between two points [s]
 
  protected:
   // At all points but the first.
@@ -65,12 +64,13 @@ struct TorquesWithin : DynamicLoadsWithin {
 
 // Force and torque through the grasp of a payload.
 struct GraspWrenchWithin : DynamicLoadsWithin {
-  int joints_before;  // those before the link that holds the payload
-  Pose frame;         // of the grasp, in the frame of the last of these
-  double mass;        // of the payload [kg]
-  Vector3 center;     // its centre of mass, in the frame of the grasp
-  Matrix3 inertia;    // about that, likewise
-  double parts[2];    // of their limits that a unit of force and of torque is; zero: none
+  int joints_before;      // those before the link that holds the payload
+  Vector3 position;       // of the grasp, in the frame of the last of these
+  Matrix3 rotation;       // likewise
+  double mass;            // of the payload [kg]
+  Vector3 center;         // its centre of mass, in the frame of the grasp
+  Matrix3 inertia;        // about that, likewise
+  Eigen::VectorXd parts;  // of their limits that a unit of force and of torque is; zero: none
 
   void require_fits(Eigen::Index joints, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;

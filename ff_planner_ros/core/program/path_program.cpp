@@ -28,7 +28,7 @@ EvaluatedPath PathProgram::at(const Eigen::VectorXd& x) {
 }
 
 ConstraintRows PathProgram::rows_of(const PathMotion& motion) const {
-  const LookedAt at(paths_->chain(), motion, by_x_);
+  const LookedAt at(paths_->chain(), motion, by_x_, step_);
   ConstraintRows all;
   for (const Numbered& of : requirements_) {
     Deadline::require();

@@ -15,10 +15,11 @@ class LookedAt {
   const Chain& chain;
   const PathMotion& motion;
   const PathDerivatives& by_x;
+  const double step;           // time between two points [s]
   mutable std::any elsewhere;  // the same path as those see it that the core does not know
 
-  LookedAt(const Chain& chain, const PathMotion& motion, const PathDerivatives& by_x)
-      : chain(chain), motion(motion), by_x(by_x) {}
+  LookedAt(const Chain& chain, const PathMotion& motion, const PathDerivatives& by_x, double step)
+      : chain(chain), motion(motion), by_x(by_x), step(step) {}
 
   // The configurations of all points but the first, then those half-way.
   Path path() const { return from(1, motion.q.rows() - 1); }

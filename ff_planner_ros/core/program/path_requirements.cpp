@@ -3,7 +3,8 @@
 namespace ff {
 
 void PositionsWithin::require_fits(Eigen::Index joints, Eigen::Index) const {
-  require(lower.size() == joints, "lower and upper are limits of another chain");
+  require(lower.size() == joints && upper.size() == joints,
+          "lower and upper are limits of another chain");
 }
 
 ConstraintRows PositionsWithin::rows(const LookedAt& at) const {
@@ -19,7 +20,7 @@ ConstraintRows PositionsWithin::rows(const LookedAt& at) const {
   } else {
     const Eigen::Index later = joints.points() - 1;
     found.add_points(joints.positions.bottomRows(later), joints.positions_by_x.bottomRows(later));
-    found.add_extremes(turns(joints, step), joints, at.motion.has_duration());
+    found.add_extremes(turns(joints, at.step), joints, at.motion.has_duration());
   }
   LimitRows stops(view(least), view(most), view(near_stop));
   stops.add_stops(at.joints_at_end(), jerk);
@@ -48,7 +49,7 @@ ConstraintRows RatesWithin::rows(const LookedAt& at) const {
   } else {
     const Eigen::Index later = joints.points() - 1;
     found.add_points(joints.rates.bottomRows(later), joints.rates_by_x.bottomRows(later));
-    found.add_extremes(peak_rates(joints, step), joints, at.motion.has_duration());
+    found.add_extremes(peak_rates(joints, at.step), joints, at.motion.has_duration());
   }
   return taken(found);
 }

@@ -13,7 +13,6 @@ struct PositionsWithin : PathRequirement {
   Eigen::VectorXd lower, upper;
   double excess, margin, interest;  // [rad, m]
   double stop_interest, jerk;
-  double step;  // time between two points [s]
 
   void require_fits(Eigen::Index joints, Eigen::Index) const override;
   ConstraintRows rows(const LookedAt& at) const override;
@@ -23,7 +22,6 @@ struct PositionsWithin : PathRequirement {
 struct RatesWithin : PathRequirement {
   Eigen::VectorXd limits;           // [rad/s, m/s]
   double excess, margin, interest;  // fractions of the limits; the last: of what is far from them
-  double step;                      // time between two points [s]
 
   void require_fits(Eigen::Index joints, Eigen::Index) const override;
   ConstraintRows rows(const LookedAt& at) const override;

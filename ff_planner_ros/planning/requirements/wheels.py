@@ -110,7 +110,6 @@ class WheelLimits(Requirement):
                 excess=ALLOWED_EXCESS,
                 margin=margin,
                 interest=_OF_INTEREST,
-                step=problem.duration / (points - 1),
                 between=points >= problem.points,
             ),
         )

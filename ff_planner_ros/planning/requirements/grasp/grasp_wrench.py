@@ -86,7 +86,6 @@ class GraspWrench(Requirement):
                 parts=1.0 / _limits(problem),
                 margin=margin,
                 interest=_OF_INTEREST,
-                step=problem.duration / (points - 1),
             ),
         )
 

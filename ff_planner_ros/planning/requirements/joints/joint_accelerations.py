@@ -66,8 +66,8 @@ class JointAccelerations(Requirement):
         limits = _limits(problem)
         if limits is None:
             return ()
-        step, between = problem.duration / (points - 1), points >= problem.points
-        return (compiled.accelerations_within(1.0 / limits, margin, _OF_INTEREST, step, between),)
+        between = points >= problem.points
+        return (compiled.accelerations_within(1.0 / limits, margin, _OF_INTEREST, between),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance to a limit, as a fraction of the limit."""

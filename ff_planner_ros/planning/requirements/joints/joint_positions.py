@@ -82,7 +82,6 @@ class JointPositions(Requirement):
                 interest=OF_INTEREST,
                 stop_interest=_STOP_OF_INTEREST,
                 jerk=FASTEST_CHANGE,
-                step=problem.duration / (points - 1),
             ),
         )
 

@@ -90,7 +90,6 @@ class JointRates(Requirement):
                 excess=ALLOWED_EXCESS,
                 margin=margin,
                 interest=1.0 - _OF_INTEREST,
-                step=problem.duration / (points - 1),
             ),
         )
 

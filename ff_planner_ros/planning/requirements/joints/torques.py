@@ -73,12 +73,9 @@ class Torques(Requirement):
         self, problem: PlanningProblem, points: int, margin: float
     ) -> Sequence[compiled.PathRequirement]:
         """Return what makes the rows in the core."""
-        robot, step = problem.robot, problem.duration / (points - 1)
-        return (
-            compiled.torques_within(
-                robot.base, 1.0 / robot.effort_limits, margin, _OF_INTEREST, step
-            ),
-        )
+        robot = problem.robot
+        parts = 1.0 / robot.effort_limits
+        return (compiled.torques_within(robot.base, parts, margin, _OF_INTEREST),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the least distance as a fraction of its limit, or 0.5 if torques are far below."""
