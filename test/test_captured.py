@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from recorded_requests import only_request
 
-from ff_planner_benchmark.bench.captures import captured_measurement
 from ff_planner_benchmark.problems import captured
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import lasting
@@ -52,11 +51,3 @@ def test_a_plan_is_found_comes_true_and_replays(kind: str, number: int, tmp_path
     record_answer(tmp_path / "bag", task, plan, 0.5)
     recorded = only_request(tmp_path / "bag")
     assert replay(recorded).verdict is Verdict.IDENTICAL
-
-
-@pytest.mark.ci
-def test_the_benchmark_plans_all_kinds() -> None:
-    found = captured_measurement(1, SETTINGS)
-    assert len(found.results) == len(captured.KINDS)
-    assert not found.remarks
-    assert {row[0] for row in found.tables[0].rows} == set(captured.KINDS)

@@ -295,7 +295,7 @@ def test_arms_of_any_length_of_chain_are_planned_from_any_start(joints: int) -> 
     posture = rng.uniform(-1.5, 1.5, joints)
     posture[2] = 0.0
     drawn = (drawn_problem(robot, posture, Orientation.FIXED, 2, rng) for _ in range(100))
-    problem = next(found for found in drawn if found is not None)
+    problem = next(found.problem for found in drawn if found is not None)
     found = perform(PlanningTask(replace(problem, parametrisation=SPLINES), SETTINGS))
     assert found.family == "joint_spline"
     assert found.metrics.final_position_error < 1e-5
@@ -330,7 +330,8 @@ def test_the_first_guess_ends_in_the_goal_posture_that_is_next_to_the_start() ->
     ends = []
     for number in range(1, 100, len(ROBOTS)):
         drawn = joint_goals.problem("held", number)
-        assert (drawn.robot, drawn.problem.robot.base) == ("arm6", Base.ATTITUDE_HELD)
+        assert drawn.problem.robot.joints == 6
+        assert drawn.problem.robot.base is Base.ATTITUDE_HELD
         assert drawn.witness is not None
         family = joint_splines(drawn.problem, SETTINGS)
         guess = next(family.first_guesses((), POINTS, 0.0))

@@ -19,7 +19,7 @@ from core_rows import rows_of_motion
 from reference_load_rows import accelerations_at_points
 from robots import CONFIG
 
-from ff_planner_benchmark.bench.measurement import OBJECTIVES
+from ff_planner_benchmark.bench.experiment import OBJECTIVES
 from ff_planner_benchmark.problems import (
     all_features,
     captured,
@@ -80,7 +80,7 @@ def telescope() -> PlanningProblem:
     posture[3] = 0.0
     drawn = witnessed.drawn_problem(robot, posture, Orientation.FIXED, 3, rng)
     assert drawn is not None
-    return drawn
+    return drawn.problem
 
 
 def kept_in_view(problem: PlanningProblem, link: str, until: float) -> PlanningProblem:

@@ -385,7 +385,7 @@ def test_the_certificate_knows_how_an_attached_sphere_moves_between_points(seed:
 @pytest.mark.parametrize("kind", tumbling.KINDS)
 def test_drawn_bodies_are_what_their_class_promises(kind: str) -> None:
     promised = tumbling.KINDS[kind]
-    for drawn in tumbling.problems(kind, 2):
+    for drawn in (tumbling.problem(kind, number) for number in range(2)):
         body = body_of(drawn)
         rates = body.motion(np.zeros(3), np.linspace(0.0, 300.0, 100)).twists[:, 3:]
         rate = np.rad2deg(np.linalg.norm(drawn.target.angular_velocity))

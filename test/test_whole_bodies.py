@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from whole_bodies import WholeBodies, judge_of
 
-from ff_planner_benchmark.bench.measurement import OBJECTIVES
+from ff_planner_benchmark.bench.experiment import OBJECTIVES
 from ff_planner_ros.analysis.touching import touching
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters

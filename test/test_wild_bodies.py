@@ -11,11 +11,13 @@ import pytest
 from test_wild_robots import ARMS, file_of, on_a_chaser, robots_of_others
 from whole_bodies import WholeBodies
 
-from ff_planner_benchmark.bench.measurement import OBJECTIVES
+from ff_planner_benchmark.bench.experiment import OBJECTIVES
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.problems.bodies import BodiesProblem, drawn_problem
+from ff_planner_ros.problems.bodies import drawn_problem
+from ff_planner_ros.problems.drawn import Drawn
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot
 from ff_planner_ros.simulation.verification import verify
@@ -57,7 +59,7 @@ def robot(urdf: Path) -> Robot:
 
 
 @pytest.fixture(scope="module")
-def drawn(urdf: Path, robot: Robot) -> BodiesProblem:
+def drawn(urdf: Path, robot: Robot) -> Drawn[Array]:
     return drawn_problem(robot, urdf.stem, 0)
 
 
@@ -72,7 +74,7 @@ def test_every_mesh_is_a_body(urdf: Path, robot: Robot) -> None:
     "objective", ["min(L)", pytest.param("min(Theta)", marks=pytest.mark.nightly)]
 )
 def test_a_plan_among_obstacles_comes_true_without_contact(
-    objective: str, urdf: Path, robot: Robot, drawn: BodiesProblem
+    objective: str, urdf: Path, robot: Robot, drawn: Drawn[Array]
 ) -> None:
     """In MuJoCo with contacts, and as Coal sees the meshes themselves, hulls or not."""
     problem = replace(drawn.problem, objective=OBJECTIVES[objective])

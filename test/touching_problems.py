@@ -77,7 +77,7 @@ def touching(robot: Robot, seed: int) -> PlanningProblem:
         drawn = witnessed.drawn_problem(robot, posture, Orientation.FIXED, 1, rng)
         if drawn is None:
             continue
-        found = with_contacts(replace(drawn, posture=None), rng)
+        found = with_contacts(replace(drawn.problem, posture=None), rng)
         if split_pairs(found).at_start:
             return found
 

@@ -1,6 +1,6 @@
 """What README.md and docs/ say of the benchmark: its tables, and sentences with its figures.
 
-All of it is from docs/benchmark.json, which `make figures` measures anew.
+All of it is from docs/benchmark.json, which `make figures` measures anew, and docs/engines.json.
 """
 
 from __future__ import annotations
@@ -11,8 +11,12 @@ from textwrap import dedent
 
 from ff_planner_ros.common.text_table import table_lines
 
-FILE = Path(__file__).resolve().parents[1] / "docs" / "benchmark.json"
-FIGURES = json.loads(FILE.read_text(encoding="utf-8"))
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+FIGURES, ENGINES = (
+    json.loads((DOCS / name).read_text(encoding="utf-8"))
+    for name in ("benchmark.json", "engines.json")
+)
+FIGURES["tables"] += ENGINES["tables"]
 MACHINE = FIGURES["machine"]["machine"].partition(",")[0]
 
 

@@ -34,7 +34,15 @@ def command_parser() -> ArgumentParser:
     bench.add_argument("--quick", action="store_true", help="seconds instead of minutes")
     bench_help = "of each class (default: 200; quick: 4)"
     bench.add_argument("--scenarios", type=int, metavar="N", help=bench_help)
-    add_output(bench, "--json", "FILE", "write all figures", require_file)
+    only_help = "run this experiment only; may be repeated"
+    bench.add_argument("--only", action="append", metavar="NAME", help=only_help)
+
+    engines = add("engines", "execute plans of every class in two engines, MuJoCo and Drake")
+    engines_help = "of each class (default: %(default)s)"
+    engines.add_argument("--scenarios", type=int, default=2, metavar="N", help=engines_help)
+    engines.set_defaults(quick=False)
+    for command in (bench, engines):
+        add_output(command, "--json", "FILE", "write all figures", require_file)
 
     contest = add(
         "contest", "let methods plan the scenarios of a data set, and judge their answers"
@@ -62,10 +70,6 @@ def command_parser() -> ArgumentParser:
     score = add("score", "judge one answer to a scenario of the data set")
     score.add_argument("scenario", type=Path, metavar="SCENARIO.yaml")
     score.add_argument("answer", type=Path, metavar="ANSWER.json")
-
-    simulate = add("simulate", "execute plans of ours in two engines, MuJoCo and Drake")
-    simulate.add_argument("directory", type=Path, metavar="DIR", help="of the data set")
-    simulate.add_argument("--scenarios", type=int, default=3, metavar="N", help=each_help)
 
     for command in (contest, dataset):
         workers_help = "processes at a time (default: %(default)s)"

@@ -1,4 +1,4 @@
-"""The commands of `ff-planner-benchmark`: bench, dataset, contest, score, simulate."""
+"""The commands of `ff-planner-benchmark`: bench, engines, dataset, contest, score."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ import argparse
 import math
 import os
 import time
+from collections.abc import Iterable
 from dataclasses import asdict
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 
 from ff_planner_benchmark import contest_results
 from ff_planner_benchmark import dataset as data_set
-from ff_planner_benchmark.bench.report import run_on_one_core
+from ff_planner_benchmark.bench.executed import ENGINES
+from ff_planner_benchmark.bench.report import BENCH, run_on_one_core
 from ff_planner_benchmark.contest import results
-from ff_planner_benchmark.flown import HEADER, flown_rows
 from ff_planner_benchmark.method_process import ENTRANTS
 from ff_planner_benchmark.scorer import score as scorer
 from ff_planner_ros.analysis.json_file import json_text, read_json
@@ -30,10 +32,31 @@ _REASONS = 8
 
 
 def bench(options: argparse.Namespace) -> int:
-    """Measure speed and success rate of the planner."""
+    """Measure speed and success rate of the planner.
+
+    Raises:
+        InvalidInput: There is no experiment of a name.
+    """
+    known = list(dict.fromkeys(one.name for one in BENCH))
+    if unknown := set(options.only or ()).difference(known):
+        allowed = f"it must be one of {', '.join(known)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--only", ", ".join(sorted(unknown)), allowed)
+    scenarios = (4 if options.quick else 200) if options.scenarios is None else options.scenarios
+    _require_in_range("scenarios", scenarios)
+    return _run(options.only or known, scenarios, options)
+
+
+def engines(options: argparse.Namespace) -> int:
+    """Execute plans of every class in two physics engines, and print the largest deviations."""
     _require_in_range("scenarios", options.scenarios)
+    import_module("ff_planner_benchmark.second_engine")  # which says what is missing
+    import_module("ff_planner_ros.simulation.verification")
+    return _run([ENGINES.name], options.scenarios, options)
+
+
+def _run(names: Iterable[str], scenarios: int, options: argparse.Namespace) -> int:
     commit = provenance().get("git", "")
-    return run_on_one_core(options.quick, options.scenarios, options.json, commit)
+    return run_on_one_core(names, options.quick, scenarios, options.json, commit)
 
 
 def dataset(options: argparse.Namespace) -> int:
@@ -113,15 +136,6 @@ def score(options: argparse.Namespace) -> int:
     judged = scorer.judged(*loaded, answer)
     print(json_text(asdict(judged), indent=1))
     return 0 if judged.solved else 3
-
-
-def simulate(options: argparse.Namespace) -> int:
-    """Execute our plans in two physics engines, and print the errors."""
-    each = options.scenarios
-    _require_in_range("scenarios", each)
-    _opened(options.directory, each)
-    print_table("Plans in two engines", HEADER, list(flown_rows(options.directory, each)))
-    return 0
 
 
 def _require_in_range(name: str, value: int | None) -> None:

@@ -64,7 +64,7 @@ def _of_bodies(number: int) -> PlanningProblem:
 
 
 def _still(kind: str, number: int) -> PlanningProblem:
-    return still_goals.problem(kind, number).problem
+    return still_goals.drawn(kind, number).problem
 
 
 @dataclass(frozen=True)

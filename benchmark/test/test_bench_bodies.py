@@ -10,7 +10,8 @@ from bodied_robots import pinocchio_geometry
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.problems import bodies
-from ff_planner_ros.problems.bodies import ROBOTS, BodiesProblem
+from ff_planner_ros.problems.bodies import ROBOTS
+from ff_planner_ros.problems.drawn import Drawn
 from ff_planner_ros.problems.paths import roll_out
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.momentum import smallest_singular_values
@@ -27,7 +28,7 @@ STRAIGHT = np.zeros((6, 3))
     ],
     ids=lambda drawn: f"{drawn[0]}-{drawn[1]}",
 )
-def drawn(request: pytest.FixtureRequest) -> BodiesProblem:
+def drawn(request: pytest.FixtureRequest) -> Drawn[Array]:
     return bodies.problem(*request.param)
 
 
@@ -55,18 +56,18 @@ def test_the_robots_have_bodies_panels_and_all() -> None:
         assert len(robot.pairs) >= 15, name
 
 
-def test_the_witness_stays_clear_of_itself_and_of_the_spheres(drawn: BodiesProblem) -> None:
+def test_the_witness_stays_clear_of_itself_and_of_the_spheres(drawn: Drawn[Array]) -> None:
     own, outer = least_distances(drawn.problem, roll_out(drawn.problem, drawn.witness, FINE).q)
     assert own >= 0.01
     assert outer >= 0.02
     assert 3 <= len(drawn.problem.obstacles) <= 6
 
 
-def test_the_straight_path_touches_something(drawn: BodiesProblem) -> None:
+def test_the_straight_path_touches_something(drawn: Drawn[Array]) -> None:
     assert min(least_distances(drawn.problem, roll_out(drawn.problem, STRAIGHT, FINE).q)) < 1e-4
 
 
-def test_the_witness_keeps_the_limits_and_leads_to_the_target(drawn: BodiesProblem) -> None:
+def test_the_witness_keeps_the_limits_and_leads_to_the_target(drawn: Drawn[Array]) -> None:
     problem, robot = drawn.problem, drawn.problem.robot
     motion = roll_out(problem, drawn.witness, FINE)
     joints, rates = motion.q[:, 7:], np.abs(motion.v[:, 6:])

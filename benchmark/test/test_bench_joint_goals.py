@@ -9,16 +9,18 @@ import pinocchio as pin
 import pytest
 from recorded_requests import only_request
 
-from ff_planner_benchmark.bench.success import joint_goals_measurement
+from ff_planner_benchmark.bench.plans import JOINT_GOAL_PLANS
 from ff_planner_benchmark.problems import joint_goals
-from ff_planner_benchmark.problems.joint_goals import FAR, NEAR, ROBOTS, JointGoal
+from ff_planner_benchmark.problems.joint_goals import FAR, NEAR, ROBOTS
 from ff_planner_ros.bag import read_plans
 from ff_planner_ros.cli import main
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.drawn import Drawn
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.wheels import momenta_of
@@ -28,11 +30,13 @@ from ff_planner_ros.simulation.verification import verify
 
 
 @pytest.fixture(scope="module", params=range(8))
-def held(request: pytest.FixtureRequest) -> JointGoal:
+def held(request: pytest.FixtureRequest) -> Drawn[JointMotion]:
     return joint_goals.problem("held", request.param)
 
 
-def test_a_witness_of_a_held_chaser_comes_to_the_goal_past_the_spheres(held: JointGoal) -> None:
+def test_a_witness_of_a_held_chaser_comes_to_the_goal_past_the_spheres(
+    held: Drawn[JointMotion],
+) -> None:
     problem, robot = held.problem, held.problem.robot
     assert robot.base is Base.ATTITUDE_HELD
     times, way, velocities, _ = joint_goals.way_of(robot, problem, held.witness)
@@ -48,7 +52,7 @@ def test_a_witness_of_a_held_chaser_comes_to_the_goal_past_the_spheres(held: Joi
         assert near.distance.min() > 0.0
 
 
-def test_a_witness_keeps_the_limits_of_the_wheels_near_or_far(held: JointGoal) -> None:
+def test_a_witness_keeps_the_limits_of_the_wheels_near_or_far(held: Drawn[JointMotion]) -> None:
     problem, robot = held.problem, held.problem.robot
     wheels = robot.wheels
     assert wheels is not None
@@ -80,9 +84,10 @@ def test_a_witness_of_a_stow_ends_in_the_posture_and_one_of_a_stop_at_rest(numbe
 
 
 def test_one_problem_of_each_kind_is_planned() -> None:
-    measured = joint_goals_measurement(1, load_parameters().planner)
-    (table,) = measured.tables
-    assert [row[:3] for row in table.rows] == [(kind, "1", "100.0%") for kind in joint_goals.KINDS]
+    rows = list(JOINT_GOAL_PLANS.rows(1, load_parameters().planner))
+    assert [row[:3] for row in JOINT_GOAL_PLANS.table(rows).rows] == [
+        (kind, "1", "100.0%") for kind in joint_goals.KINDS
+    ]
 
 
 @pytest.mark.parametrize("number", range(3))

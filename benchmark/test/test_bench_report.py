@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from robots import LEMUR_SCENARIO
 
-from ff_planner_benchmark.bench import captures, measurement, scaling, success
-from ff_planner_benchmark.bench.attitude import Steadiness, _nearness
-from ff_planner_benchmark.bench.beliefs import BELIEFS
+from ff_planner_benchmark.bench import experiment, plans, times
 from ff_planner_benchmark.bench.exact import ExactFunctions
+from ff_planner_benchmark.bench.executed import BELIEFS
 from ff_planner_benchmark.bench.methods import _optimality
 from ff_planner_benchmark.bench.report import figures_json
 from ff_planner_benchmark.cli import main
@@ -23,7 +22,6 @@ from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.optimisation.solver import minimise
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import Objective
-from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 
 
@@ -79,12 +77,12 @@ def test_a_miss_is_counted_and_told_with_its_cause(settings, monkeypatch):
     def no_plan(*_):
         raise NoPlanFound(Status.SINGULAR, "the arm is stretched")
 
-    monkeypatch.setattr(measurement, "plan", no_plan)
-    found = success.measurement(2, settings)
+    monkeypatch.setattr(experiment, "plan", no_plan)
+    rows = list(plans.SCENARIO_PLANS.rows(2, settings))
     remark = "missed: ordinary lemur 0, turned: SINGULAR: the arm is stretched"
-    assert remark in found.remarks
-    assert {row[3] for row in found.tables[0].rows} == {"0.0%", "-"}
-    assert {each.status for each in found.results} == {Status.SINGULAR}
+    assert remark in map(plans.SCENARIO_PLANS.remark, rows)
+    assert {row[3] for row in plans.SCENARIO_PLANS.table(rows).rows} == {"0.0%"}
+    assert {row["status"] for row in rows} == {"SINGULAR"}
 
 
 def test_numbers_stand_to_the_right_and_words_to_the_left(capsys):
@@ -115,9 +113,9 @@ def _timed_as(seconds):
     def timed(_task):
         took = next(told)
         if took is None:
-            return None, {"status": Status.COLLISION, "message": "none", "seconds": 9.0}
+            return None, {"status": "COLLISION", "message": "none", "seconds": 9.0}
         made = SimpleNamespace(solver=SimpleNamespace(rollouts=1))
-        return made, {"status": Status.SOLVED, "message": "", "seconds": took}
+        return made, {"status": "SOLVED", "message": "", "seconds": took}
 
     return timed
 
@@ -129,8 +127,8 @@ def _timed_as(seconds):
 def test_times_are_of_the_plans_after_those_that_warm_up(
     seconds, warm_up, median, lemur_capture, settings, monkeypatch
 ):
-    monkeypatch.setattr(measurement, "timed_plan", _timed_as(seconds))
-    plans, found = measurement.timed_plans([lemur_capture] * 3, settings, warm_up)
+    monkeypatch.setattr(experiment, "timed_plan", _timed_as(seconds))
+    plans, found = experiment.timed_plans([lemur_capture] * 3, settings, warm_up)
     assert found == median
     assert len(plans) == sum(one is not None for one in seconds)
 
@@ -138,25 +136,28 @@ def test_times_are_of_the_plans_after_those_that_warm_up(
 def test_problems_without_a_plan_have_no_time_and_the_table_says_so(
     lemur_capture, settings, monkeypatch
 ):
-    monkeypatch.setattr(measurement, "timed_plan", _timed_as([None, 1.0, None]))
+    monkeypatch.setattr(experiment, "timed_plan", _timed_as([None, 1.0, None, 2.0]))
     with pytest.raises(NoPlanFound, match="none"):
-        measurement.timed_plans([lemur_capture], settings)
-    first, second = (scaling._growth("points", 50, [lemur_capture], settings) for _ in range(2))
-    assert scaling._cells(first, first.seconds) == ("50", "1.00", "1.000", "1")
-    assert scaling._cells(second, first.seconds) == ("50", "-", "-", "-")
-    assert scaling._cells(first, second.seconds) == ("50", "-", "1.000", "1")
-
-
-def test_a_group_without_a_plan_has_no_ratios():
-    missed = Steadiness("ordinary", "lemur", 0, SearchDepth.QUICK, 2.0, None, None, 0.01)
-    assert list(_nearness([missed])) == ["1", "0", "0", "0", "-", "-", "2.00", "2.00"]
+        experiment.timed_plans([lemur_capture], settings)
+    _, points, _ = times.SCALING
+    first, second, third = times._growth(
+        "points", ((size, [lemur_capture]) for size in (50, 100, 200)), settings, warm_up=0
+    )
+    rows = points.table([first, second, third]).rows
+    assert rows == [
+        ("50", "1.00", "1.000", "1"),
+        ("100", "-", "-", "-"),
+        ("200", "2.00", "2.000", "1"),
+    ]
+    rows = points.table([first | dict.fromkeys(("ratio", "seconds", "rollouts")), second]).rows
+    assert rows == [("50", "-", "-", "-"), ("100", "-", "-", "-")]
 
 
 @pytest.mark.parametrize(
     ("values", "shown"), [([None, 0.9, 0.5], "0.900"), ([None], "-"), ([], "-"), ([-1.0], "-1.000")]
 )
 def test_the_worst_of_known_values_is_shown_and_of_none_a_dash(values, shown):
-    assert captures._worst(values, 1.0, digits=3) == shown
+    assert experiment.value("miss", max)([{"miss": one} for one in values]) == shown
 
 
 def test_figures_are_json_whatever_was_not_measured():

@@ -8,11 +8,13 @@ import pinocchio as pin
 import pytest
 from robots import LEMUR_SCENARIO
 
+from ff_planner_benchmark.problems import classes
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.problems import robots, scenarios
+from ff_planner_ros.problems import scenarios
+from ff_planner_ros.problems.drawn import first_sound
 from ff_planner_ros.problems.paths import roll_out
 from ff_planner_ros.problems.robots import ROBOTS, arm_urdf, bench_robot
 from ff_planner_ros.problems.scenarios import KINDS, SINGULAR_VALUE_BOUND, scenario
@@ -182,15 +184,16 @@ def test_generated_arms_have_the_joints_and_the_length_that_they_shall(joints):
     assert np.linalg.norm(points[-1] - points[0]) == pytest.approx(3.0, abs=0.1)
 
 
-def test_a_class_without_a_sound_draw_is_refused(monkeypatch):
+def test_a_class_without_a_sound_draw_is_refused():
     """Every class draws this way: what none of so many draws gives was drawn for ever."""
-    monkeypatch.setattr(robots, "_MOST_DRAWS", 3)
-    drawn = iter([None, None, "sound", None, None, None])
-    assert robots.first_sound("a class", lambda: next(drawn)) == "sound"
-    with pytest.raises(InvalidInput, match="a class is drawn: none of 3 draws is sound"):
-        robots.first_sound("a class", lambda: next(drawn))
+    draws = iter([None, None, "sound", None, None, None])
+    assert first_sound("a class", "arm6", lambda: next(draws), 3) == "sound"
+    none = "robot is arm6: of 3 problems of kind a class that were drawn for it none has a plan"
+    with pytest.raises(InvalidInput, match=none):
+        first_sound("a class", "arm6", lambda: next(draws), 3)
     assert not [
         path
-        for path in Path(robots.__file__).parent.glob("*.py")
+        for package in (scenarios, classes)
+        for path in Path(package.__file__).parent.glob("*.py")
         if "while True" in path.read_text(encoding="utf-8")
     ]

@@ -8,12 +8,12 @@ import pytest
 from bodied_robots import coal_distance
 from scipy.spatial import ConvexHull
 
-from ff_planner_benchmark.bench import scaling
-from ff_planner_benchmark.bench.success import shapes_measurement
+from ff_planner_benchmark.bench import times as timing
+from ff_planner_benchmark.bench.plans import SHAPES_PLANS
 from ff_planner_benchmark.problems import shapes
-from ff_planner_benchmark.problems.shapes import LINES_EVERY, ROBOTS, SITUATIONS, ShapesProblem
+from ff_planner_benchmark.problems.shapes import LINES_EVERY, ROBOTS, SITUATIONS
+from ff_planner_benchmark.problems.tumbling_witness import Witness
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.forward import driven
@@ -21,7 +21,9 @@ from ff_planner_ros.planning.motion.plan import SolverReport
 from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
 from ff_planner_ros.planning.search.candidate import plan_of_motion
 from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.problems.drawn import Drawn
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
@@ -35,11 +37,21 @@ NUMBERS = [*range(7), *(pytest.param(n, marks=pytest.mark.nightly) for n in rang
 
 
 @pytest.fixture(scope="module", params=NUMBERS)
-def drawn(request: pytest.FixtureRequest) -> ShapesProblem:
-    return shapes.problem(request.param)
+def number(request: pytest.FixtureRequest) -> int:
+    return request.param
 
 
-def witness_at(drawn: ShapesProblem, points: int) -> tuple[Array, Array, Array, Array]:
+@pytest.fixture(scope="module")
+def drawn(number: int) -> Drawn[Witness]:
+    return shapes.problem(number)
+
+
+@pytest.fixture(scope="module")
+def situation(number: int) -> str:
+    return SITUATIONS[number % len(SITUATIONS)]
+
+
+def witness_at(drawn: Drawn[Witness], points: int) -> tuple[Array, Array, Array, Array]:
     """Times, configurations, velocities and accelerations of the witness."""
     problem, joints = drawn.problem, drawn.witness.joints
     robot, times = problem.robot, np.linspace(0.0, problem.duration, points)
@@ -69,7 +81,7 @@ def least_distances(robot: Robot, way: Array, times: Array, one: ObstacleBody) -
 
 
 def test_the_witness_stays_clear_of_every_body_between_the_points_too(
-    drawn: ShapesProblem,
+    drawn: Drawn[Witness], situation: str
 ) -> None:
     times, way, *_ = witness_at(drawn, FINE)
     least = [
@@ -77,12 +89,12 @@ def test_the_witness_stays_clear_of_every_body_between_the_points_too(
         for one in drawn.problem.obstacle_bodies
     ]
     assert min(least) > shapes.CLEAR
-    slot = drawn.situation == "slot"
+    slot = situation == "slot"
     assert min(least[: 2 * slot], default=np.inf) > shapes.SLOT
     assert max(least[: 2 * slot], default=0.0) < shapes.SLOT + 6e-3
 
 
-def test_the_witness_passes_the_planners_own_check(drawn: ShapesProblem) -> None:
+def test_the_witness_passes_the_planners_own_check(drawn: Drawn[Witness]) -> None:
     problem, settings = drawn.problem, load_parameters().planner
     _, *motion = witness_at(drawn, problem.points)
     report = SolverReport(0, 0, 0, 0.0, "")
@@ -90,8 +102,8 @@ def test_the_witness_passes_the_planners_own_check(drawn: ShapesProblem) -> None
     assert [one.finding for one in failures(problem, witness, settings)] == []
 
 
-def test_the_straight_path_meets_a_body(drawn: ShapesProblem) -> None:
-    if drawn.situation in ("slot", "capture"):
+def test_the_straight_path_meets_a_body(drawn: Drawn[Witness], situation: str) -> None:
+    if situation in ("slot", "capture"):
         return
     motion = roll_out(drawn.problem, STRAIGHT, 101)
     times = np.linspace(0.0, drawn.problem.duration, 101)
@@ -99,12 +111,12 @@ def test_the_straight_path_meets_a_body(drawn: ShapesProblem) -> None:
     assert least_distances(robot, motion.q, times, first).min() < 0.0
 
 
-def test_each_situation_is_what_it_promises(drawn: ShapesProblem) -> None:
+def test_each_situation_is_what_it_promises(drawn: Drawn[Witness], situation: str) -> None:
     problem, bodies, still = drawn.problem, drawn.problem.obstacle_bodies, np.zeros(3)
     assert problem.obstacles == bodies
     turning = [float(np.linalg.norm(one.angular_velocity)) for one in bodies]
     moving = [one.moves for one in bodies]
-    match drawn.situation:
+    match situation:
         case "at rest":
             assert not any(moving)
         case "moving":
@@ -133,8 +145,8 @@ def test_each_situation_is_what_it_promises(drawn: ShapesProblem) -> None:
 @pytest.mark.ci
 def test_robots_situations_and_kinds_of_shapes_are_all_there() -> None:
     first = [shapes.problem(number) for number in range(2 * LINES_EVERY)]
-    assert {one.robot for one in first} == set(ROBOTS)
-    assert {one.situation for one in first} == set(SITUATIONS)
+    names = {one.problem.robot.model.name for one in first}
+    assert names == {bench_robot(name).model.name for name in ROBOTS}
     of_lines = [one.problem.robot.geometry is Geometry.LINES for one in first]
     assert of_lines == ([False] * (LINES_EVERY - 1) + [True]) * 2
     kinds = {body.solid.kind for one in first for body in one.problem.obstacle_bodies}
@@ -142,7 +154,7 @@ def test_robots_situations_and_kinds_of_shapes_are_all_there() -> None:
 
 
 def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None:
-    def numbers(drawn: ShapesProblem) -> Array:
+    def numbers(drawn: Drawn[Witness]) -> Array:
         problem = drawn.problem
         places = [one.position for one in problem.obstacle_bodies]
         return np.concatenate([problem.start.joint_positions, *places])
@@ -155,9 +167,9 @@ def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None
 @pytest.mark.law("PLAN-33")
 @pytest.mark.ci
 def test_the_benchmark_plans_them_and_tells_of_each_situation_and_robot() -> None:
-    found = shapes_measurement(6, load_parameters().planner)
-    assert [each.status for each in found.results] == [Status.SOLVED] * 6
-    (table,) = found.tables
+    rows = list(SHAPES_PLANS.rows(6, load_parameters().planner))
+    assert [row["status"] for row in rows] == ["SOLVED"] * 6
+    table = SHAPES_PLANS.table(rows)
     names = ["all", *SITUATIONS, *ROBOTS, "shapes"]
     assert [row[0] for row in table.rows] == names
     assert {row[2] for row in table.rows} == {"100.0%"}
@@ -166,28 +178,22 @@ def test_the_benchmark_plans_them_and_tells_of_each_situation_and_robot() -> Non
 
 @pytest.mark.ci
 def test_what_shapes_cost_is_measured_against_what_else_is_there() -> None:
-    settings = load_parameters().planner
-    found = list(scaling.prices(settings, 1, (3, 6)))
-    compared = [(each.of, each.beside) for each in found]
+    rows = list(timing.prices(1, load_parameters().planner))
+    compared = [(row["of"], row["beside"]) for row in rows]
     of_captures = [
         ("3 boxes", "3 spheres"),
         ("3 hulls of 200 corners", "3 boxes"),
-        ("6 boxes", "3 boxes"),
+        ("30 boxes", "3 boxes"),
     ]
-    assert compared == [*of_captures, *of_captures, *[("target of 20 bodies", "of 20 spheres")] * 2]
-    assert all(min(one.seconds, one.seconds_beside, one.rollouts) > 0 for one in found)
-
-
-def test_boxes_beside_spheres_are_compared_on_many_problems_of_lines_and_shapes() -> None:
-    found = list(scaling.prices_of_many(load_parameters().planner, 1))
-    count = len(scaling.ARMS)
-    assert [one.capture for one in found] == [f"{count} problems, {of}" for of in Geometry]
-    assert all(min(one.seconds, one.seconds_beside, one.rollouts) > 0 for one in found)
+    of_targets, of_many = ("target of 20 bodies", "of 20 spheres"), ("boxes", "spheres")
+    assert compared == [*of_captures, *of_captures, *[of_targets] * 2, *[of_many] * 2]
+    assert [row["capture"] for row in rows[-2:]] == [f"3 problems, {of}" for of in Geometry]
+    assert all(min(row["seconds"], row["seconds_beside"], row["rollouts"]) > 0 for row in rows)
 
 
 def test_a_box_in_a_sphere_has_its_corners_on_it() -> None:
     sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5, np.array([0.1, 0.0, 0.0]))
-    box = scaling._box_inside(sphere)
+    box = timing._box_inside(sphere)
     assert box.solid.radius == pytest.approx(0.5)
     assert (box.position == sphere.center).all()
     assert (box.velocity == sphere.velocity).all()
@@ -195,8 +201,8 @@ def test_a_box_in_a_sphere_has_its_corners_on_it() -> None:
 
 def test_what_is_compared_is_nearly_the_same() -> None:
     sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5)
-    box = scaling._box(sphere)
-    hull = scaling._hull(box)
+    box = timing._box(sphere)
+    hull = timing._hull(box)
     assert box.solid.geometry.computeVolume() == pytest.approx(4 / 3 * np.pi * 0.5**3)
     assert len(hull.solid.corners) == 200
     edge = float(box.solid.sizes[0])

@@ -103,14 +103,14 @@ def test_twice_as_many_steps_of_the_witness_give_the_same_scenarios(monkeypatch)
 def _drawn_anew(kind, number):
     """Return a problem of a class, not the one that was kept."""
     if kind == "tumbling":
-        return tumbling.problem.__wrapped__(kind, number)
-    return still_goals.problem.__wrapped__(kind, number).problem
+        return tumbling.drawn.__wrapped__(kind, number).problem
+    return still_goals.drawn.__wrapped__(kind, number).problem
 
 
 def test_the_witness_of_a_still_goal_solves_its_written_scenario(tmp_path):
     (tmp_path / "robots").mkdir()
     for kind, number in (("planar", 0), ("planar", 1), ("high_momentum", 1)):
-        drawn = still_goals.problem(kind, number)
+        drawn = still_goals.drawn(kind, number)
         robot = drawn.problem.robot
         way, times, *_ = drawn.witness
         path = tmp_path / "scenarios" / f"{kind}{number}" / "0000.yaml"
@@ -199,8 +199,7 @@ REFUSED = {
     "--workers is 0": "dataset --workers 0",
     "--seeds is x": "dataset --seeds x",
     "was written with other seeds": "dataset --seeds 4711",
-    "--scenarios is -1": "simulate --scenarios -1",
-    "it has no planar/0001": "simulate --scenarios 2",
+    "--scenarios is -1": "contest --method ours --scenarios -1",
     "no planar/0001: it was written with fewer": "contest --method ours",
     "--scenarios is 10001": "contest --method ours --scenarios 10001",
     "--workers is -1": "contest --method ours --workers -1",
@@ -222,10 +221,23 @@ def test_a_wrong_option_is_refused_in_one_line(small, capfd, reason):
     assert said.count("\n") == 1, said
 
 
-@pytest.mark.parametrize("verb", ["simulate", "contest --method ours"])
-def test_where_there_is_no_data_set_the_command_that_writes_one_is_told(tmp_path, capfd, verb):
-    verb, *options = verb.split()
-    assert main([verb, str(tmp_path), *options]) == 2
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ("bench --scenarios 0", "--scenarios is 0"),
+        ("engines --scenarios 10001", "--scenarios is 10001"),
+        ("bench --only nothing", "--only is nothing: it must be one of methods, scaling, "),
+    ],
+)
+def test_an_experiment_that_is_not_there_or_of_no_size_is_refused(capfd, options, reason):
+    assert main(options.split()) == 2
+    said = capfd.readouterr().err
+    assert reason in said
+    assert said.count("\n") == 1, said
+
+
+def test_where_there_is_no_data_set_the_command_that_writes_one_is_told(tmp_path, capfd):
+    assert main(["contest", str(tmp_path), "--method", "ours"]) == 2
     assert f"`ff-planner-benchmark dataset {tmp_path}`" in capfd.readouterr().err
 
 
@@ -267,7 +279,7 @@ def test_a_hidden_set_has_a_seed_that_is_drawn_when_it_is_written(tmp_path, capf
 def test_every_command_of_the_pages_is_one_that_the_parser_takes():
     commands = [one for page in PAGES for one in console(page)]
     typed = [one.words for one in commands if one.words[0].endswith("ff-planner-benchmark")]
-    assert {words[1] for words in typed} == {"bench", "dataset", "contest", "score", "simulate"}
+    assert {words[1] for words in typed} == {"bench", "engines", "dataset", "contest", "score"}
     for words in typed:
         command_parser().parse_args(words[1:])
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ff_planner_benchmark import dataset
-from ff_planner_benchmark.flown import flown_rows
+from ff_planner_benchmark.bench.executed import _flown
 from ff_planner_benchmark.problems import captured, joint_goals
+from ff_planner_benchmark.problems.classes import BODIES, SCENARIOS, STILL, TUMBLING
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -15,19 +15,20 @@ pytestmark = pytest.mark.ci
 pytest.importorskip("pydrake", reason="pip install './benchmark[drake]' brings Drake")
 pytest.importorskip("mujoco")
 
-LARGEST_MISS = 1.0  # [mm]
+OF_DATA_SET = [*SCENARIOS, BODIES, TUMBLING[0], *STILL]
+LARGEST_MISS = 1e-3  # [m]
 # That a motion of joint goals, or after a grasp, is executed in.
 PARTS = 4
 
 
 @pytest.mark.law("PLAN-22")
-def test_three_plans_of_each_class_arrive_in_both_engines(tmp_path, times):
-    each = times(1, 3)
-    dataset.write_dataset(tmp_path / "set", 0, each)
-    for kind, plans, in_mujoco, _, in_drake, _ in flown_rows(tmp_path / "set", each):
-        assert int(plans) == each, kind
-        assert float(in_mujoco) < LARGEST_MISS, kind
-        assert float(in_drake) < LARGEST_MISS, kind
+@pytest.mark.parametrize("one", OF_DATA_SET, ids=lambda one: one.name)
+def test_three_plans_of_each_class_arrive_in_both_engines(one, times):
+    for number in range(times(1, 3)):
+        for row in _flown(one, number, load_parameters().planner):
+            assert row["passed"], number
+            assert row["position_mujoco"] < LARGEST_MISS, number
+            assert row["position_drake"] < LARGEST_MISS, number
 
 
 @pytest.mark.law("PLAN-22")

@@ -7,8 +7,8 @@ knows how the planner measures or searches.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import coal
@@ -20,8 +20,9 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.problems.drawn import Drawn, first_sound
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out, within_limits
-from ff_planner_ros.problems.robots import bench_robot, first_sound
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.scenarios import (
     SINGULAR_VALUE_BOUND,
     draw_motion,
@@ -46,34 +47,22 @@ _SCREENING_POINTS, _POINTS = 13, 100
 _QUICK = 0.2
 
 
-@dataclass(frozen=True, eq=False)
-class BodiesProblem:
-    """A problem and a path that solves it."""
-
-    problem: PlanningProblem
-    witness: Array  # coefficients xi of the path's free terms, shape (6, 3)
-
-
-def problems(count: int) -> Iterator[BodiesProblem]:
-    """Yield the first `count` problems, the robots in turn; see `problem`."""
-    for number in range(count):
-        of_robot, robot = divmod(number, len(ROBOTS))
-        yield problem(ROBOTS[robot], of_robot)
-
-
 @cache
-def problem(robot: str, number: int) -> BodiesProblem:
-    """Return a problem of one of `ROBOTS`, by the number that seeds the draw."""
+def problem(robot: str, number: int) -> Drawn[Array]:
+    """Return a problem of one of `ROBOTS`, by the number that seeds the draw.
+
+    Its witness is the coefficients xi of the path's free terms. Shape (6, 3).
+    """
     return drawn_problem(bench_robot(robot, Geometry.SHAPES), f"bodies {robot}", number)
 
 
-def drawn_problem(robot: Robot, name: str, number: int) -> BodiesProblem:
+def drawn_problem(robot: Robot, name: str, number: int) -> Drawn[Array]:
     """Return a problem of any robot with bodies; name and number seed the draw."""
     rng = np.random.default_rng([*name.encode(), number])
-    return first_sound(name, lambda: _draw(robot, rng))
+    return first_sound("bodies", name, lambda: _draw(robot, rng))
 
 
-def _draw(robot: Robot, rng: np.random.Generator) -> BodiesProblem | None:
+def _draw(robot: Robot, rng: np.random.Generator) -> Drawn[Array] | None:
     """Draw a problem; None if what was drawn is not sound."""
     reach = stretched_length(robot)
     try:
@@ -98,7 +87,7 @@ def _draw(robot: Robot, rng: np.random.Generator) -> BodiesProblem | None:
     spheres = _draw_spheres(reach, way, straight, rng)
     if spheres is None:
         return None
-    return BodiesProblem(replace(asked, obstacles=spheres), witness)
+    return Drawn(replace(asked, obstacles=spheres), witness)
 
 
 def _slowed(problem: PlanningProblem) -> PlanningProblem:

@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from functools import cache
-from typing import TypeVar
 
 from ff_planner_ros.common.share import share_directory
-from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
-
-T = TypeVar("T")
-
-# Sound draws are one of a few, or of a thousand. A class that has none would be drawn for ever.
-_MOST_DRAWS = 100_000
 
 # Robots of the scenarios. The second has no joint to spare and couples more strongly to its
 # chaser.
@@ -43,18 +35,6 @@ _GENERATED = re.compile(r"(arm|rail|planar)[1-9][0-9]?")  # by their number of j
 _BASE_LINKS = {"lemur": "chaser", "canadarm2": "station"}
 # Where the chaser of `off7` has its centre of mass and axes.
 _OFF_THE_BASE = '<origin xyz="0.3 -0.2 0.25" rpy="0.3 -0.2 0.5"/>'
-
-
-def first_sound(what: str, draw: Callable[[], T | None]) -> T:
-    """Return the first result of a draw that is not None.
-
-    Raises:
-        InvalidInput: There is none, as for a robot that is never free of its own links.
-    """
-    for _ in range(_MOST_DRAWS):
-        if (drawn := draw()) is not None:
-            return drawn
-    raise InvalidInput(Status.UNSUPPORTED, what, "drawn", f"none of {_MOST_DRAWS} draws is sound")
 
 
 @cache

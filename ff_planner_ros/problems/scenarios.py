@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import (
@@ -29,6 +29,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
+from ff_planner_ros.problems.drawn import Drawn, first_sound
 from ff_planner_ros.problems.paths import (
     STRAIGHT,
     clearance_along,
@@ -79,17 +80,11 @@ KINDS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Scenario:
-    """A problem and a path that solves it."""
-
-    problem: PlanningProblem  # to be planned
-    # Coefficients of the path's free terms, shape (6, 3), as the problem reads the orientation
-    witness: Array
-
-
-def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
+def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Drawn[Array]:
     """Return a scenario of one of `KINDS` for a `bench_robot`; the arguments seed the draw.
+
+    Its witness is the coefficients of the path's free terms, shape (6, 3), as the problem reads the
+    orientation.
 
     Args:
         turned: Whether it is the twin in a rotated and shifted inertial frame.
@@ -101,17 +96,16 @@ def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
 
 
 @cache
-def _twins(kind: str, robot: str, number: int) -> tuple[Scenario, Scenario]:
+def _twins(kind: str, robot: str, number: int) -> tuple[Drawn[Array], Drawn[Array]]:
     rng = np.random.default_rng([*f"{kind} {robot}".encode(), number])
-    for _ in range(_MOST_DRAWS):
-        twins = _draw(KINDS[kind], bench_robot(robot), rng)
-        if twins is not None:
-            return twins
-    allowed = f"of {_MOST_DRAWS} problems of kind {kind} that were drawn for it none has a plan"
-    raise InvalidInput(Status.UNSUPPORTED, "robot", robot, allowed)
+    return first_sound(
+        kind, robot, lambda: _draw(KINDS[kind], bench_robot(robot), rng), _MOST_DRAWS
+    )
 
 
-def _draw(kind: Kind, robot: Robot, rng: np.random.Generator) -> tuple[Scenario, Scenario] | None:
+def _draw(
+    kind: Kind, robot: Robot, rng: np.random.Generator
+) -> tuple[Drawn[Array], Drawn[Array]] | None:
     """Draw twins; None if what was drawn is not sound."""
     reach = stretched_length(robot)
     try:
@@ -138,7 +132,7 @@ def _draw(kind: Kind, robot: Robot, rng: np.random.Generator) -> tuple[Scenario,
     if spheres is None:
         return None
     problem = replace(problem, obstacles=spheres)
-    first, second = Scenario(problem, witness), Scenario(seen_from(problem, frame), twin_witness)
+    first, second = Drawn(problem, witness), Drawn(seen_from(problem, frame), twin_witness)
     for drawn in (first, second):
         if clearance_along(drawn.problem, drawn.witness) < kind.clearance:
             return None

@@ -7,14 +7,13 @@ moves at orbital speed; the planner chooses the duration.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_benchmark.problems.tumbling import Capture, Kind, drawn_capture
+from ff_planner_benchmark.problems.tumbling import Kind, drawn_capture
 from ff_planner_benchmark.problems.tumbling_witness import Witness
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.measures import chaser_euler
@@ -24,7 +23,8 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     PlanningProblem,
 )
-from ff_planner_ros.problems.robots import bench_robot, first_sound
+from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.twin import seen_from
 from ff_planner_ros.robot.collision.geometry import Geometry
 
@@ -44,36 +44,25 @@ _DURATION_WEIGHTS = (0.0, 0.05)
 _AWAY, _FAST = 7e6, 8e3
 
 
-@dataclass(frozen=True, eq=False)
-class EverythingProblem:
-    """A problem and a motion that solves it, whose duration is in the problem's range."""
-
-    problem: PlanningProblem
-    duration: float  # of the witness [s]
-    witness: Witness  # in the frame of the chaser at the start
-
-
-def problems(count: int) -> Iterator[EverythingProblem]:
-    """Yield problems 0 to `count` - 1, the robots in turn; see `problem`."""
-    for number in range(count):
-        yield problem(number)
-
-
 @cache
-def problem(number: int) -> EverythingProblem:
-    """Return a problem by its number, which seeds the draw."""
-    robot = bench_robot(ROBOTS[number % len(ROBOTS)], _KIND.geometry)
+def problem(number: int) -> Drawn[Witness]:
+    """Return a problem by its number, which seeds the draw.
+
+    Its witness is in the frame of the chaser at the start, and its duration in the problem's range.
+    """
+    name = ROBOTS[number % len(ROBOTS)]
+    robot = bench_robot(name, _KIND.geometry)
     rng = np.random.default_rng([*b"all features", number])
-    drawn = first_sound("all features", lambda: drawn_capture(robot, _KIND, rng))
+    drawn = first_sound("all features", name, lambda: drawn_capture(robot, _KIND, rng))
     weight = _DURATION_WEIGHTS[number // len(ROBOTS) % len(_DURATION_WEIGHTS)]
     return _with_everything(drawn, Objective(1.0, 0.0, weight), rng)
 
 
 def _with_everything(
-    drawn: Capture, objective: Objective, rng: np.random.Generator
-) -> EverythingProblem:
+    drawn: Drawn[Witness], objective: Objective, rng: np.random.Generator
+) -> Drawn[Witness]:
     """Set limits and durations around a witness, and transform the problem to a moving frame."""
-    given, witness = drawn
+    given, witness = drawn.problem, drawn.witness
     angle = float(np.abs(chaser_euler(given.robot, witness.way)).max())
     accelerations = _ROOM * _accelerations(witness)
     shortest, longest = (
@@ -94,7 +83,7 @@ def _with_everything(
         duration=longest,
         duration_range=DurationRange(shortest, longest),
     )
-    return EverythingProblem(_in_orbit(asked, rng), given.duration, witness)
+    return Drawn(_in_orbit(asked, rng), witness)
 
 
 def _accelerations(witness: Witness) -> Array:

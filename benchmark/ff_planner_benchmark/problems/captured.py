@@ -12,9 +12,9 @@ Self collisions of the robot and collisions with the held body are checked.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
+from typing import TypeAlias
 
 import numpy as np
 
@@ -31,12 +31,11 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Posture,
 )
-from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.following import held_body
 from ff_planner_ros.planning.task.phase import Phase
-from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap
-from ff_planner_ros.problems.robots import bench_robot, first_sound
+from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration, system_state
@@ -66,50 +65,30 @@ _CAPTURED = Kind((1.0, _TURNING), geometry=Geometry.SHAPES)
 _POINTS = 50
 
 
-@dataclass(frozen=True, eq=False)
-class CapturedBodyProblem:
-    """A task with a held or captured body, and joint motions that solve it."""
-
-    robot: str  # of `ROBOTS`
-    problem: PlanningProblem
-    then: tuple[Phase, ...]  # phases after the problem; empty: none
-    witness: tuple[JointMotion, ...]  # of each phase; of a whole capture, of those after the first
-
-    def task(self, settings: PlannerSettings) -> PlanningTask:
-        """Return the planning task of all phases."""
-        return PlanningTask(self.problem, settings, then=self.then)
-
-
-def problems(kind: str, count: int) -> Iterator[CapturedBodyProblem]:
-    """Yield the first `count` problems of a kind, the robots in turn; see `problem`."""
-    for number in range(count):
-        yield problem(kind, number)
+# Motions of each phase; of a whole capture, of those after the first.
+Motions: TypeAlias = tuple[JointMotion, ...]
 
 
 @cache
-def problem(kind: str, number: int) -> CapturedBodyProblem:
-    """Return a problem of one of `KINDS`; kind and number seed the draw."""
+def problem(kind: str, number: int) -> Drawn[Motions]:
+    """Return a problem of one of `KINDS`, the robots in turn; kind and number seed the draw."""
     name = ROBOTS[number % len(ROBOTS)]
     robot, rng = bench_robot(name, Geometry.SHAPES), np.random.default_rng([*kind.encode(), number])
     draw = {"captured stop": _stop, "payload stow": _stow, "whole capture": _whole}[kind]
-    drawn = first_sound(f"{kind} of {name}", lambda: draw(robot, rng))
-    return CapturedBodyProblem(name, *drawn)
+    return first_sound(kind, name, lambda: draw(robot, rng))
 
 
-Drawn = tuple[PlanningProblem, tuple[Phase, ...], tuple[JointMotion, ...]]
-
-
-def _stop(robot: Robot, rng: np.random.Generator) -> Drawn | None:
+def _stop(robot: Robot, rng: np.random.Generator) -> Drawn[Motions] | None:
     holding = with_payload(robot, _box(robot, rng))
     start = _turning_together(holding, rng)
     witness = _stopping(holding, start, rng)
     if witness is None:
         return None
     asked = _at_rest(holding, start, witness)
-    return asked, (), (witness,)
+    return Drawn(asked, (witness,))
 
 
-def _stow(robot: Robot, rng: np.random.Generator) -> Drawn | None:
+def _stow(robot: Robot, rng: np.random.Generator) -> Drawn[Motions] | None:
     holding = with_payload(robot, _box(robot, rng))
     moving = _turning_together(holding, rng)
     start = replace(moving, joint_velocities=np.zeros(robot.joints))
@@ -117,10 +96,10 @@ def _stow(robot: Robot, rng: np.random.Generator) -> Drawn | None:
     if witness is None:
         return None
     posture = Posture(witness.positions[-1])
-    return _asked(holding, start, posture, float(witness.time[-1])), (), (witness,)
+    return Drawn(_asked(holding, start, posture, float(witness.time[-1])), (witness,))
 
 
-def _whole(robot: Robot, rng: np.random.Generator) -> Drawn | None:
+def _whole(robot: Robot, rng: np.random.Generator) -> Drawn[Motions] | None:
     capture = drawn_capture(robot, _CAPTURED, rng)
     if capture is None:
         return None
@@ -160,7 +139,7 @@ def _whole(robot: Robot, rng: np.random.Generator) -> Drawn | None:
             objective=Objective(1.0, 0.0),
         ),
     )
-    return replace(given, target_body=body), then, (stopping, stowing)
+    return Drawn(replace(given, target_body=body), (stopping, stowing), then)
 
 
 def _box(robot: Robot, rng: np.random.Generator) -> Payload:

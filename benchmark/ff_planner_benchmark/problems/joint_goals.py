@@ -14,15 +14,14 @@ All but "random start" have a motion that solves them, the witness.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_benchmark.problems.witnessed import (
-    drawn_with_witness,
+    drawn_problem,
     random_posture,
     spheres_beside,
 )
@@ -41,17 +40,23 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.problems.robots import bench_robot, first_sound
+from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.wheels import Wheels
 
-KINDS = ("held", "random start", "rail", "stow", "stop")
-ROBOTS = ("lemur", "arm6", "arm7", "arm10")  # in turn
-ON_RAILS = ("rail6", "rail7")  # likewise
-RANDOM_STARTS = "arm8"
+ROBOTS, RANDOM_STARTS = ("lemur", "arm6", "arm7", "arm10"), "arm8"
+# The robots of each kind, in turn.
+KINDS = {
+    "held": ROBOTS,
+    "random start": (RANDOM_STARTS,),
+    "rail": ("rail6", "rail7"),
+    "stow": ROBOTS,
+    "stop": ROBOTS,
+}
 # Limits of the wheels over the witness's peaks, in turn.
 NEAR, FAR = 1.05, 3.0
 # What wheels hold at the start, over the witness's peaks.
@@ -66,56 +71,42 @@ _AWAY, _LASTS = 0.02, 30.0
 _REGULAR = 0.08
 
 
-@dataclass(frozen=True, eq=False)
-class JointGoal:
-    """A problem, and a joint motion that solves it."""
-
-    robot: str  # name, as `bench_robot` takes it
-    problem: PlanningProblem
-    witness: JointMotion | None  # None: none is known
-
-
-def problems(kind: str, count: int) -> Iterator[JointGoal]:
-    """Yield the first `count` problems of a kind; see `problem`."""
-    for number in range(count):
-        yield problem(kind, number)
-
-
 @cache
-def problem(kind: str, number: int) -> JointGoal:
-    """Return a problem of one of `KINDS`; kind and number seed the draw."""
+def problem(kind: str, number: int) -> Drawn[JointMotion | None]:
+    """Return a problem of one of `KINDS`; kind and number seed the draw.
+
+    Of a random start no witness is known: None.
+    """
     rng = np.random.default_rng([*kind.encode(), number])
     if kind == "random start":
-        return JointGoal(RANDOM_STARTS, _from_random_start(rng), None)
-    robots = ON_RAILS if kind == "rail" else ROBOTS
-    name = robots[number % len(robots)]
+        return Drawn(_from_random_start(rng), None)
+    name = KINDS[kind][number % len(KINDS[kind])]
     robot = bench_robot(name)
     if kind == "held":
         robot = replace(robot, base=Base.ATTITUDE_HELD, wheels=Wheels())
-    return first_sound(kind, lambda: _draw(kind, number, name, robot, rng))
+    return first_sound(kind, name, lambda: _draw(kind, number, robot, rng))
 
 
 def _draw(
-    kind: str, number: int, name: str, robot: Robot, rng: np.random.Generator
-) -> JointGoal | None:
+    kind: str, number: int, robot: Robot, rng: np.random.Generator
+) -> Drawn[JointMotion | None] | None:
     """Draw a problem with a witness; None if what was drawn is not sound."""
     posture = random_posture(robot, False, rng)
     if posture is None:
         return None
-    drawn = drawn_with_witness(robot, posture, Orientation.FIXED, _SPHERES, rng)
+    drawn = drawn_problem(robot, posture, Orientation.FIXED, _SPHERES, rng)
     if drawn is None:
         return None
-    asked, witness = drawn
+    asked, witness = drawn.problem, drawn.witness
     if kind == "held":
         factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
         limited = _with_wheels(asked, witness, factor, rng)
-        return JointGoal(name, _moving_as_reached(limited, witness), witness)
+        return Drawn(_moving_as_reached(limited, witness), witness)
     if kind == "rail":
-        return JointGoal(name, _moving_as_reached(asked, witness), witness)
+        return Drawn(_moving_as_reached(asked, witness), witness)
     if kind == "stow":
-        return JointGoal(name, replace(asked, posture=Posture(witness.positions[-1])), witness)
-    stopping = _stopping(asked, rng)
-    return None if stopping is None else JointGoal(name, *stopping)
+        return Drawn(replace(asked, posture=Posture(witness.positions[-1])), witness)
+    return _stopping(asked, rng)
 
 
 def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
@@ -133,7 +124,7 @@ def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
         away = clearances(points, np.zeros(1), segments(points), spheres).distance.min()
         return posture if away >= _AWAY else None
 
-    posture = first_sound("random start", draw)
+    posture = first_sound("random start", RANDOM_STARTS, draw)
     still = np.zeros(3)
     start = SystemState(
         position_chaser_in_inertial=_at_origin(robot, posture)[:3] + robot.position_chaser_in_base,
@@ -173,7 +164,7 @@ def _scene() -> tuple[Robot, Array, tuple[Sphere, ...]]:
         is_regular = smallest_singular_values(robot, goal[None])[0] > _REGULAR
         return (robot, goal, spheres) if is_regular else None
 
-    return first_sound("scene of random starts", draw)
+    return first_sound("scene of random starts", RANDOM_STARTS, draw)
 
 
 def _at_origin(robot: Robot, posture: Array) -> Array:
@@ -229,7 +220,7 @@ def _with_wheels(
 
 def _stopping(
     problem: PlanningProblem, rng: np.random.Generator
-) -> tuple[PlanningProblem, JointMotion] | None:
+) -> Drawn[JointMotion | None] | None:
     """Return a problem to stop as soon as possible and its witness; None: it leaves its limits."""
     robot, joints = problem.robot, problem.robot.joints
     rates, lasts = rng.uniform(-_FAST, _FAST, joints), float(rng.uniform(*_STOPS_IN))
@@ -242,7 +233,7 @@ def _stopping(
     (lowest, highest), _ = witness.extremes(2)
     allowed = _SPARE * np.maximum(-lowest, highest)
     first, last = (part * lasts for part in _WINDOW)
-    return replace(
+    asked: PlanningProblem = replace(
         problem,
         start=replace(problem.start, joint_velocities=rates),
         posture=Posture(at_rest=True),
@@ -251,4 +242,5 @@ def _stopping(
         obstacles=(),
         objective=Objective(0.0, 0.0, 1.0),
         limits=Limits(joint_velocities=True, joint_accelerations=tuple(allowed.tolist())),
-    ), witness
+    )
+    return Drawn(asked, witness)

@@ -8,8 +8,7 @@ tumbling target.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import cast
 
@@ -46,8 +45,9 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap
+from ff_planner_ros.problems.drawn import Drawn, first_sound
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out
-from ff_planner_ros.problems.robots import bench_robot, first_sound
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.scenarios import stretched_length
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -87,31 +87,14 @@ _LEVER, _TUMBLING = (0.3, 0.8), (0.02, 0.09)
 _COME = 2.0  # its parts come from so far [m]
 
 
-@dataclass(frozen=True, eq=False)
-class ShapesProblem:
-    """A problem and a motion that solves it."""
-
-    problem: PlanningProblem
-    witness: Witness
-    situation: str  # of `SITUATIONS`
-    robot: str  # of `ROBOTS`
-
-
-def problems(count: int) -> Iterator[ShapesProblem]:
-    """Yield the first `count` problems, robots and situations in turn; see `problem`."""
-    for number in range(count):
-        yield problem(number)
-
-
 @cache
-def problem(number: int) -> ShapesProblem:
-    """Return a problem by its number, which seeds the draw."""
+def problem(number: int) -> Drawn[Witness]:
+    """Return a problem by its number, which seeds the draw; robots and situations in turn."""
     name, situation = ROBOTS[number % len(ROBOTS)], SITUATIONS[number % len(SITUATIONS)]
     lines = number % LINES_EVERY == LINES_EVERY - 1
     robot = bench_robot(name, Geometry.LINES if lines else Geometry.SHAPES)
     rng = np.random.default_rng([*b"shapes", number])
-    drawn = first_sound(situation, lambda: _Draw(robot, situation, rng).problem())
-    return ShapesProblem(*drawn, situation, name)
+    return first_sound(situation, name, lambda: _Draw(robot, situation, rng).drawn())
 
 
 class _Draw:
@@ -123,7 +106,7 @@ class _Draw:
         self.slower = max(1.0, _QUICK / float(robot.velocity_limits.min()))
         self.bodies = list[ObstacleBody]()
 
-    def problem(self) -> tuple[PlanningProblem, Witness] | None:
+    def drawn(self) -> Drawn[Witness] | None:
         """Return a problem and its witness; None: what was drawn is not sound."""
         robot, rng = self.robot, self.rng
         start = self._start()
@@ -150,10 +133,11 @@ class _Draw:
             parts = self._parts(witness, swept)
             if len(parts) < _PARTS[0]:
                 return None
-            return with_capture_target(replace(witness.body, obstacles=parts), asked), witness
+            whole = with_capture_target(replace(witness.body, obstacles=parts), asked)
+            return Drawn(whole, witness)
         if not self._lay(asked, witness, swept):
             return None
-        return replace(asked, obstacles=tuple(self.bodies)), witness
+        return Drawn(replace(asked, obstacles=tuple(self.bodies)), witness)
 
     def _look_closer(self, start: SystemState, witness: Witness) -> None:
         """Compute the poses of the robot's bodies along the witness at finer times."""

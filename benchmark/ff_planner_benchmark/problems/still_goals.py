@@ -27,7 +27,8 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Target,
 )
-from ff_planner_ros.problems.robots import bench_robot, first_sound
+from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
@@ -65,27 +66,20 @@ _SLOW = 0.005
 _POINTS = 50
 
 
-@dataclass(frozen=True, eq=False)
-class StillGoal:
-    """A problem and a motion that solves it."""
-
-    problem: PlanningProblem
-    witness: Witness
-
-
 @cache
-def problem(kind: str, number: int) -> StillGoal:
+def drawn(kind: str, number: int) -> Drawn[Witness]:
     """Return a problem of one of `KINDS`; kind and number seed the draw."""
     asked = KINDS[kind]
-    robot = bench_robot(asked.robots[number % len(asked.robots)])
+    name = asked.robots[number % len(asked.robots)]
+    robot = bench_robot(name)
     orientation = asked.orientations[number % len(asked.orientations)]
     rng = np.random.default_rng([*kind.encode(), number])
-    return first_sound(kind, lambda: _drawn(robot, asked, orientation, rng))
+    return first_sound(kind, name, lambda: _drawn(robot, asked, orientation, rng))
 
 
 def _drawn(
     robot: Robot, kind: Kind, orientation: Orientation, rng: np.random.Generator
-) -> StillGoal | None:
+) -> Drawn[Witness] | None:
     """Draw a moving system and a motion; None: the motion violates a constraint."""
     lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
     highest = np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS
@@ -123,7 +117,7 @@ def _drawn(
         objective=Objective(1.0, 0.0),
         limits=Limits(joint_velocities=True),
     )
-    return StillGoal(asked, witness)
+    return Drawn(asked, witness)
 
 
 def _drawn_vector(rng: np.random.Generator, least: float, most: float) -> Array:

@@ -6,11 +6,9 @@ integrated back to the start. Spheres on the body, and others that move freely, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,7 +34,8 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap, sphere_gap
-from ff_planner_ros.problems.robots import ROBOTS, bench_robot, first_sound
+from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.robots import ROBOTS, bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
@@ -89,29 +88,21 @@ _CANDIDATES = 80
 _POINTS = 50
 
 
-def problems(kind: str, count: int) -> Iterator[PlanningProblem]:
-    """Yield the first `count` problems of a class, the robots in turn; see `problem`."""
-    for number in range(count):
-        yield problem(kind, number)
+def problem(kind: str, number: int) -> PlanningProblem:
+    """Return a problem of one of `KINDS`, without its witness."""
+    return drawn(kind, number).problem
 
 
 @cache
-def problem(kind: str, number: int) -> PlanningProblem:
+def drawn(kind: str, number: int) -> Drawn[Witness]:
     """Return a problem of one of `KINDS`; kind and number seed the draw."""
     asked = KINDS[kind]
-    robot = bench_robot(asked.robots[number % len(asked.robots)], asked.geometry)
-    rng = np.random.default_rng([*kind.encode(), number])
-    return first_sound(kind, lambda: drawn_capture(robot, asked, rng)).problem
+    name = asked.robots[number % len(asked.robots)]
+    robot, rng = bench_robot(name, asked.geometry), np.random.default_rng([*kind.encode(), number])
+    return first_sound(kind, name, lambda: drawn_capture(robot, asked, rng))
 
 
-class Capture(NamedTuple):
-    """A problem and a motion that solves it."""
-
-    problem: PlanningProblem
-    witness: Witness
-
-
-def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Capture | None:
+def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Drawn[Witness] | None:
     """Draw a system, a body and a motion; None: the motion violates a constraint."""
     start = _start(robot, rng)
     duration = float(rng.uniform(8.0, 15.0))
@@ -149,7 +140,7 @@ def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Capture
         approach=approach,
     )
     whole = with_capture_target(replace(witness.body, obstacles=spheres), asked)
-    return Capture(whole, witness)
+    return Drawn(whole, witness)
 
 
 def _beside_bodies(swept: Swept, passing: Sphere, times: Array) -> Sphere | None:

@@ -6,7 +6,6 @@ obstacles stay clear of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -26,7 +25,8 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.problems.robots import bench_robot, first_sound
+from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import (
@@ -74,27 +74,26 @@ KINDS = {
 }
 
 
-def problems(kind: str, count: int) -> Iterator[PlanningProblem]:
-    """Yield the first `count` problems of a class; see `problem`."""
-    for number in range(count):
-        yield problem(kind, number)
+def problem(kind: str, number: int) -> PlanningProblem:
+    """Return a problem of one of `KINDS`, without its witness."""
+    return drawn(kind, number).problem
 
 
 @cache
-def problem(kind: str, number: int) -> PlanningProblem:
+def drawn(kind: str, number: int) -> Drawn[JointMotion]:
     """Return a problem of one of `KINDS`; kind and number seed the draw."""
     asked = KINDS[kind]
-    robot = bench_robot(asked.robots[number % len(asked.robots)])
+    name = asked.robots[number % len(asked.robots)]
     orientation = asked.orientations[number % len(asked.orientations)]
-    rng = np.random.default_rng([*kind.encode(), number])
+    robot, rng = bench_robot(name), np.random.default_rng([*kind.encode(), number])
 
-    def draw() -> PlanningProblem | None:
+    def draw() -> Drawn[JointMotion] | None:
         posture = random_posture(robot, asked.singular, rng)
         if posture is None:
             return None
         return drawn_problem(robot, posture, orientation, asked.spheres, rng)
 
-    return first_sound(kind, draw)
+    return first_sound(kind, name, draw)
 
 
 def drawn_problem(
@@ -103,7 +102,7 @@ def drawn_problem(
     orientation: Orientation,
     spheres: int,
     rng: np.random.Generator,
-) -> PlanningProblem | None:
+) -> Drawn[JointMotion] | None:
     """Draw a problem that starts in a posture, with a goal that a drawn motion reaches.
 
     None: the motion violates joint limits, or its end is singular.
@@ -112,18 +111,6 @@ def drawn_problem(
         posture: Joint positions at the start. Shape (joints,) [rad].
         spheres: Largest number of spheres.
     """
-    drawn = drawn_with_witness(robot, posture, orientation, spheres, rng)
-    return None if drawn is None else drawn[0]
-
-
-def drawn_with_witness(
-    robot: Robot,
-    posture: Array,
-    orientation: Orientation,
-    spheres: int,
-    rng: np.random.Generator,
-) -> tuple[PlanningProblem, JointMotion] | None:
-    """Draw a problem as `drawn_problem`, and return it with the motion that solves it."""
     planar, joints = robot.base is Base.PLANAR, robot.joints
     drift, spin = _DRIFT * rng.normal(size=3), _SPIN * rng.normal(size=3)
     if planar:
@@ -173,7 +160,7 @@ def drawn_with_witness(
         objective=Objective(1.0, 0.0),
         limits=Limits(joint_velocities=True),
     )
-    return problem, witness
+    return Drawn(problem, witness)
 
 
 def random_posture(robot: Robot, singular: bool, rng: np.random.Generator) -> Array | None:
