@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.client
 from collections.abc import Iterator
-from threading import Event
 from urllib.parse import urlsplit
 
 import pytest
@@ -12,7 +11,7 @@ import viser
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from ff_planner_ros.console.access import CHOOSE, OWN_HEADER, Access
+from ff_planner_ros.console.access import Access
 from ff_planner_ros.console.entries import Entry
 from ff_planner_ros.console.page import Page
 from ff_planner_ros.console.serve import Served, serve
@@ -112,21 +111,6 @@ def test_a_name_that_was_bound_anew_to_this_machine_is_another_page(
     of_other = {"Host": f"evil.example:{port}", "Origin": f"http://evil.example:{port}"}
     assert asked(served, "/", **of_other)[0] == 403
     assert asked(served, "/", Cookie=cookie, Origin=of_other["Origin"])[0] == 403
-
-
-def test_a_click_shows_an_entry_and_a_link_from_elsewhere_does_not(
-    served: Served, cookie: str
-) -> None:
-    page, chosen = served.page, Event()
-    page._choice.on_update(lambda _: chosen.set())
-    path = f"{CHOOSE}?name=a+%27second%27+%26+third"
-    assert asked(served, path)[0] == 403
-    assert asked(served, path, Cookie=cookie)[0] == 403
-    assert page.chosen.name == "first"
-    assert asked(served, path, Cookie=cookie, **{OWN_HEADER: "choose"})[0] == 204
-    assert chosen.wait(60)
-    with page._lock:
-        assert page.chosen.name == "a 'second' & third"
 
 
 def test_a_server_that_is_started_unguarded_is_refused() -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ff_planner_ros.common.share import share_directory
-from ff_planner_ros.console.changes import weighted
 from ff_planner_ros.console.curves import (
     ATTITUDE,
     CLEARANCE,
@@ -19,8 +17,6 @@ from ff_planner_ros.console.curves import (
     _data,
     curves_of,
 )
-from ff_planner_ros.console.entries import Entry
-from ff_planner_ros.console.pareto import picture_of
 from ff_planner_ros.console.stages import Stage, stages_of
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
@@ -119,27 +115,3 @@ def test_a_line_stands_at_the_time_of_the_slider(stages: tuple[Stage, ...], time
     assert now[at[1]] > max(one.max() for one in others)
     for drawn, true in zip(others, curves.values.values(), strict=True):
         assert np.delete(drawn, at) == pytest.approx(true)
-
-
-def test_a_picture_has_every_plan_where_it_is_and_the_chosen_one_of_another_shape(
-    task: PlanningTask, plan: Plan
-) -> None:
-    def made(name: str, length: float, attitude: float) -> Entry:
-        metrics = replace(plan.metrics, joint_path_length=length, max_chaser_euler=attitude)
-        weights = weighted(task, 1.0, 10.0 * attitude)
-        return Entry(name, weights, replace(plan, metrics=metrics), status="planned")
-
-    entries = [made("plan 1", 1.0, 0.3), made("<2>", 2.0, 0.2), made("plan 3", 3.0, 0.1)]
-    refused = Entry("plan 4", task, status="refused, COLLISION")
-    picture = picture_of([*entries, refused], entries[1])
-    circles = re.findall(r"<circle cx='([\d.]+)' cy='([\d.]+)'", picture)
-    ((x, y),) = re.findall(r"<rect x='([\d.]+)' y='([\d.]+)' width='12'", picture)
-    places = np.array([circles[0], (x, y), circles[1]], dtype=float)
-    places[1] += 6.0
-    assert np.diff(places, axis=0)[0] == pytest.approx(np.diff(places, axis=0)[1], abs=0.2)
-    assert (np.diff(places[:, 0]) > 0.0).all()
-    assert (np.diff(places[:, 1]) > 0.0).all()  # down the page
-    assert "&lt;2&gt;: joint path 2.0000 rad, attitude 11.459 deg, weights 1 and 2" in picture
-    assert "<2>" not in picture
-    assert "plan 4" not in picture
-    assert "Two plans or more" in picture_of(entries[:1], entries[0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -265,13 +264,16 @@ def test_a_case_that_is_none_is_refused(
 
 
 @pytest.mark.ci
-def test_a_map_is_a_campaign_of_a_grid_with_a_page_for_each_point(
+def test_a_campaign_of_a_grid_is_a_map_with_a_page_for_each_point(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario = CONFIG / "scenarios" / "planar_capture.yaml"
-    over = "grasp_time=8:12:2,target.position[0]=1.3:1.9:2"
-    words = ["map", str(scenario), "--over", over, "--out", str(tmp_path / "map"), "--workers", "1"]
-    assert main(words) == 0
+    grid = {"duration": {"range": [8, 12, 2]}, "target.position[0]": {"range": [1.3, 1.9, 2]}}
+    study = {"scenarios": [str(scenario)], "variations": {"grid": grid}}
+    (tmp_path / "map.yaml").write_text(json.dumps(study), encoding="utf-8")
+    words = ["campaign", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "map")]
+    assert main([*words, "--workers", "1"]) == 0
+    assert main(["campaign", "report", str(tmp_path / "map")]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == str(tmp_path / "map" / "report.html")
     page = Page((tmp_path / "map" / "report.html").read_text(encoding="utf-8"))
     told = page.data["study-cases"]
@@ -279,28 +281,6 @@ def test_a_map_is_a_campaign_of_a_grid_with_a_page_for_each_point(
     assert column(told, "target.position[0] [m]") == [1.3, 1.9, 1.3, 1.9]
     assert told["solved"].count(False) in (1, 2, 3)
     assert set(told["pages"]) == set(told["ids"])
-
-
-@pytest.mark.parametrize(
-    ("over", "said"),
-    [
-        ("grasp_time", "two or three quantities"),
-        ("grasp_time,approach,points=20:30:2,duration=1:2:3", "two or three quantities"),
-        ("grasp_time,duration=1:2:3", "a quantity is there twice"),
-        ("grasp_time,points", "it needs a range"),
-        ("grasp_time,points=20:30", "a range is LOW:HIGH:COUNT"),
-        ("grasp_time,points=30:20:3", r"it must be \[low, high, count\]"),
-        ("grasp_time,no.such=1:2:3", "varied: no is unknown"),
-    ],
-)
-def test_quantities_of_a_map_that_are_none_are_refused_by_name(
-    over: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scenario = CONFIG / "scenarios" / "lemur_tumbling.yaml"
-    assert main(["map", str(scenario), "--over", over, "--out", str(tmp_path / "map")]) == 2
-    told = capsys.readouterr().err
-    assert re.search(said, told)
-    assert told.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -325,15 +305,3 @@ def test_a_method_that_misses_one_case_of_many_does_not_solve_all() -> None:
         for k in range(1000)
     ]
     assert "999 of 1000 cases are solved (99%)" in _verdict(Group("optimal", rows))
-
-
-@pytest.mark.parametrize("content", ["null", "# nothing", "[1, 2]", "text"])
-def test_a_map_of_a_file_that_holds_no_scenario_is_refused(
-    content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "none.yaml").write_text(content)
-    words = ["map", str(tmp_path / "none.yaml"), "--over", "grasp_time,approach"]
-    assert main([*words, "--out", str(tmp_path / "map")]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("ff-planner: file is ")
-    assert told.endswith(": it must hold a scenario\n")

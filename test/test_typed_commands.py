@@ -39,7 +39,7 @@ CI = re.compile(
     r"|--pareto|--draw|--srdf|--sensitivity|--parquet|--set|> my_planner|rs my_planner)"
 )
 NIGHTLY = re.compile(
-    r".*(ff-planner (campaign|map)|ff-planner-benchmark|--library|data_set|ten_thousand"
+    r".*(ff-planner campaign|ff-planner-benchmark|--library|data_set|ten_thousand"
     r"|two_hundred|by_mass)"
 )
 # Commands of a page that a tutorial types in CI with nearly the same words, or that another test

@@ -177,16 +177,7 @@ def load_study(path: Path) -> Study:
             missing or of the wrong type; its `faults` are all that is wrong.
         BagError: The bag cannot be read.
     """
-    return study_of(read_yaml(path), path.parent)
-
-
-def study_of(document: dict[str, Any], directory: Path) -> Study:
-    """Return the study in a document; the files that it names are relative to a directory.
-
-    Raises:
-        InvalidInput: As for `load_study`.
-        BagError: The bag cannot be read.
-    """
+    document, directory = read_yaml(path), path.parent
     told: StudyFile = part(StudyFile).read("", document)
     if not any(name in document for name in _SOURCES):
         found, allowed = "missing", f"a study needs one or more of {', '.join(_SOURCES)}"

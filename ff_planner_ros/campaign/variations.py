@@ -1,4 +1,4 @@
-"""Variations of a study by keys of a scenario, as in its file or in `--over` of a map."""
+"""Variations of a study by keys of a scenario, as in its file."""
 
 from __future__ import annotations
 
@@ -27,10 +27,6 @@ _DISTRIBUTIONS = (UNIFORM, NORMAL, CHOICE)
 # Of a range: more would be made before the cases are counted.
 _MOST_VALUES = 10_000
 _MOST_VARIED = 500  # values: each is a column of the table
-# Of a map: short names, how many values without a range, and the tilt of the tool [deg].
-_GRASP_TIME, _APPROACH = "grasp_time", "approach"
-_COUNT, _TILT = 9, 60.0
-_FEWEST, _MOST = 2, 3  # quantities
 _ANY_LIST: Schema = {"type": "array", "minItems": 1}
 
 
@@ -144,59 +140,3 @@ def _list(field: str, value: object) -> list[Any]:
     if not (found := sequence(field, value)):
         raise InvalidInput(Status.WRONG_SIZE, field, "empty", "it must have one entry or more")
     return found
-
-
-def grid_over(over: str, scenario: object) -> dict[str, Any]:
-    """Return the grid of a map, as a study file has it.
-
-    Args:
-        over: Two or three quantities and their ranges, as `--over` of `ff-planner map` takes them.
-        scenario: The scenario, as in YAML.
-
-    Raises:
-        InvalidInput: A quantity has no range, or there are too few, too many or equal ones; or the
-            scenario is none.
-    """
-    if not isinstance(scenario, dict):
-        raise InvalidInput(Status.OUT_OF_RANGE, "file", scenario, "it must hold a scenario")
-    given = [one.strip() for one in over.split(",")]
-    if not _FEWEST <= len(given) <= _MOST:
-        allowed = "it must be two or three quantities, such as grasp_time,approach"
-        raise InvalidInput(Status.WRONG_SIZE, "--over", over, allowed)
-    grid = dict(_axis_over(scenario, one) for one in given)
-    if len(grid) < len(given):
-        raise InvalidInput(Status.OUT_OF_RANGE, "--over", over, "a quantity is there twice")
-    return grid
-
-
-def _axis_over(scenario: dict[str, Any], given: str) -> tuple[str, dict[str, Any]]:
-    """Return the key that a quantity means, and its values as a study has them."""
-    name, _, text = given.partition("=")
-    key = {_GRASP_TIME: "duration", _APPROACH: _tool(scenario)}.get(name, name)
-    if text:
-        return key, {RANGE: _range(given, text)}
-    if name == _APPROACH:
-        return key, {RANGE: [-_TILT, _TILT, _COUNT]}
-    if name == _GRASP_TIME:
-        duration = scenario.get("duration")
-        if isinstance(duration, int | float):
-            return key, {RANGE: [0.5 * duration, 2.0 * duration, _COUNT]}
-        if isinstance(duration, dict) and {"min", "max"} <= duration.keys():
-            return key, {RANGE: [duration["min"], duration["max"], _COUNT]}
-    allowed = "it needs a range: KEY=LOW:HIGH:COUNT"
-    raise InvalidInput(Status.OUT_OF_RANGE, "--over", given, allowed)
-
-
-def _tool(scenario: dict[str, Any]) -> str:
-    """Return the key that tilts the tool where it grasps, about its own y axis [deg]."""
-    block = "target_body.grasp" if "target_body" in scenario else "target"
-    return f"turn.{block}.y"
-
-
-def _range(given: str, text: str) -> list[float]:
-    try:
-        low, high, count = text.split(":")
-        return [float(low), float(high), int(count)]
-    except ValueError:
-        allowed = "a range is LOW:HIGH:COUNT, three numbers"
-        raise InvalidInput(Status.OUT_OF_RANGE, "--over", given, allowed) from None

@@ -1,14 +1,13 @@
-"""The commands that plan thousands of cases and report on them: campaign, map."""
+"""The command that plans thousands of cases and reports on them: campaign."""
 
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ff_planner_ros.commands import NO_PLAN, SOLVED
 from ff_planner_ros.commands.options import (
@@ -21,12 +20,8 @@ from ff_planner_ros.commands.options import (
 from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 
-if TYPE_CHECKING:
-    from ff_planner_ros.campaign.study import Study
-
 REPORT = "report"
-_PLANS_OF_A_REPORT, _PLANS_OF_A_MAP = 24, 100
-_PLANS = "plans"  # the directory of a campaign's table
+_DRAWN = 24  # plans of a report
 MOST_WORKERS = 10_000  # more than a scheduler of Dask's has been seen to bear
 
 
@@ -48,57 +43,23 @@ def add_campaign(add: Add) -> None:
     )
     campaign.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="of a campaign")
     add_output(campaign, "--out", "DIR", "new, or one to go on with", require_directory)
-    _add_cluster(campaign)
+    scheduler_help = "of a Dask cluster, tcp://HOST:8786 (default: a cluster of this machine)"
+    campaign.add_argument("--scheduler", metavar="ADDRESS", help=scheduler_help)
+    workers_help = "processes (default: one a core); with --scheduler: begin when so many are there"
+    campaign.add_argument("--workers", type=int, metavar="N", help=workers_help)
+    dashboard_help = "offer Dask's, at port 8787 of this machine (needs bokeh)"
+    campaign.add_argument("--dashboard", action="store_true", help=dashboard_help)
     library_help = "make a library of the plans: first guesses for `plan --library DIR`"
     add_output(campaign, "--library", "DIR", library_help, require_directory)
     page_help = "of the report (default: DIR/report.html)"
     add_output(campaign, "--output", "FILE.html", page_help, require_file)
-    _add_plans(campaign)
-    case_help = "write the page of this case alone"
-    campaign.add_argument("--case", metavar="ID", help=case_help)
-
-
-def add_map(add: Add) -> None:
-    """Add `map`."""
-    command = add(
-        "map",
-        run_map,
-        "plan a scenario over a grid of two or three quantities, and draw where it has plans",
-        description="Plan a scenario at every point of a grid, as a campaign does, and write a "
-        "report: where there are plans, what they cost, and what refuses the others. The same "
-        "command goes on where it was stopped.",
-        epilog="Exit code: 0 every point has its row, solved or refused; 2 bad input; 3 stopped, "
-        "or some points have none.",
-    )
-    command.add_argument("scenario", type=Path, metavar="SCENARIO")
-    over_help = (
-        "two or three of grasp_time, approach, and KEY=LOW:HIGH:COUNT with any key of a study; "
-        "grasp_time is the duration, by itself from half to twice the scenario's; approach turns "
-        "the tool about its y axis at the grasp, by itself from -60 to 60 deg; both take a range, "
-        "too"
-    )
-    command.add_argument("--over", required=True, metavar="QUANTITY,QUANTITY", help=over_help)
-    add_output(command, "--out", "DIR", "default: NAME_map, here", require_directory)
-    _add_cluster(command)
-    _add_plans(command, default=_PLANS_OF_A_MAP)
-
-
-def _add_cluster(command: ArgumentParser) -> None:
-    """Add the options of the Dask cluster."""
-    scheduler_help = "of a Dask cluster, tcp://HOST:8786 (default: a cluster of this machine)"
-    command.add_argument("--scheduler", metavar="ADDRESS", help=scheduler_help)
-    workers_help = "processes (default: one a core); with --scheduler: begin when so many are there"
-    command.add_argument("--workers", type=int, metavar="N", help=workers_help)
-    dashboard_help = "offer Dask's, at port 8787 of this machine (needs bokeh)"
-    command.add_argument("--dashboard", action="store_true", help=dashboard_help)
-
-
-def _add_plans(command: ArgumentParser, default: int = _PLANS_OF_A_REPORT) -> None:
     plans_help = (
-        f"plan up to N cases again and draw each on a page of its own (default: {default}): all, "
+        "plan up to N cases again and draw each on a page of its own (default: %(default)s): all, "
         "if they are no more, or else the worst"
     )
-    command.add_argument("--plans", type=int, default=default, metavar="N", help=plans_help)
+    campaign.add_argument("--plans", type=int, default=_DRAWN, metavar="N", help=plans_help)
+    case_help = "write the page of this case alone"
+    campaign.add_argument("--case", metavar="ID", help=case_help)
 
 
 def run_campaign(options: Namespace) -> int:
@@ -108,14 +69,14 @@ def run_campaign(options: Namespace) -> int:
         unused = dict.fromkeys(("out", "library", "scheduler", "workers")) | {"dashboard": False}
         refuse_given(options, unused, "it counts where a study is planned, and nothing is here")
         if options.case is not None:
-            unused = {"output": None, "plans": _PLANS_OF_A_REPORT}
+            unused = {"output": None, "plans": _DRAWN}
             refuse_given(options, unused, "not beside --case, which writes one page in DIR/cases")
         with _nothing_lost("the report", options.directory):
             return _report(options)
     if options.directory is not None:
         allowed = f"`ff-planner campaign {REPORT} DIR` or `ff-planner campaign STUDY.yaml`"
         raise InvalidInput(Status.UNSUPPORTED, "argument", options.directory, allowed)
-    unused = {"output": None, "plans": _PLANS_OF_A_REPORT, "case": None}
+    unused = {"output": None, "plans": _DRAWN, "case": None}
     refuse_given(options, unused, f"it counts for `ff-planner campaign {REPORT} DIR`")
     if options.out is None:
         options.out = options.library
@@ -124,24 +85,6 @@ def run_campaign(options: Namespace) -> int:
         raise InvalidInput(Status.OUT_OF_RANGE, "--out", "missing", allowed)
     with _nothing_lost("a file of the campaign", options.out):
         return _run(options)
-
-
-def run_map(options: Namespace) -> int:
-    """Plan a scenario over a grid, and write the report."""
-    _require_cluster(options)
-    require_packages("a map")
-    from ff_planner_ros.campaign.study import study_of
-    from ff_planner_ros.campaign.variations import grid_over
-    from ff_planner_ros.common.yaml_file import read_yaml
-
-    scenario: Path = options.scenario
-    grid = grid_over(options.over, read_yaml(scenario))
-    study = study_of({"scenarios": [scenario.name], "variations": {"grid": grid}}, scenario.parent)
-    options.directory = options.out or Path(f"{options.scenario.stem}_map")
-    with _nothing_lost("a file of the map", options.directory):
-        code = _planned(study, options.directory, options)
-        options.output, options.case = None, None
-        return _report(options) or code
 
 
 def _require_cluster(options: Namespace) -> None:
@@ -170,27 +113,23 @@ def _nothing_lost(what: str, directory: Path) -> Iterator[None]:
 
 
 def _run(options: Namespace) -> int:
-    require_packages("a campaign")
-    from ff_planner_ros.campaign.study import load_study
-
-    return _planned(load_study(options.study), options.out, options, options.library)
-
-
-def _planned(study: Study, out: Path, options: Namespace, library: Path | None = None) -> int:
     """Plan the cases without a row in a directory, print the result, and return the exit code."""
+    require_packages("a campaign")
     from ff_planner_ros.campaign import table
     from ff_planner_ros.campaign.run import run_campaign as run
+    from ff_planner_ros.campaign.study import load_study
 
+    study, out = load_study(options.study), options.out
     print_notes(study.notes)
     done = run(study, out, options.scheduler, options.workers, options.dashboard)
     print(f"{out}: {done.rows} of {done.cases} plans are there")
     if done.other_rows:
         print(f"and {done.other_rows} of cases that the study no longer has")
-    if library is not None and done.rows:
+    if options.library is not None and done.rows:
         from ff_planner_ros.campaign.to_library import write_library
 
-        stored = write_library(out, library)
-        print(f"{library}: a library of {stored} plans")
+        stored = write_library(out, options.library)
+        print(f"{options.library}: a library of {stored} plans")
     if done.rows == done.cases:
         print(f"results {table.digest_of(table.read_plans(out))}")
         return SOLVED
@@ -214,11 +153,6 @@ def _report(options: Namespace) -> int:
     print_notes(notes)
     print(page)
     return SOLVED
-
-
-def is_campaign(directory: Path) -> bool:
-    """Tell whether a path is the directory of a campaign, or of a map."""
-    return (directory / _PLANS).is_dir()
 
 
 def require_packages(what: str) -> None:

@@ -19,7 +19,6 @@ ADDERS = (
     bags.add_export,
     bags.add_info,
     bags.add_recover,
-    campaigns.add_map,
     ros.add_node,
     planning.add_plan,
     bags.add_replay,

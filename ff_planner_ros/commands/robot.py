@@ -1,27 +1,23 @@
-"""The commands `robot`, `scene`, `console`: a URDF, a scenario, a bag or a map to look at."""
+"""The commands `robot`, `scene`, `console`: a URDF, a scenario or a bag to look at."""
 
 from __future__ import annotations
 
 import time
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ff_planner_ros.commands import SCENARIOS, SOLVED
-from ff_planner_ros.commands.campaigns import is_campaign, require_packages
 from ff_planner_ros.commands.options import Add, add_output, refuse_given, require_file
 from ff_planner_ros.commands.printed import print_notes, print_table
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
 
 if TYPE_CHECKING:
-    from viser import ViserServer
-
     from ff_planner_ros.analysis.scene_distances import Gap
     from ff_planner_ros.console.entries import Entry
-    from ff_planner_ros.console.page import Page
     from ff_planner_ros.console.serve import Served
     from ff_planner_ros.robot.model import Robot
 
@@ -169,8 +165,7 @@ def add_console(add: Add) -> None:
     console = add(
         "console",
         open_console,
-        "see, change and plan a scenario, see a bag or a map, or release plans of a node, in the "
-        "browser",
+        "see, change and plan a scenario, see a bag, or release plans of a node, in the browser",
         description="Serve a page for the browser: the scene over time, what can be changed in "
         "it, and a table of plans. Nothing is fetched from the network.",
         epilog="With --node, what follows --ros-args goes to ROS.",
@@ -179,9 +174,9 @@ def add_console(add: Add) -> None:
         "source",
         type=Path,
         nargs="?",
-        metavar="SCENARIO|BAG|MAP",
-        help="a scenario (.yaml), a bag (a directory or .mcap; needs ROS), or the directory of a "
-        "map or a campaign; with --node, a scenario whose goal is asked for first",
+        metavar="SCENARIO|BAG",
+        help="a scenario (.yaml) or a bag (a directory or .mcap; needs ROS); with --node, a "
+        "scenario whose goal is asked for first",
     )
     node_help = "a running node, for instance ff_planner: it plans, and publishes what is released"
     console.add_argument("--node", metavar="NAME", help=node_help)
@@ -210,11 +205,12 @@ def open_console(options: Namespace) -> int:
     refuse_given(options, {"timeout": _PATIENCE}, "it counts beside --node alone")
     if options.source is None:
         allowed = "it must be given, or --node"
-        raise InvalidInput(Status.UNSUPPORTED, "SCENARIO|BAG|MAP", "missing", allowed)
-    page_on = _page_on(options.source)
+        raise InvalidInput(Status.UNSUPPORTED, "SCENARIO|BAG", "missing", allowed)
+    entries = _entries(options.source)
+    from ff_planner_ros.console.page import Page
     from ff_planner_ros.console.serve import serve
 
-    _until_interrupted(serve(page_on, options.host, options.port))
+    _until_interrupted(serve(lambda server: Page(server, entries), options.host, options.port))
     return SOLVED
 
 
@@ -241,19 +237,6 @@ def _until_interrupted(served: Served) -> None:
             time.sleep(_DAY)
     except KeyboardInterrupt:
         served.server.stop()
-
-
-def _page_on(source: Path) -> Callable[[ViserServer], Page]:
-    """Return a function that makes the page of a scenario, a bag or a campaign's directory."""
-    if is_campaign(source):
-        require_packages("a map")
-        from ff_planner_ros.console.study.open import StudyPage
-
-        return StudyPage(source).page_on
-    entries = _entries(source)
-    from ff_planner_ros.console.page import Page
-
-    return lambda server: Page(server, entries)
 
 
 def _entries(source: Path) -> list[Entry]:

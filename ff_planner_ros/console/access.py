@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
-from threading import Thread
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -23,8 +22,6 @@ from websockets.http11 import Request, Response
 
 _NEEDS_TOKEN = "The address of this page has a token: take the one that the command printed.\n"
 _OTHER_PAGE = "Another page asked for it.\n"
-# What a click in a picture of the page asks for. No page of others can send the header.
-CHOOSE, OWN_HEADER = "/choose", "X-FF-Planner-Console"
 
 
 class Access:
@@ -34,7 +31,6 @@ class Access:
         """Generate the token."""
         self.token = secrets.token_urlsafe(24)
         self.port = 0  # of the server: two consoles have cookies of their own
-        self.choose: Callable[[str], None] = lambda _: None  # called with an entry's name
         self._guards = False
 
     @contextmanager
@@ -68,20 +64,13 @@ class Access:
         host = headers.get_all("Host")
         if any([urlsplit(origin).netloc] != host for origin in headers.get_all("Origin")):
             return _said(HTTPStatus.FORBIDDEN, _OTHER_PAGE)
-        path, _, query = request.path.partition("?")
+        _, _, query = request.path.partition("?")
         if not self._knows(self._cookie_in(headers)):
             if not self._knows(parse_qs(query).get("token", [""])[0]):
                 return _said(HTTPStatus.FORBIDDEN, _NEEDS_TOKEN)
             cookie = f"{self._cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"
             return _said(HTTPStatus.SEE_OTHER, "", Location="/", Set_Cookie=cookie)
-        if path != CHOOSE:
-            return None
-        if not headers.get_all(OWN_HEADER):
-            return _said(HTTPStatus.FORBIDDEN, _OTHER_PAGE)
-        name = parse_qs(query).get("name", [""])[0]
-        # Drawing takes a while, in which the server has others to answer.
-        Thread(target=self.choose, args=(name,), name="console choice", daemon=True).start()
-        return _said(HTTPStatus.NO_CONTENT, "")
+        return None
 
     @property
     def _cookie(self) -> str:

@@ -7,13 +7,10 @@ RGB = tuple[int, int, int]
 # Of the scene and the curves, by Okabe and Ito.
 BLACK, GREY = (0, 0, 0), (195, 195, 195)
 ORANGE, SKY, GREEN, BLUE = (230, 159, 0), (86, 180, 233), (0, 158, 115), (0, 114, 178)
-VERMILION, PURPLE, YELLOW = (213, 94, 0), (204, 121, 167), (240, 228, 66)
+VERMILION, PURPLE = (213, 94, 0), (204, 121, 167)
 LINE = (40, 40, 40)
 # Curves have these in turn; a second turn is dashed.
 CURVES = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK)
-# Of a map: what refused a cell, in turn, with dark words in it; and costs from the least on.
-CAUSES = (ORANGE, YELLOW, PURPLE, GREEN, GREY)
-COSTS: tuple[RGB, ...] = ((227, 238, 250), (107, 174, 214), (8, 48, 107))
 
 # Of words, each on the white of the panels and on the rows that are chosen.
 PAPER, CHOSEN_ROW = "#ffffff", "#e6eef5"
@@ -35,8 +32,6 @@ STYLE = (
     " vertical-align: top}"
     ".ff :is(th, td):first-child {text-align: left; overflow-wrap: anywhere; min-width: 6em}"
     f".ff .chosen {{font-weight: bold; background: {CHOSEN_ROW}}}"
-    ".ff [role=button] {cursor: pointer}"
-    f".ff [role=button]:focus-visible {{outline: 2px solid {TEXT}}}"
     f".ff .good {{color: {GOOD}}} .ff .bad {{color: {BAD}; font-weight: bold}}"
     "</style>"
 )

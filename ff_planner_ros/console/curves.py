@@ -104,11 +104,7 @@ def _clearance(stages: Sequence[Stage]) -> Curves | None:
 
 
 class CurvesView:
-    """A panel with a choice of curves, and a line at the time of the slider.
-
-    Attributes:
-        panel: Panel of the page, to which others may add tabs.
-    """
+    """A panel with a choice of curves, and a line at the time of the slider."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         """Begin with nothing to draw."""
@@ -119,12 +115,12 @@ class CurvesView:
         self._is_behind = False
         self._loop = server.get_event_loop()
         self._gui = server.gui
-        self.panel = server.gui.add_panel()
-        with self.panel.add_tab("Curves"):
+        panel = server.gui.add_panel()
+        with panel.add_tab("Curves"):
             self._choice = server.gui.add_dropdown("curves", NAMES)
             self._words = server.gui.add_markdown("")
             self._plot = server.gui.add_uplot(*_drawn(None, 0.0), height=_HEIGHT, visible=False)
-        self.panel.float(x=12, y=-12, width=_PANEL)
+        panel.float(x=12, y=-12, width=_PANEL)
         self._choice.on_update(lambda _: self._draw())
 
     def show(self, stages: Sequence[Stage], time: float) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, TypeAlias
 
-from ff_planner_ros.console.access import CHOOSE, OWN_HEADER
 from ff_planner_ros.console.colours import STYLE
 from ff_planner_ros.console.faults import Place, attempt_in, place_of_fault
 from ff_planner_ros.console.search import Answer, Search
@@ -27,13 +26,6 @@ _COLUMNS = {
     "torque": "peak_joint_torques",
 }
 
-# What a click, Enter or the space bar does; the page has no other way of its own to the server.
-_CLICK = (
-    f"onclick=\"fetch('{CHOOSE}?name='+encodeURIComponent(this.dataset.name),"
-    f"{{headers:{{'{OWN_HEADER}':'choose'}}}})\" "
-    "onkeydown=\"if(event.key==='Enter'||event.key===' '){event.preventDefault();"
-    'this.onclick()}"'
-)
 PLANNED = "planned"
 
 
@@ -141,12 +133,6 @@ def table_of(entries: Sequence[Entry], chosen: Entry) -> str:
     return f"{STYLE}<div class='ff'><table><tr>{head}</tr>{''.join(rows)}</table></div>"
 
 
-def clickable(name: str, words: str) -> str:
-    """Return attributes for an HTML element that shows an entry when it is clicked."""
-    named = f"data-name='{html.escape(name)}' aria-label='{html.escape(words)}'"
-    return f"role='button' tabindex='0' {named} {_CLICK}"
-
-
 def _row(entry: Entry, is_chosen: bool) -> str:
     metrics = entry.metrics
     values = [
@@ -156,8 +142,7 @@ def _row(entry: Entry, is_chosen: bool) -> str:
     name = entry.name if entry.status == PLANNED else f"{entry.name}: {entry.status}"
     cells = ["-" if entry.plan is None else entry.objective, *values]
     of_row = " class='chosen'" if is_chosen else ""
-    first = f"<span {clickable(entry.name, f'show {name}')}>{html.escape(name)}</span>"
-    told = (f"<td>{cell}</td>" for cell in (first, *map(html.escape, cells)))
+    told = (f"<td>{html.escape(cell)}</td>" for cell in (name, *cells))
     return f"<tr{of_row}>{''.join(told)}</tr>"
 
 

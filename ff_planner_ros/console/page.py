@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from threading import RLock
 from typing import Any
 
 import numpy as np
 import viser
 
-from ff_planner_ros.analysis.pareto_front import WEIGHTS
 from ff_planner_ros.console.changes import (
     GOAL,
     lasting_for,
@@ -21,7 +20,6 @@ from ff_planner_ros.console.changes import (
 )
 from ff_planner_ros.console.curves import CurvesView
 from ff_planner_ros.console.entries import Begin, Entry, PlansHere, Running, in_words, table_of
-from ff_planner_ros.console.pareto import picture_of
 from ff_planner_ros.console.scene import SceneView
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -57,10 +55,7 @@ class Page:
         self.chosen = next((one for one in self.entries if one.stages), self.entries[0])
         self.task: PlanningTask | None = None  # what will be planned
         self.search: Running | None = None  # None: no search runs
-        self._next: list[tuple[Begin, PlanningTask]] = []  # planned after the search that runs
         self._changed_since = False  # whether the task was changed while a search runs
-        self.unlisted: Callable[[str], None] = lambda _: None  # called with a name without an entry
-        self.shown: Callable[[Entry], None] = lambda _: None  # called with each entry that is shown
         self._scene = SceneView(server)
         self._curves = CurvesView(server)
         self._handle: viser.TransformControlsHandle | None = None
@@ -77,16 +72,12 @@ class Page:
             self._undo = gui.add_button("undo", disabled=True, hint="back to the answer shown")
         with gui.add_folder("Plan"):
             self._plan = gui.add_button("plan")
-            hint = "plan with one pair of weights of joint path and attitude after the other"
-            self._front = gui.add_button("Pareto front", hint=hint)
             self._cancel = gui.add_button("cancel", disabled=True)
             self._progress = gui.add_markdown("")
         with gui.add_folder("Answers"):
             self._choice = gui.add_dropdown("shown", tuple(one.name for one in self.entries))
             self._words = gui.add_html("")
             self._table = gui.add_html("")
-        with self._curves.panel.add_tab("Trade"):
-            self._picture = gui.add_html("")
         self._listen()
         self._choose(self.chosen)
 
@@ -97,7 +88,6 @@ class Page:
         for one in (self._path, self._attitude, self._duration, self._range):
             one.on_update(lambda event: self._by_user(event, self._changed_by_sliders))
         self._plan.on_click(lambda _: self._locked(self.plan))
-        self._front.on_click(lambda _: self._locked(self.plan_front))
         self._cancel.on_click(lambda _: self._locked(self.cancel))
         self._undo.on_click(lambda _: self._choose_named())
         self._choice.on_update(lambda event: self._by_user(event, self._choose_named))
@@ -112,13 +102,9 @@ class Page:
             self._locked(what)
 
     def choose(self, name: str) -> None:
-        """Show the entry of a name, and its task; without an entry, call `unlisted`."""
+        """Show the entry of a name, and its task."""
         with self._lock:
-            found = next((one for one in self.entries if one.name == name), None)
-            if found is None:
-                self.unlisted(name)
-            else:
-                self._choose(found)
+            self._choose(next(one for one in self.entries if one.name == name))
 
     @property
     def is_idle(self) -> bool:
@@ -170,38 +156,17 @@ class Page:
         """Begin to plan the current task, unless a search runs."""
         with self._lock:
             if self.task is not None and self.search is None:
-                self._plan_next([(self._begin, self.task)])
-
-    def plan_front(self) -> None:
-        """Plan a Pareto front: the task with one pair of weights after the other."""
-        with self._lock:
-            if self.task is not None and self.search is None:
-                pairs = ((one.joint_path_length, one.chaser_attitude) for one in WEIGHTS)
-                self._plan_next([(self._begin, weighted(self.task, *pair)) for pair in pairs])
-
-    def plan_by(self, begin: Begin, task: PlanningTask) -> None:
-        """Plan a task by another `Begin` than the page's own, after the searches before it."""
-        with self._lock:
-            self._next.append((begin, task))
-            if self.search is None:
-                self._plan_next(self._next)
+                self._plan.disabled, self._cancel.disabled = True, False
+                self._progress.content = "searching"
+                self.search = self._begin(self.task, self._told, self._done)
 
     def cancel(self) -> None:
-        """End the search that runs, and begin none of those after it."""
-        self._next = []
+        """End the search that runs."""
         if self.search is not None:
             self.search.cancel()
 
-    def _plan_next(self, tasks: list[tuple[Begin, PlanningTask]]) -> None:
-        (begin, task), *self._next = tasks
-        self._plan.disabled = self._front.disabled = True
-        self._cancel.disabled = False
-        self._progress.content = "searching"
-        self.search = begin(task, self._told, self._done)
-
     def _told(self, words: str) -> None:
-        more = f"; {len(self._next)} more after it" if self._next else ""
-        self._progress.content = f"{words}{more}"
+        self._progress.content = words
 
     def _done(self, entry: Entry) -> None:
         with self._lock:
@@ -210,10 +175,8 @@ class Page:
             self._undo.disabled = not self._changed_since
             self._cancel.disabled = True
             self.put(entry)
-            if self._next:
-                self._plan_next(self._next)
-            elif self._changed_since:
-                self._changed_since = self._plan.disabled = self._front.disabled = False
+            if self._changed_since:
+                self._changed_since = self._plan.disabled = False
                 self._progress.content = _CHANGED
 
     def _choose(self, entry: Entry) -> None:
@@ -222,15 +185,13 @@ class Page:
         self._progress.content = ""
         _set(self._choice, entry.name)
         self._tabulate()
-        self._plan.disabled = self._front.disabled = self.task is None or self.search is not None
+        self._plan.disabled = self.task is None or self.search is not None
         self._set_sliders()
         self._draw(entry)
-        self.shown(entry)
 
     def _tabulate(self) -> None:
         self._words.content = in_words(self.chosen)
         self._table.content = table_of(self.entries, self.chosen)
-        self._picture.content = picture_of(self.entries, self.chosen)
 
     def _draw(self, entry: Entry) -> None:
         self._curves.show(entry.stages, 0.0)

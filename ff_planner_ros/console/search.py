@@ -10,8 +10,7 @@ from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime, Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import SEARCHING, Progress, Watch
-from ff_planner_ros.planning.search.planner import plan
-from ff_planner_ros.planning.task.task import Method, PlanningTask, perform
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 _SHOWN = ("joint_path_length", "max_chaser_euler", "min_clearance")
 
@@ -34,16 +33,14 @@ class Search:
         task: PlanningTask,
         told: Callable[[str], None],
         done: Callable[[Answer], None],
-        method: Method = plan,
     ) -> None:
         """Begin to plan a task.
 
         Args:
             told: Called with the progress in words.
             done: Called with the answer; an unforeseen error is a refusal, INTERNAL_ERROR.
-            method: Planning method.
         """
-        self._task, self._done, self._method = task, done, method
+        self._task, self._done = task, done
         self._watch = _Watch(told)
         self._thread = Thread(target=self._run, name="console search", daemon=True)
         self._thread.start()
@@ -60,7 +57,7 @@ class Search:
         found: Plan | None = None
         error: FfPlannerError | None = None
         try:
-            found = perform(self._task, self._watch, self._method)
+            found = perform(self._task, self._watch)
         except FfPlannerError as refused:
             error = refused
         except Exception as defect:  # whatever nobody thought of, so that the page goes on

@@ -51,7 +51,6 @@ def serve(page_on: Callable[[viser.ViserServer], Page], host: str, port: int) ->
     server.gui.main_panel.dock_right()
     server.gui.set_panel_label(_LABEL)
     page = page_on(server)
-    access.choose = page.choose
     at = f"[{host}]" if ":" in host else host
     return Served(page, server, f"http://{at}:{access.port}/?token={access.token}")
 

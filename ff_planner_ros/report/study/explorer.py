@@ -49,7 +49,7 @@ def explorer(directory: Path, rows: Sequence[Row], pages: Mapping[str, str]) -> 
         "command": shlex.join(["ff-planner", "campaign", "report", str(directory), "--case", ""])[
             :-2
         ],
-        "chosen": first_shown(varied, measured, random),
+        "chosen": _first_shown(varied, measured, random),
     }
     # As plotly writes it: no name in it can end the script.
     text = json.dumps(told, separators=(",", ":")).replace("<", "\\u003c")
@@ -95,7 +95,7 @@ def _methods(rows: Sequence[Row]) -> Column:
     return Column("method", "method", [labels.index(row["method"]) for row in rows], labels)
 
 
-def first_shown(
+def _first_shown(
     varied: Sequence[Column], measured: Sequence[Column], random: bool
 ) -> dict[str, Any]:
     """Return the initial axes and metrics, by their indices.
