@@ -18,11 +18,14 @@ from robots import random_state
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters, load_parameters
+from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import plan_message, time_message
+from ff_planner_ros.ros.outputs import execution
+from ff_planner_ros.ros.outputs.controller_client import Ended
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput, PublishedPlan
 
 START = 1_000 * NANOSECONDS
@@ -146,19 +149,73 @@ def test_plans_that_are_published_for_later_remember_all_that_are_followed_until
         assert [one.plan_id if one is not None else "" for one in found] == told
 
 
-def test_of_two_plans_the_one_that_is_aborted_is_forgotten_and_no_other(
+_REPLACED = Ended("another goal", error_code=-1, is_replaced=True)
+_FAILED = Ended("path tolerance", error_code=-4)
+
+
+@pytest.mark.parametrize("follows", ["run.1", ""])
+@pytest.mark.parametrize(
+    ("said", "left"),
+    [
+        ([("run.2", Ended("refused"))], ["run.1"]),
+        ([("run.1", _FAILED)], ["run.2"]),
+        ([("run.1", _FAILED), ("run.2", Ended("refused"))], []),
+        # A controller that accepts the second drops the first, before the second starts.
+        ([("run.2", None), ("run.1", _REPLACED)], ["run.1", "run.2"]),
+        ([("run.2", None), ("run.1", _REPLACED), ("run.2", _FAILED)], []),
+        ([("run.2", None), ("run.2", _FAILED), ("run.1", _REPLACED)], []),
+        # The node is deactivated before the second is sent.
+        ([("", None)], ["run.1"]),
+    ],
+)
+def test_of_two_plans_the_controller_says_which_is_active(
+    lemur: Robot,
+    plan: Plan,
+    monkeypatch: pytest.MonkeyPatch,
+    follows: str,
+    said: list[tuple[str, Ended | None]],
+    left: list[str],
+) -> None:
+    monkeypatch.setattr(execution, "ControllerClient", Mock())
+    output = Output(lemur, replaced(load_parameters(), "controller.hand_over", "action"))
+    controller: Any = output.output.execution.controller
+    start_ns = START + 5 * NANOSECONDS
+    output.publish(plan, "run.1")
+    output.output.execution.look()
+    controller.send.call_args.args[1]()  # it is accepted, and starts
+    output.output.execution.look()
+    output.publish(plan, "run.2", start_ns, previous_plan_id=follows)
+    if said[0][0]:
+        output.now_ns = start_ns - NANOSECONDS // 100
+        output.output.execution.look()
+        answers = {
+            f"run.{one}": call.args for one, call in enumerate(controller.send.call_args_list, 1)
+        }
+        for plan_id, ended in said:
+            _, accept, end = answers[plan_id]
+            end(ended) if ended else accept()
+    else:
+        output.output.execution.withdraw("not active")
+    last = output.output.published
+    assert (None if last is None else last.plan_id) == (left[-1] if left else None)
+    assert output.output.is_streamed == bool(left)
+    runs = [one for one in left if one == "run.1" and (follows or left[-1] == one)]
+    running = None if last is None else last.at(output.now_ns)
+    assert ([] if running is None else [running.plan_id]) == runs
+    output.output.stream(None)
+    assert len(output.heard["predicted_chaser_pose"]) == len(runs), "what runs is predicted"
+
+
+def test_a_plan_for_later_follows_what_still_runs_when_the_one_between_is_aborted(
     output: Output, plan: Plan
 ) -> None:
-    """The first one gives way or fails while the second waits; then the second fails."""
     output.publish(plan, "run.1")
-    output.publish(plan, "run.2", START + NANOSECONDS, previous_plan_id="run.1")
-    last, aborted = running(output), output.output.execution._aborted
-    aborted("run.1")
-    assert running(output) is last
-    assert output.output.is_streamed
-    aborted("run.2")
-    assert output.output.published is None
-    assert not output.output.is_streamed
+    for number in (2, 3):
+        start_ns = START + number * NANOSECONDS
+        output.publish(plan, f"run.{number}", start_ns, previous_plan_id=f"run.{number - 1}")
+    output.output.execution._aborted("run.2")
+    found = [running(output).at(START + number * NANOSECONDS) for number in (1, 2, 3)]
+    assert [one.plan_id if one is not None else "" for one in found] == ["run.1", "run.1", "run.3"]
 
 
 def test_who_hears_a_plan_hears_whose_it_is_and_when_it_begins(output: Output, plan: Plan) -> None:

@@ -79,6 +79,10 @@ class Execution:
         if settings.hand_over == HandOver.ACTION:
             self.controller = ControllerClient(node, settings, group)
 
+    def runs(self, plan_id: str) -> bool:
+        """Return whether a published plan runs, or will."""
+        return any(one.plan_id == plan_id for one in self._plans)
+
     def published(
         self, plan_id: str, start_ns: int, goal_ns: int, trajectory: JointTrajectory
     ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -71,6 +72,15 @@ class PublishedPlan:
         kept = before.until(before.plan_id, now_ns) if is_ahead and before is not None else None
         return replace(self, before=kept)
 
+    def without(self, plan_id: str) -> PublishedPlan:
+        """Return the plan as if another one before it had not been published."""
+        before = self.before
+        if before is None:
+            return self
+        if before.plan_id == plan_id:
+            return replace(self, before=before.before)
+        return replace(self, before=before.without(plan_id))
+
     def motion(self, since_ns: int) -> JointMotion:
         """Return the joint motion, with its time counted from since_ns [ns]."""
         # The controller was told whole nanoseconds, and so was the bag, which a replay starts from.
@@ -90,7 +100,8 @@ class PlanOutput:
         self.preview = Preview(node, self.transforms, parameters)
         qos = parameters.qos
         self._clock = node.get_clock()
-        self.published: PublishedPlan | None = None  # the last plan that went out
+        self._plans: list[PublishedPlan] = []  # that run, or will, and the last one; as published
+        self._lock = threading.Lock()
         self.tracking: prediction.TrackingError | None = None  # None while no plan runs
         self.published_one: Callable[[], None] = lambda: None  # called after a plan has gone out
         self._node = node
@@ -165,13 +176,21 @@ class PlanOutput:
         start_ns = nanoseconds(for_controller.header.stamp)
         last, now_ns = self.published, self._clock.now().nanoseconds
         before = None if last is None else last.until(previous_plan_id, now_ns)
-        self.published = PublishedPlan(
+        new = PublishedPlan(
             plan_id, plan.trajectory, start_ns, captured, plan.duration, before, plan.wheels
         )
-        goal_ns = start_ns + round(self.published.seconds_to_goal * NANOSECONDS)
+        with self._lock:
+            self._plans = [*self._kept(), new]
+        goal_ns = start_ns + round(new.seconds_to_goal * NANOSECONDS)
         self.execution.published(plan_id, start_ns, goal_ns, for_controller)
         self.transforms.published(captured)
         self.published_one()
+
+    @property
+    def published(self) -> PublishedPlan | None:
+        """The last plan that was published and not aborted; None: there is none."""
+        plans = self._plans
+        return plans[-1] if plans else None
 
     @property
     def is_streamed(self) -> bool:
@@ -186,11 +205,12 @@ class PlanOutput:
 
     def stream(self, measured: Snapshot | None) -> None:
         """Publish the plan's predictions for now, and the tracking error of a measured state."""
-        running, self.tracking = self.published, None
-        if running is None:
+        last, self.tracking = self.published, None
+        if last is None:
             return
-        motion, start_ns = running.trajectory, running.start_ns
         now_ns = self._clock.now().nanoseconds
+        running = last.at(now_ns) or last
+        motion, start_ns = running.trajectory, running.start_ns
         pose = prediction.predicted_chaser_pose(motion, start_ns, now_ns, self._frame)
         if pose is not None:
             self._pose.publish(pose)
@@ -223,7 +243,7 @@ class PlanOutput:
 
     def forget(self, why: str) -> None:
         """Forget the last plan and abort all plans: their times are no longer the clock's."""
-        self.published = self.tracking = None
+        self._plans, self.tracking = [], None
         self.execution.forget(why)
 
     def close(self) -> None:
@@ -234,9 +254,16 @@ class PlanOutput:
             self._node.destroy_lifecycle_publisher(publisher)
 
     def _forget_plan(self, plan_id: str) -> None:
-        """Forget the last plan if it was aborted."""
-        if self.published is not None and self.published.plan_id == plan_id:
-            self.published = self.tracking = None
+        """Forget a plan that was aborted; what the controller still follows, or will, stays."""
+        with self._lock:
+            kept = [one for one in self._kept() if one.plan_id != plan_id]
+            self._plans = [one.without(plan_id) for one in kept]
+        self.tracking = None
+
+    def _kept(self) -> list[PublishedPlan]:
+        """Return the plans that run, or will, and the last one."""
+        earlier = [one for one in self._plans[:-1] if self.execution.runs(one.plan_id)]
+        return earlier + self._plans[-1:]
 
     def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
         publisher: LifecyclePublisher = self._node.create_lifecycle_publisher(kind, topic, qos)
