@@ -127,7 +127,7 @@ REMEDIES: Mapping[Status, Remedy] = {
     Status.BAD_ROBOT: Remedy(_CHANGED),
     Status.START_IN_PAST: Remedy(_CHANGED),
     Status.UNKNOWN_PLAN: Remedy(_CHANGED),
-    Status.NO_ACTIVE_PLAN: Remedy(_LATER),
+    Status.NO_ACTIVE_PLAN: Remedy(_CHANGED),
     Status.PLAN_ENDING: Remedy(_CHANGED),
     Status.GOAL_OUT_OF_REACH: Remedy(
         _CHANGED, "goal", "out of reach", "within the arm's reach of where the chaser can be"
@@ -156,11 +156,6 @@ REMEDIES: Mapping[Status, Remedy] = {
 }
 
 
-def retry_after(status: Status) -> Retry:
-    """Return whether repeating a request can help after an answer with this status."""
-    return REMEDIES[status].retry
-
-
 # Of a message [characters]: with a command's name and the remark that something is cut off, a line
 # is not longer than a thousand.
 LONGEST_MESSAGE = 950
@@ -174,6 +169,7 @@ class FfPlannerError(Exception):
         """Store the cause beside the message."""
         super().__init__(message)
         self.status = status  # as the service and the command line report it
+        self.retry: Retry | None = None  # None: that of the status
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by message and attributes, whatever a subclass is made of."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -36,7 +37,6 @@ from ff_planner_ros.errors import (
     NoPlanFound,
     Retry,
     Status,
-    retry_after,
 )
 from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
@@ -69,6 +69,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     state_message,
     time_message,
 )
+from ff_planner_ros.ros.requests.reading import Provenance, RequestRefused
 
 FRAME = "inertial"
 STAMP_NS = 1_700_000_000_123_456_789
@@ -148,7 +149,7 @@ RETRIES = {
     Retry.LATER: {
         *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, Status.NO_OBSTACLES),
         *(Status.STATE_NOT_SYNCHRONIZED, Status.NO_TARGET_BODY, Status.TARGET_TOO_OLD),
-        *(Status.TARGET_IN_FUTURE, Status.NO_ACTIVE_PLAN, Status.INTERNAL_ERROR),
+        *(Status.TARGET_IN_FUTURE, Status.INTERNAL_ERROR),
         *(Status.SOLVER_DIED, Status.BUSY, Status.CANCELLED, Status.PREEMPTED),
         *(Status.NOT_ACTIVE, Status.CLOCK_JUMPED, Status.TOO_LATE),
     },
@@ -156,7 +157,7 @@ RETRIES = {
         *(Status.START_IN_COLLISION, Status.START_OUTSIDE_LIMITS, Status.START_SINGULAR),
         *(Status.NOT_FINITE, Status.WRONG_SIZE, Status.BAD_QUATERNION, Status.WRONG_FRAME),
         *(Status.UNKNOWN_JOINT, Status.OUT_OF_RANGE, Status.UNSUPPORTED, Status.BAD_ROBOT),
-        *(Status.START_IN_PAST, Status.UNKNOWN_PLAN, Status.PLAN_ENDING),
+        *(Status.START_IN_PAST, Status.UNKNOWN_PLAN, Status.NO_ACTIVE_PLAN, Status.PLAN_ENDING),
         *(Status.GOAL_OUT_OF_REACH, Status.COLLISION, Status.LIMIT_VIOLATED, Status.SINGULAR),
         *(Status.CHECK_FAILED, Status.TIMED_OUT, Status.TORQUE_TOO_HIGH),
         *(Status.CONTRADICTING_PUBLISHERS, Status.CONTROLLER_CONSTRAINT, Status.STATE_MOVED),
@@ -168,7 +169,7 @@ RETRIES = {
 def test_each_status_says_whether_it_makes_sense_to_ask_again() -> None:
     """A new status has a place here before it has an answer."""
     for retry, statuses in RETRIES.items():
-        assert {status for status in Status if retry_after(status) is retry} == statuses
+        assert {status for status in Status if REMEDIES[status].retry is retry} == statuses
         for status in statuses:
             answer = answer_of_error(FfPlannerError(status, "so"), "run.1", 0.0)
             assert answer.status.retry == getattr(PlanStatus, retry.name)
@@ -230,20 +231,26 @@ def test_an_answer_has_field_and_retry_as_the_page_of_codes_says(status: Status)
 
 
 @pytest.mark.parametrize(
-    ("field", "retry"),
+    ("status", "retry"),
     [
-        ("start_state.header.stamp", PlanStatus.CHANGED),
-        ("scene.header.stamp", PlanStatus.CHANGED),
-        ("chaser_state.header.stamp", PlanStatus.LATER),
-        ("obstacles.header.stamp", PlanStatus.LATER),
+        (Status.STATE_TOO_OLD, Retry.CHANGED),
+        (Status.TARGET_TOO_OLD, Retry.CHANGED),
+        (Status.NO_ACTIVE_PLAN, Retry.LATER),
+        (Status.TOO_LATE, Retry.CHANGED),
     ],
 )
-def test_what_a_request_brings_only_becomes_older_as_the_page_of_codes_says(
-    field: str, retry: int
+def test_an_error_may_say_itself_whether_to_ask_again_where_the_page_of_codes_says_so(
+    status: Status, retry: Retry
 ) -> None:
     page = (DOCS / "reference" / "status_codes.md").read_text(encoding="utf-8")
-    assert "Of a state or scene in the request `retry` is `CHANGED`" in page
-    assert status_message(InvalidInput(Status.STATE_TOO_OLD, field, "9 s", "new")).retry == retry
+    section = page.partition(f"### {int(status)} ")[2].partition("\n#")[0]
+    assert f"`retry` is `{REMEDIES[status].retry.name}`;" in section
+    assert section.count(f"`retry` is `{retry.name}`") == 1
+    error = InvalidInput(status, "start_time", "over", "later")
+    error.retry = retry
+    assert status_message(error).retry == retry
+    read = RequestRefused(pickle.loads(pickle.dumps(error)), Provenance())
+    assert status_message(read).retry == retry
 
 
 def _at_start(problem: PlanningProblem, **changes: Any) -> PlanningProblem:
@@ -409,14 +416,16 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
             ),
         ),
         (
-            InvalidInput(Status.STATE_TOO_OLD, "start_state.header.stamp", "9 s ago", "not so old"),
+            InvalidInput(
+                Status.STATE_TOO_OLD, "chaser_state.header.stamp", "9 s ago", "not so old"
+            ),
             PlanStatus(
                 code=101,
-                message="start_state.header.stamp is 9 s ago: not so old",
-                field="start_state.header.stamp",
+                message="chaser_state.header.stamp is 9 s ago: newer",
+                field="chaser_state.header.stamp",
                 value="9 s ago",
-                allowed="not so old",
-                retry=PlanStatus.CHANGED,  # a request's own state only becomes older
+                allowed="newer",
+                retry=PlanStatus.LATER,
             ),
         ),
         (

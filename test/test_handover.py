@@ -16,7 +16,7 @@ from test_planning_service import answer, service
 from test_takeover import state_on
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.errors import NoPlanFound, Retry, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.watch import Budget
@@ -161,6 +161,7 @@ def test_what_remains_of_the_running_plan_is_an_answer_after_its_handover_too(
             assert written.family == REMAINDER
             assert nanoseconds(written.joint_trajectory.header.stamp) == NOW + 200_000_000
         elif late < 1.0 or not continues:
+            assert found.status.retry == Retry.LATER
             assert f"was missed by {late:.3f} s" in found.status.message
 
 
@@ -179,6 +180,7 @@ def test_what_was_asked_for_a_time_of_its_own_is_told_to_ask_for_a_later_one(
         "by 0.500 s: "
     )
     assert found.status.message.endswith("; ask for a later start_time first")
+    assert found.status.retry == Retry.CHANGED
 
 
 @pytest.mark.law("NODE-13")

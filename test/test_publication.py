@@ -166,7 +166,7 @@ def test_a_plan_that_is_published_already_is_refused_as_such(world: World) -> No
 def test_a_plan_whose_start_has_passed_is_refused_and_forgotten(world: World) -> None:
     world.now_ns = START + 1_000_000
     status = world.ask()
-    assert status.code == Status.TOO_LATE
+    assert (status.code, status.retry) == (Status.TOO_LATE, PlanStatus.CHANGED)
     assert "0.001 s ago" in status.message
     world.now_ns = NOW
     assert world.ask().code == Status.UNKNOWN_PLAN

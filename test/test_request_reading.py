@@ -13,7 +13,7 @@ from robots import LEMUR_URDF
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Retry, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.robot import LimitParameters
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
@@ -27,6 +27,7 @@ from ff_planner_ros.robot.model import load_robot
 from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.messages.status_message import status_message
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import (
@@ -288,6 +289,8 @@ def test_a_state_that_a_request_brings_is_as_old_and_as_early_as_one_heard_may_b
     with pytest.raises(InvalidInput, match=r"start_state\.header\.stamp") as refusal:
         asked(lemur_capture, request)
     assert refusal.value.status is status
+    is_over = status is Status.STATE_TOO_OLD  # it only becomes older
+    assert status_message(refusal.value).retry == (Retry.CHANGED if is_over else Retry.LATER)
 
 
 def test_a_state_that_is_brought_without_a_stamp_is_of_now(lemur_capture: PlanningProblem) -> None:

@@ -14,10 +14,11 @@ from rclpy.serialization import serialize_message
 from shape_msgs.msg import SolidPrimitive
 
 from ff_planner_benchmark.problems import tumbling
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Retry, Status
 from ff_planner_ros.ros.inputs import scene_input as scene_input_module
 from ff_planner_ros.ros.inputs import speakers as speakers_module
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.messages.status_message import status_message
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 
 FRAME = "inertial"
@@ -206,6 +207,9 @@ def test_a_body_that_turns_needs_the_time_when_it_was_there_and_one_at_rest_may_
         scene_input.moving_scene(*asked)
     field = f"{'scene' if own else 'obstacle_bodies'}.header.stamp"
     assert (refused.value.status, refused.value.field) == (status, field)
+    # What a request brings only becomes older.
+    is_over = own and status is Status.STATE_TOO_OLD
+    assert status_message(refused.value).retry == (Retry.CHANGED if is_over else Retry.LATER)
 
 
 def test_a_body_that_moves_without_a_stamp_is_of_nobody_knows_when(scene_input: SceneInput) -> None:
@@ -336,6 +340,8 @@ def test_a_target_body_is_as_old_and_as_early_as_it_may_be_and_no_more(
     with pytest.raises(InvalidInput) as refused:
         scene_input.target_body(*asked)
     assert (refused.value.status, refused.value.field) == (status, "target_body.header.stamp")
+    is_over = own and age > 0.0
+    assert status_message(refused.value).retry == (Retry.CHANGED if is_over else Retry.LATER)
     limit, name = ("5", "target_max_age") if age > 0.0 else ("1", "state_future_tolerance")
     assert f"at most {limit} s" in refused.value.allowed
     assert name in refused.value.allowed

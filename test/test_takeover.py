@@ -13,13 +13,14 @@ from ros_processes import FRAME, Scene
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Retry, Status
 from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.messages.status_message import status_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.continuing import continued_plan
 from ff_planner_ros.ros.requests.reading import (
@@ -135,11 +136,16 @@ def test_without_a_plan_that_runs_there_is_nothing_to_take_over_from(
     running: PublishedPlan,
 ) -> None:
     measured = snapshot(running)
-    assert refusal(None, measured, NOW).status is Status.NO_ACTIVE_PLAN
     begins_later = replace(running, start_ns=NOW + NANOSECONDS)
-    assert refusal(begins_later, measured, NOW + 2 * NANOSECONDS).status is Status.NO_ACTIVE_PLAN
+    follows = replace(begins_later, before=running)
     over = replace(running, start_ns=NOW - 11 * NANOSECONDS)
-    assert refusal(over, measured, NOW).status is Status.NO_ACTIVE_PLAN
+    for published, retry in (
+        *((None, Retry.CHANGED), (over, Retry.CHANGED)),
+        *((begins_later, Retry.LATER), (follows, Retry.LATER)),  # then it runs
+    ):
+        refused = refusal(published, measured, NOW)
+        assert refused.status is Status.NO_ACTIVE_PLAN
+        assert status_message(refused).retry == retry
     assert "begins -11.000 s after the state was measured" in str(refusal(over, measured, NOW))
 
 

@@ -24,6 +24,17 @@ MESSAGES = DEFINITIONS / "msg"
 # In the order in which a client meets them; what is in none of these follows by name.
 FIRST = ("PlanTrajectory", "PlanRequest", "Goal", "Objective", "Limits", "PlanAnswer", "PlanStatus")
 
+# Where an answer may say something else than its code.
+RETRY_OTHERWISE = {
+    Status.STATE_TOO_OLD: ". Of a state or scene in the request `retry` is `CHANGED`: it only "
+    "becomes older",
+    Status.TARGET_TOO_OLD: ". Of a target body in the request `retry` is `CHANGED`: it only "
+    "becomes older",
+    Status.NO_ACTIVE_PLAN: ". Of a plan that has yet to begin `retry` is `LATER`",
+    Status.TOO_LATE: ". Of a `start_time` in the request, and at `~/publish_plan`, `retry` is "
+    "`CHANGED`: it is only further over",
+}
+
 
 def codes() -> str:
     """Return a section for each status: its cause, what to do, and what a program learns."""
@@ -39,10 +50,7 @@ def codes() -> str:
             parts.append(f"## {number[0]}xx: {of_class}\n")
         retry, field, _, _ = REMEDIES[status]
         told = f"`field` is `{field}`" if field else "`field` names the value at fault"
-        if status is Status.STATE_TOO_OLD:
-            told += (
-                ". Of a state or scene in the request `retry` is `CHANGED`: it only becomes older"
-            )
+        told += RETRY_OTHERWISE.get(status, "")
         parts.append(
             f"### {number} {name}\n\n{_sentence(cause)} `retry` is `{retry.name}`; {told}.\n\n"
             f"**What to do:** {ADVICE[status]}\n"

@@ -199,7 +199,7 @@ class SceneInput:
         if own is not None:
             if any(one.moves for one in (*scene.spheres, *scene.bodies)):
                 stamp_ns = scene.stamp_ns or now_ns
-                require_current(f"{_OWN}.header.stamp", stamp_ns, *limits, _OF_SCENES)
+                require_current(f"{_OWN}.header.stamp", stamp_ns, *limits, _OF_SCENES, is_own=True)
                 return replace(scene, stamp_ns=stamp_ns)
             return scene
         for name, kind, obstacles, stamp_ns in (
@@ -240,7 +240,8 @@ class SceneInput:
             self._target.require_same_clock(now_ns, max_lead, _OF_TARGETS[1])
             self._target.require_agreement(now_ns, until_old=True)
             came_ns = self._target.came_ns
-        require_current(field, seen.stamp_ns, now_ns, max_age, max_lead, _OF_TARGETS, came_ns)
+        limits = now_ns, max_age, max_lead
+        require_current(field, seen.stamp_ns, *limits, _OF_TARGETS, came_ns, own is not None)
         return seen
 
     def target_clock_offset(self, now_ns: int) -> float | None:

@@ -11,7 +11,7 @@ from operator import attrgetter
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Retry, Status
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW, ClockOffset
 from ff_planner_ros.ros.inputs.input_topics import MEMORY, InputTopic, header_time
 from ff_planner_ros.ros.inputs.publishers import Publishers
@@ -38,6 +38,7 @@ def require_current(
     max_lead: float,
     told: tuple[Status, Status, str] = _OF_STATES,
     came_ns: int | None = None,
+    is_own: bool = False,
 ) -> None:
     """Refuse a stamp that is older than max_age or further ahead of now than max_lead [s].
 
@@ -45,6 +46,7 @@ def require_current(
         field: Field of the stamp, which the error names.
         told: Status if too old, status if too far ahead, and name of the parameter of max_age.
         came_ns: When the message arrived, by the node's clock; None: unknown [ns].
+        is_own: Whether a request brings it; it only becomes older.
 
     Raises:
         InvalidInput: The stamp is too old or too far ahead.
@@ -62,7 +64,9 @@ def require_current(
                     f"publisher's clock is {late:.3f} s behind this node's, or messages are so "
                     "long on their way"
                 )
-        raise InvalidInput(old, field, f"{age:.3f} s old", allowed)
+        error = InvalidInput(old, field, f"{age:.3f} s old", allowed)
+        error.retry = Retry.CHANGED if is_own else None
+        raise error
     if -age > max_lead + ROUNDING:
         raise ahead_of_now(early, field, -age, max_lead)
 

@@ -14,8 +14,6 @@ from ff_planner_ros.errors import (
     FfPlannerError,
     InvalidInput,
     NoPlanFound,
-    Retry,
-    Status,
 )
 from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -27,15 +25,12 @@ _KEYS = re.compile(
 )
 
 
-# Fields of a request that bring what a topic would.
-_BROUGHT = ("start_state.", "scene.")
-
-
 def status_message(error: FfPlannerError) -> PlanStatus:
     """Return an error as a status: code, text, field, value, what is allowed, whether to retry.
 
     Field and retry are those of the code, as docs/reference/status_codes.md has them; a code whose
-    field is not told there has the one that the error names.
+    field is not told there has the one that the error names, and an error may say itself whether to
+    retry.
     """
     retry, field, value, allowed = REMEDIES[error.status]
     message = str(error)
@@ -44,8 +39,6 @@ def status_message(error: FfPlannerError) -> PlanStatus:
         found, allowed = shown(refused.value), refused.allowed
         if not field:
             field, value = refused.field, found
-            if error.status is Status.STATE_TOO_OLD and field.startswith(_BROUGHT):
-                retry = Retry.CHANGED  # it only becomes older
         else:
             value = f"{value}, {refused.field} is {found}"
             message = f"{field} is {value}: {allowed}" if refused is error else message
@@ -63,5 +56,5 @@ def status_message(error: FfPlannerError) -> PlanStatus:
         field=field,
         value=value,
         allowed=allowed,
-        retry=int(retry),
+        retry=int(retry if error.retry is None else error.retry),
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Retry, Status
 from ff_planner_ros.parameters.published_plans import ReplanningParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, in_turns_of
 from ff_planner_ros.robot.configuration import without_turns
@@ -65,7 +65,9 @@ def continued_plan(
             f"{published.plan_id}, the last one, begins {begins:.3f} s after the state was "
             f"measured and lasts {lasts:.3f} s; measurement and handover must be while it runs"
         )
-        raise InvalidInput(Status.NO_ACTIVE_PLAN, _FIELD, True, words)
+        error = InvalidInput(Status.NO_ACTIVE_PLAN, _FIELD, True, words)
+        error.retry = Retry.LATER if measured.stamp_ns < published.start_ns else None  # not begun
+        raise error
     remaining = published.seconds_to_goal - splice_time
     if not remaining >= allowed.min_remainder:
         words = (

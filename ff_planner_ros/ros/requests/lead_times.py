@@ -12,7 +12,7 @@ from ff_planner_msgs.msg import PlanRequest
 from rclpy.clock import Clock, ROSClock
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.errors import NoPlanFound, Retry, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.published_plans import ReplanningParameters
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
@@ -88,6 +88,7 @@ class Deadline:
     moment: str  # what is then, as the subject of a sentence
     advice: str  # what to change first
     takes_over: bool = False  # whether a plan runs meanwhile
+    is_asked_for: bool = False  # whether the request has it; the next answer is later still
 
     def require(self, now_ns: int, stages: Stages, plan: Plan | None = None) -> None:
         """Refuse a plan that is not ready by the deadline.
@@ -104,19 +105,19 @@ class Deadline:
         latest_ns = self.at_ns + may_be_late * round(_LATE_REMAINDER * NANOSECONDS)
         if now_ns > latest_ns:
             late = (now_ns - self.at_ns) / NANOSECONDS
-            raise NoPlanFound(
-                Status.TOO_LATE,
-                f"{self.moment} was missed by {late:.3f} s: {stages.words}; {self.advice}",
-            )
+            raise self._too_late(f"was missed by {late:.3f} s: {stages.words}")
 
     def missed(self, now_ns: int, stages: Stages, why: NoPlanFound) -> NoPlanFound:
         """Return the refusal of a search that ended without a plan because of the deadline."""
         left = (self.at_ns - now_ns) / NANOSECONDS
-        return NoPlanFound(
-            Status.TOO_LATE,
-            f"{self.moment} would be missed: {left:.3f} s before it there is no plan ({why}; "
-            f"{stages.words}); {self.advice}",
+        return self._too_late(
+            f"would be missed: {left:.3f} s before it there is no plan ({why}; {stages.words})"
         )
+
+    def _too_late(self, how: str) -> NoPlanFound:
+        error = NoPlanFound(Status.TOO_LATE, f"{self.moment} {how}; {self.advice}")
+        error.retry = Retry.CHANGED if self.is_asked_for else None
+        return error
 
     def limited(self, budget: Budget, clock: Clock, taken_up: float) -> Budget:
         """Return a budget that ends before the deadline: the best plan until then is the answer.
@@ -146,7 +147,8 @@ def deadline_of(request: PlanRequest, read: ReadRequest, parameters: NodeParamet
     replanning, continues = parameters.replanning, read.task.running_goal is not None
     ahead = (read.start_ns - read.provenance.received_stamp_ns) / NANOSECONDS
     after = f"{ahead:.3f} s after the request"
-    if nanoseconds(request.start_time):
+    is_asked_for = bool(nanoseconds(request.start_time))
+    if is_asked_for:
         after, advice = f"at the start_time asked for, {after}", "ask for a later start_time first"
     else:
         name, given = "planning_lead_time", parameters.planning_lead_time
@@ -155,10 +157,11 @@ def deadline_of(request: PlanRequest, read: ReadRequest, parameters: NodeParamet
         after = f"{after} (parameter {name}, {given:g} s)"
         advice = f"raise {name} first, or ask for a later start_time"
     if not continues:
-        return Deadline(read.start_ns, f"the start of the plan, {after},", advice)
+        moment = f"the start of the plan, {after},"
+        return Deadline(read.start_ns, moment, advice, is_asked_for=is_asked_for)
     moment = (
         f"the handover from {read.provenance.previous_plan_id}, {after}, less "
         f"{replanning.handover:g} s for the controller (replanning.handover),"
     )
     ready_ns = read.start_ns - round(replanning.handover * NANOSECONDS)
-    return Deadline(ready_ns, moment, advice, takes_over=True)
+    return Deadline(ready_ns, moment, advice, takes_over=True, is_asked_for=is_asked_for)

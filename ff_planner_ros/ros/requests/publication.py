@@ -23,7 +23,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.shown import in_log
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Retry, Status
 from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.ros.messages.controller_message import controller_message
@@ -234,6 +234,7 @@ class Publication:
         """Refuse a plan whose start is over; it waits no longer."""
         try:
             require_in_time(made.start_ns, now_ns)
-        except NoPlanFound:
+        except NoPlanFound as error:
             del self._waiting[made.plan_id]
+            error.retry = Retry.CHANGED
             raise

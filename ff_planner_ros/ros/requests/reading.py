@@ -101,6 +101,7 @@ class RequestRefused(InvalidInput):
     def __init__(self, error: InvalidInput, provenance: Provenance) -> None:
         """Add the provenance to an error."""
         super().__init__(error.status, error.field, error.value, error.allowed)
+        self.retry = error.retry
         self.provenance = provenance  # as far as the request was read
 
 
@@ -245,7 +246,7 @@ def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot
         return knowledge.states.snapshot(*limits, parameters.locked_joint_tolerance)
     message, source = own[0], "start_state"
     stamp_ns = time_in_ns(f"{source}.header.stamp", message.header.stamp) or now_ns
-    require_current(f"{source}.header.stamp", stamp_ns, *limits)
+    require_current(f"{source}.header.stamp", stamp_ns, *limits, is_own=True)
     state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
     require_locked(source, message, knowledge.robot, parameters.locked_joint_tolerance)
     return Snapshot(state, stamp_ns, source)
