@@ -3,7 +3,6 @@
 A name is imported when it is first used, so that `import ff_planner_ros` costs nothing.
 """
 
-import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -74,13 +73,6 @@ _MODULES = {
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 _NAME_THERE = {"simulate_plan": "verify", "SphereObstacle": "Sphere"}
 __all__ = [*_MODULE_OF]
-# Names until version 0.3: deprecated.
-_FORMER_NAMES = {
-    "Sphere": "SphereObstacle",
-    "capturing": "with_capture_target",
-    "draw": "plot_plan",
-    "verify_plan": "simulate_plan",
-}
 
 
 def __dir__() -> list[str]:
@@ -94,9 +86,6 @@ def __getattr__(name: str) -> Any:
     Raises:
         AttributeError: It is no public name.
     """
-    if name in _FORMER_NAMES:
-        former, name = name, _FORMER_NAMES[name]
-        warnings.warn(f"{former} is deprecated: say {name}", FutureWarning, stacklevel=2)
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f"{__name__}.{_MODULE_OF[name]}")

@@ -64,14 +64,6 @@ class Status(IntEnum):
     SHUT_DOWN = 504
     CLOCK_JUMPED = 505
 
-    # Names until version 0.3, which older answers and tables still have
-    STATE_UNPAIRED = STATE_NOT_SYNCHRONIZED
-    TARGET_STALE = TARGET_TOO_OLD
-    NO_PLAN_RUNS = NO_ACTIVE_PLAN
-    PLAN_ENDS = PLAN_ENDING
-    OUT_OF_TIME = TIMED_OUT
-    CONTROLLER_RULE = CONTROLLER_CONSTRAINT
-
     @property
     def is_no_plan(self) -> bool:
         """Whether the request was valid but has no plan, or none that still applies: codes 3xx."""

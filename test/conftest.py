@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,9 +13,11 @@ from chromium import browser  # noqa: F401 (a fixture of several files)
 from shared_plans import planned
 
 from ff_planner_ros.demo.domain import private_environment
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
@@ -44,6 +47,18 @@ def lemur_capture() -> PlanningProblem:
 def lemur_plan(lemur_capture: PlanningProblem) -> Plan:
     """The paper's capture on the shortest joint path."""
     return planned(lemur_capture)
+
+
+@pytest.fixture(scope="session")
+def offline_bag(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """The plan of the paper's capture in a bag, as `ff-planner plan --bag` writes it."""
+    from ff_planner_ros.runs.offline_bag import record_answer
+
+    bag = tmp_path_factory.mktemp("bags") / "offline"
+    record_answer(bag, PlanningTask(lemur_capture, load_parameters().planner), lemur_plan, 0.5)
+    return bag
 
 
 @pytest.fixture(scope="session")

@@ -59,8 +59,8 @@ def attachment(name: str, data: bytes) -> bytes:
 
 HEAD = MAGIC + record(HEADER, text("ros2") + text("test"))
 END = record(DATA_END, bytes(4))
-OLD_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"  # its name until 0.3
-EVENTS = schema(1, SERVICE_EVENT, "ros2msg", message_definition(OLD_EVENT).text)
+ROS_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"  # as ROS calls it
+EVENTS = schema(1, SERVICE_EVENT, "ros2msg", message_definition(ROS_EVENT).text)
 EVENTS += channel(1, TOPIC)
 
 
@@ -120,7 +120,7 @@ def defined(fields: str, held: str = "", cdr: bytes = b"\xff" * 400) -> bytes:
 
 
 def described(encoding: str, definition: str, cdr: bytes = bytes(400)) -> bytes:
-    records = schema(1, OLD_EVENT, encoding, definition) + channel(1, TOPIC)
+    records = schema(1, ROS_EVENT, encoding, definition) + channel(1, TOPIC)
     return HEAD + records + message(1, b"\0\1\0\0" + cdr) * 3 + END
 
 

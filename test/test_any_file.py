@@ -28,7 +28,6 @@ from ff_planner_ros.common.share import share_directory
 CONFIG = share_directory() / "config"
 CAPTURE = CONFIG / "scenarios" / "lemur_capture.yaml"
 LEMUR = CONFIG / "robots" / "lemur" / "lemur.urdf"
-GOLDEN = Path(__file__).parent / "golden_bags" / "offline_solved"
 SEED = 20261122
 GIGABYTES = 1 << 42  # [bytes] of a file without contents
 
@@ -247,7 +246,7 @@ def test_peaks_that_are_one_number_are_refused_and_half_a_character_is_shown(
 @pytest.mark.law("FILE-01")
 @pytest.mark.parametrize("suffix", [".yaml", ".json", ".mcap"])
 def test_what_is_no_file_is_refused_at_once(
-    tmp_path: Path, run: Run, suffix: str, nightly: bool
+    offline_bag: Path, tmp_path: Path, run: Run, suffix: str, nightly: bool
 ) -> None:
     """Nothing is opened that may block, and nothing is read that never ends."""
     os.mkfifo(tmp_path / f"pipe{suffix}")
@@ -278,7 +277,7 @@ def test_what_is_no_file_is_refused_at_once(
             assert done.code == 2 or (done.code == 1 and command[0] == "recover"), (command, done)
     (tmp_path / "bag").mkdir()
     (tmp_path / f"pipe{suffix}").rename(tmp_path / "bag" / f"metadata{suffix}")
-    shutil.copy(GOLDEN / "offline_0.mcap", tmp_path / "bag" / "bag_0.mcap")
+    shutil.copy(offline_bag / "offline_0.mcap", tmp_path / "bag" / "bag_0.mcap")
     done = run(["info", tmp_path / "bag"])
     require_law(done, "a pipe in a bag")
     assert done.code == 0
@@ -299,11 +298,11 @@ def test_a_bag_does_not_fill_the_memory(
 
 @pytest.mark.parametrize("name", ["no mapping", "deep", "an alias bomb", "no UTF-8", "too large"])
 def test_a_bag_is_read_whatever_its_metadata_says(
-    name: str, tmp_path: Path, run: Run, nightly: bool
+    name: str, offline_bag: Path, tmp_path: Path, run: Run, nightly: bool
 ) -> None:
     bag = tmp_path / "bag"
     bag.mkdir()
-    shutil.copy(GOLDEN / "offline_0.mcap", bag / "bag_0.mcap")
+    shutil.copy(offline_bag / "offline_0.mcap", bag / "bag_0.mcap")
     (bag / "metadata.yaml").write_bytes(YAML[name])
     commands = list(on_bag(bag))
     for command in commands if nightly else commands[:1]:
@@ -312,12 +311,12 @@ def test_a_bag_is_read_whatever_its_metadata_says(
         assert done.code == 0 or command[0] == "replay", done
 
 
-def with_documents(content: bytes) -> bytes:
-    """The golden bag with something else for each document in it."""
+def with_documents(offline_bag: Path, content: bytes) -> bytes:
+    """A bag with something else for each document in it."""
     file = io.BytesIO()
     writer = Writer(file, compression=CompressionType.NONE)
     writer.start("ros2", "test")
-    with (GOLDEN / "offline_0.mcap").open("rb") as stream:
+    with (offline_bag / "offline_0.mcap").open("rb") as stream:
         reader = make_reader(stream)
         for name in ("parameters.yaml", "robot.urdf"):
             text = LEMUR.read_bytes() if name == "robot.urdf" else content
@@ -336,10 +335,10 @@ def with_documents(content: bytes) -> bytes:
 
 @pytest.mark.parametrize("name", ["deep", "an alias bomb", "too large", "a million values"])
 def test_documents_in_a_bag_are_bounded_like_files(
-    name: str, tmp_path: Path, run: Run, nightly: bool
+    name: str, offline_bag: Path, tmp_path: Path, run: Run, nightly: bool
 ) -> None:
     file = tmp_path / "bag.mcap"
-    file.write_bytes(with_documents(YAML[name][:1_000_000]))
+    file.write_bytes(with_documents(offline_bag, YAML[name][:1_000_000]))
     commands = list(on_bag(file))
     for command in commands if nightly else commands[6:8]:
         done = run(command)
@@ -350,8 +349,10 @@ def test_documents_in_a_bag_are_bounded_like_files(
 @pytest.mark.parametrize(
     "setting", ["planner.starts=abc", "points=" + "9" * 5_000, "points=[" * 20_000, "duration=.nan"]
 )
-def test_a_setting_that_makes_no_sense_is_refused(run: Run, setting: str) -> None:
-    done = run(["replay", GOLDEN, "--set", setting])
+def test_a_setting_that_makes_no_sense_is_refused(
+    offline_bag: Path, run: Run, setting: str
+) -> None:
+    done = run(["replay", offline_bag, "--set", setting])
     require_law(done, setting[:50])
     assert done.code in (0, 2), done  # a duration that is no number is answered so
 
@@ -397,12 +398,12 @@ def test_mutated_answers_are_taken_or_refused(
 
 @pytest.mark.ci
 def test_mutated_bags_are_read_or_refused(
-    tmp_path: Path, run: Run, times: Callable[[int, int], int], nightly: bool
+    offline_bag: Path, tmp_path: Path, run: Run, times: Callable[[int, int], int], nightly: bool
 ) -> None:
     """Both files of a bag, through every command that takes one."""
     chance = random.Random(SEED)
-    original = (GOLDEN / "offline_0.mcap").read_bytes()
-    metadata = yaml.safe_load((GOLDEN / "metadata.yaml").read_text())
+    original = (offline_bag / "offline_0.mcap").read_bytes()
+    metadata = yaml.safe_load((offline_bag / "metadata.yaml").read_text())
     for number in range(times(2, 200)):
         bag = tmp_path / str(number) / "bag"
         bag.mkdir(parents=True)

@@ -35,9 +35,9 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("info", NODE), "2 SOLVED"),
+        (("info", NODE), "5 SOLVED"),
         (("verify", NODE), "verdict: passed"),
-        (("recover", NODE, "--output", "saved"), "53 messages were saved"),
+        (("recover", NODE, "--output", "saved"), "182 messages were saved"),
         (("export", NODE, "--csv", "tables"), ""),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",

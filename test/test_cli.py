@@ -237,7 +237,7 @@ def test_who_reads_no_more_is_no_fault(command):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-BAG = str(Path(__file__).parent / "golden_bags" / "offline_solved")
+BAG = str(Path(__file__).parent / "golden_bags" / "node")
 # Every output of every command: no work is done for one that cannot be written.
 OUTPUTS = [
     ("ask", "--json"),
@@ -584,35 +584,6 @@ def test_a_defect_is_told_in_one_line_with_its_place(monkeypatch, capsys):
     assert "this is a defect of ff-planner, please report it: ZeroDivisionError at tasks" in line
     assert "long?[31m" in line
     assert len(line) <= 1000
-
-
-def test_a_key_that_is_deprecated_is_told_in_one_line_once(scenario):
-    """However often it is read."""
-    old = scenario(approach={"direction": [0.0, 0.0, 1.0], "distance": 0.1, "cone": 0.3})
-    code = "import sys; from ff_planner_ros.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", code, "check", *3 * [str(old)]]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    note = "ff-planner: note: approach.cone is deprecated: say approach.half_angle"
-    assert done.stderr.splitlines() == [note]
-
-
-@pytest.mark.parametrize(
-    ("command", "old", "new"),
-    [
-        ("replay BAG", "--with points=20 --with duration=9", "--set points=20 --set duration=9"),
-        ("plan SCENARIO", "--front", "--pareto"),
-        ("demo", "--scene planar", "--testbed planar"),
-    ],
-)
-def test_an_old_name_of_an_option_still_works_and_says_the_new_one(command, old, new, capsys):
-    read = command_parser().parse_args([*command.split(), *new.split()])
-    assert capsys.readouterr().err == ""
-    assert command_parser().parse_args([*command.split(), *old.split()]) == read
-    said = capsys.readouterr().err
-    assert f"{old.split()[0]} is deprecated: say {new.split()[0]}" in said
-    with pytest.raises(SystemExit):
-        command_parser().parse_args([command.split()[0], "--help"])
-    assert old.split()[0] not in capsys.readouterr().out
 
 
 def test_the_version_is_told_alone(capsys):

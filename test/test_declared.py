@@ -13,7 +13,6 @@ from ff_planner_msgs.msg import ChaserState, ObstacleSphere, PlanRequest
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 
 from ff_planner_benchmark.problems import tumbling
-from ff_planner_ros.bag.older_messages import present_request
 from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import (
     names_in,
@@ -47,22 +46,6 @@ MESSAGE_OF = [
     (PlanningProblem, PlanRequest),
     (PlanningTask, PlanRequest),
 ]
-# Of a request, what version 0.1 had, as a bag of that time is decoded.
-FIRST_REQUEST = {
-    "target_pose": SimpleNamespace(
-        pose=SimpleNamespace(
-            position=SimpleNamespace(x=1.0, y=2.0, z=3.0),
-            orientation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0),
-        )
-    ),
-    "target_twist": SimpleNamespace(
-        linear=SimpleNamespace(x=0.0, y=0.0, z=0.1), angular=SimpleNamespace(x=0.0, y=0.0, z=0.0)
-    ),
-    "duration": 9.0,
-    "weight_joint_path_length": 1.0,
-    "weight_chaser_attitude": 0.0,
-    "points": 21,
-}
 
 
 @pytest.mark.parametrize(("kind", "message"), MESSAGE_OF, ids=lambda kind: kind.__name__)
@@ -85,22 +68,6 @@ def with_entries(message: Any, place: str) -> Any:
             setattr(holder, array, [entry_of(holder, array)])
         holder = value_at(holder, part)
     return message
-
-
-def test_what_a_message_of_an_older_version_lacks_is_the_default_of_the_field() -> None:
-    values = values_in(PlanningProblem, present_request(SimpleNamespace(**FIRST_REQUEST)))
-    assert values.keys() == {"target", "duration", "points", "objective"}
-    assert values["objective"] == Objective(1.0, 0.0)
-    assert values["target"].orientation is Orientation.FIXED
-    assert values["target"].linear_velocity.tolist() == [0.0, 0.0, 0.1]
-
-
-def test_a_message_that_lacks_what_every_version_had_is_none() -> None:
-    del (first := SimpleNamespace(**FIRST_REQUEST)).weight_joint_path_length
-    request = present_request(first)
-    with pytest.raises(AttributeError, match="joint_path_length"):
-        values_in(PlanningProblem, request)
-    assert value_at(request, "objective.joint_path_length", 2.0) == 2.0
 
 
 def test_zero_no_text_and_no_entries_stand_for_the_default() -> None:
@@ -127,8 +94,6 @@ def test_entries_that_are_zero_are_entries() -> None:
         "joint_accelerations": (0.0,),
         "chaser_rotation": 0.0,
     }
-    first = present_request(SimpleNamespace(**FIRST_REQUEST, limit_chaser_attitude=0.2))
-    assert values_in(PlanningProblem, first)["limits"] == {"chaser_attitude": 0.2}
 
 
 def test_what_is_said_in_a_message_comes_back_out_of_it_to_the_last_bit(

@@ -14,9 +14,6 @@ import yaml
 from doc_figures import FIGURES
 from doc_reference import DEFINITIONS, SUFFIXES
 from doc_tables import BLOCK, expected
-from ff_planner_msgs import msg
-from ff_planner_msgs.action import PlanTrajectory
-from geometry_msgs.msg import PoseStamped
 from pages import DOCS, PAGES, README, SOURCE_TREE, console, text_of
 from shown_results import near
 
@@ -37,7 +34,6 @@ REFERENCE = DOCS / "reference"
 SCENARIO, JSON, MESSAGES = (
     REFERENCE / f"{name}.md" for name in ("scenario", "plan_json", "messages")
 )
-MOVING = DOCS / "how_to" / "moving_from_0.2.md"
 CAPTURE = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -283,22 +279,3 @@ def interface_of(path: Path) -> list[Any]:
     kind = getattr(import_module(f"ff_planner_msgs.{path.parent.name}"), path.stem)
     parts = ("Request", "Response", "Goal", "Result", "Feedback")
     return [getattr(kind, part) for part in parts if hasattr(kind, part)] or [kind]
-
-
-def test_a_client_that_has_moved_from_0_2_as_the_page_says_speaks_the_present_messages() -> None:
-    _before, after = re.findall(r"```python\n(.*?)```", text_of(MOVING), re.DOTALL)
-    state, pose, asked, followed = msg.ChaserState(), PoseStamped(), [], []
-    plan, metrics = msg.Plan(), msg.PlanMetrics()
-    pose.header.frame_id, state.joint_names = "inertial", ["joint_1"]
-
-    def send(goal: PlanTrajectory.Goal) -> PlanTrajectory.Result:
-        asked.append(goal.request)
-        return PlanTrajectory.Result(answer=msg.PlanAnswer(plans=[plan], metrics=[metrics]))
-
-    known = {"PlanTrajectory": PlanTrajectory, "pose": pose, "state": state, "send": send}
-    known["follow"] = lambda *given: followed.append(given)
-    exec(after, vars(msg) | known)
-    (request,) = asked
-    assert (request.goal.pose, list(request.start_state)) == (pose, [state])
-    assert (request.duration, request.objective.joint_path_length) == (10.0, 1.0)
-    assert followed == [(plan.joint_trajectory, plan.chaser_path, metrics)]

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,26 +20,41 @@ from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
-from ff_planner_ros.errors import BagError
+from ff_planner_ros.errors import BagError, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.report import fleet_page
 from ff_planner_ros.report.fleet import MEASURED, PERCENTILES, bags_below, read_fleet
 from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.runs.offline_bag import record_answer
 
-GOLDEN = Path(__file__).parent / "golden_bags"
+NODE = Path(__file__).parent / "golden_bags" / "node"
 # Copies of each bag, which count once, and one more below.
-COPIES = {"offline_solved": 3, "node": 2, "offline_refused": 2}
+COPIES = {"offline": 3, "node": 2, "refused": 2}
 BROKEN = ("a_empty", "b_zero", "c_noise")
 EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
 
 
 @pytest.fixture(scope="module")
-def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bags(
+    offline_bag: Path, lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
+) -> Mapping[str, Path]:
+    """A bag with a plan, one with a refusal, and one of a node, by name."""
+    refused = tmp_path_factory.mktemp("bags") / "refused"
+    error = NoPlanFound(Status.GOAL_OUT_OF_REACH, "too far")
+    record_answer(refused, PlanningTask(lemur_capture, load_parameters().planner), error, 0.1)
+    return {"offline": offline_bag, "node": NODE, "refused": refused}
+
+
+@pytest.fixture(scope="module")
+def fleet(bags: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A directory of bags, three of which nothing can be read, copies, and what is no bag."""
     directory = tmp_path_factory.mktemp("fleet") / "runs"
     for name, copies in COPIES.items():
         for number in range(copies):
-            shutil.copytree(GOLDEN / name, directory / f"{name}_{number}")
-    shutil.copytree(GOLDEN / "offline_solved", directory / "day" / "two" / "late")
+            shutil.copytree(bags[name], directory / f"{name}_{number}")
+    shutil.copytree(bags["offline"], directory / "day" / "two" / "late")
     for name, content in zip(BROKEN, (None, b"", b"no MCAP" * 99), strict=True):
         (directory / name).mkdir()
         if content is not None:
@@ -49,30 +65,27 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def answers() -> Counter[str]:
+def answers(bags: Mapping[str, Path]) -> Counter[str]:
     """By status, how many answers the bags of the fleet hold, counted bag by bag."""
-    found: Counter[str] = Counter()
-    for name in COPIES:
-        found.update(plan.status for plan in read_plans(GOLDEN / name))
-    return found
+    return Counter(plan.status for bag in bags.values() for plan in read_plans(bag))
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_every_answer_of_every_bag_is_counted_once(
-    fleet: Path, capsys: pytest.CaptureFixture[str]
+    fleet: Path, bags: Mapping[str, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["info", str(fleet), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    expected = answers()
+    expected = answers(bags)
     assert told["requests_by_status"] == dict(expected)
     assert told["solved_count"] == expected["SOLVED"]
     assert set(told["skipped"]) == set(BROKEN)
     # Of copies the first by name counts.
-    assert told["bags"] == ["day/two/late", "node_0", "offline_refused_0"]
+    assert told["bags"] == ["day/two/late", "node_0", "refused_0"]
     assert told["copies"] == {
-        **{f"offline_solved_{k}": "day/two/late" for k in range(3)},
+        **{f"offline_{k}": "day/two/late" for k in range(3)},
         "node_1": "node_0",
-        "offline_refused_1": "offline_refused_0",
+        "refused_1": "refused_0",
     }
     # At an end of the interval what was seen, or more of its kind, is as rare as 2.5 %.
     count, total = expected["SOLVED"], expected.total()
@@ -81,8 +94,8 @@ def test_every_answer_of_every_bag_is_counted_once(
     assert binom.cdf(count, total, high) == pytest.approx(0.025)
     clearances = [
         plan.metrics["min_clearance"]
-        for name in COPIES
-        for plan in read_plans(GOLDEN / name)
+        for bag in bags.values()
+        for plan in read_plans(bag)
         if plan.status == "SOLVED"
     ]
     expected_percentiles = np.percentile(clearances, PERCENTILES)
@@ -92,7 +105,7 @@ def test_every_answer_of_every_bag_is_counted_once(
 
 @pytest.mark.filterwarnings("ignore")
 def test_lines_and_table_tell_the_same(
-    fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    fleet: Path, bags: Mapping[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["info", str(fleet)]) == 0
     lines = capsys.readouterr().out
@@ -102,7 +115,7 @@ def test_lines_and_table_tell_the_same(
     file = tmp_path / "answers.parquet"
     assert main(["export", str(fleet), "--parquet", str(file)]) == 0
     rows = pyarrow.parquet.read_table(file).to_pylist()
-    assert Counter(row["status"] for row in rows) == answers()
+    assert Counter(row["status"] for row in rows) == answers(bags)
     assert {row["bag"] for row in rows if row["status"] == "SOLVED"} >= {"day/two/late"}
     assert all(row["min_clearance_m"] > 0.0 for row in rows if row["solved"])
     assert {*MEASURED} <= rows[0].keys()
@@ -110,11 +123,11 @@ def test_lines_and_table_tell_the_same(
     assert "is not overwritten" in capsys.readouterr().err
 
 
-def test_a_table_of_one_bag_has_its_answers(tmp_path: Path) -> None:
+def test_a_table_of_one_bag_has_its_answers(offline_bag: Path, tmp_path: Path) -> None:
     file = tmp_path / "one.parquet"
-    assert main(["export", str(GOLDEN / "offline_solved"), "--parquet", str(file)]) == 0
+    assert main(["export", str(offline_bag), "--parquet", str(file)]) == 0
     row, *others = pyarrow.parquet.read_table(file).to_pylist()
-    assert (row["bag"], row["status"], others) == ("offline_solved", "SOLVED", [])
+    assert (row["bag"], row["status"], others) == ("offline", "SOLVED", [])
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -126,7 +139,7 @@ def test_the_page_has_the_worst_runs_first_with_links_to_their_pages(
     assert main(["report", str(fleet), "--output", str(page), "--plans", "1"]) == 0
     text = page.read_text(encoding="utf-8")
     links = re.findall(r'<a href="([^"]*)">([^<]*)</a>', text)
-    assert [name for _, name in links] == ["offline_refused_0", "node_0"]
+    assert [name for _, name in links] == ["refused_0", "node_0"]
     for link, name in links:
         assert name in (tmp_path / link).read_text(encoding="utf-8")
     places = [text.index(f">{run.name}<") for run in read_fleet(fleet).runs]
@@ -144,16 +157,16 @@ def killed(directory: Path, at_ns: int) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("others", [(), ("offline_solved",)])
+@pytest.mark.parametrize("others", [(), ("offline",)])
 def test_runs_that_were_killed_before_their_first_answer_count_each(
-    others: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    others: tuple[str, ...], offline_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runs = tmp_path / "runs"
     for number, name in enumerate(("a_first", "b_second"), 1):
         killed(runs / name, number)
     shutil.copytree(runs / "b_second", runs / "c_copy")
     for name in others:
-        shutil.copytree(GOLDEN / name, runs / name)
+        shutil.copytree(offline_bag, runs / name)
     assert main(["info", str(runs)]) == 0
     assert main(["report", str(runs), "--output", str(tmp_path / "page.html")]) == 0
     capsys.readouterr()
@@ -193,7 +206,7 @@ def test_reports_of_run_1_and_run_2_are_two_files(
 def test_a_bag_itself_is_no_fleet_and_broken_ones_alone_are_an_error(
     fleet: Path, tmp_path: Path
 ) -> None:
-    assert bags_below(GOLDEN / "node") == []
+    assert bags_below(NODE) == []
     assert bags_below(tmp_path) == []
     shutil.copytree(fleet / "b_zero", tmp_path / "one")
     with pytest.raises(BagError, match=r"of the 1 bags in .* none can be read; the first: .*empty"):

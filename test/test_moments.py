@@ -6,12 +6,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
 from ff_planner_msgs.msg import (
     ChaserState,
     Goal,
     Phase,
-    Plan,
     PlanAnswer,
     PlanInputs,
     PlanRequest,
@@ -62,28 +60,6 @@ def test_an_answer_alone_tells_when_its_request_was_read() -> None:
     now_ns, what = found(None, answer(received_stamp=time_message(READ)), received=0)
     assert (now_ns, what.logged_ns) == (READ, LOGGED)
     assert (what.stamps_ns, what.inputs) == ({}, ())
-
-
-@pytest.mark.parametrize("code", [Status.SOLVED, Status.COLLISION])
-def test_of_an_earlier_version_the_start_of_a_plan_tells_when_its_request_was_read(
-    code: Status,
-) -> None:
-    """It begins so long after that as the parameter of then says; a refusal has no plan."""
-    response, plan = answer(code), Plan()
-    if code == Status.SOLVED:
-        response.plans = [plan]
-    plan.joint_trajectory.header.stamp = time_message(READ + round(ALLOWANCE * 1e9))
-    now_ns, _ = found(PlanRequest(), response)
-    assert now_ns == (READ if code == Status.SOLVED else RECEIVED)
-
-
-def test_of_an_earlier_version_a_state_without_a_stamp_was_of_when_it_was_read() -> None:
-    request = PlanRequest(start_state=[ChaserState()])
-    response = answer(state_stamp=time_message(READ))
-    assert found(request, response)[0] == READ
-    request.start_state[0].header.stamp = time_message(5)
-    request.start_time = time_message(READ + NANOSECONDS)
-    assert found(request, response)[0] == RECEIVED
 
 
 def test_inputs_are_named_that_the_request_did_not_bring_and_that_counted() -> None:

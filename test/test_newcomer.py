@@ -411,6 +411,8 @@ def same(one: Any, other: Any, place: str = "") -> None:
         assert len(one) == len(other), place
         for index, pair in enumerate(zip(one, other, strict=True)):
             same(*pair, f"{place}[{index}]")
+    elif isinstance(one, dict):
+        same(list(one.items()), list(other.items()), place)
     elif isinstance(one, Body):
         assert repr(one) == repr(other), place
     else:

@@ -20,7 +20,6 @@ from ros_processes import DEADLINE, private_domain
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
-from ff_planner_ros.parameters.values import FORMER_NAMES
 from ff_planner_ros.planning.problem import limits
 from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW_NOT_ZERO
 from ff_planner_ros.ros import parameters as module
@@ -136,22 +135,6 @@ def test_an_override_that_makes_no_sense_is_refused_by_name(
         declare_parameters(_node(**overrides))
     for word in words:
         assert word in str(refusal.value)
-
-
-@pytest.mark.parametrize(("former", "present"), FORMER_NAMES.items())
-def test_an_override_by_its_name_of_version_0_2_counts(former: str, present: str) -> None:
-    value = default_values()[present]
-    word = "thorough" if present == "planner.search" else "wrist: 0.25"
-    value = word if isinstance(value, str) else 1.5 * value
-    assert value_of(declare_parameters(_node(**{former: value})), present) == value
-    # The present name goes before.
-    both = {former: default_values()[present], present: value}
-    assert value_of(declare_parameters(_node(**both)), present) == value
-
-
-def test_an_override_by_a_number_of_rounds_is_a_depth() -> None:
-    named = {"planner.attitude_rounds": 0}
-    assert declare_parameters(_node(**named)).planner.search == "quick"
 
 
 def test_overrides_of_ros_itself_are_left_alone() -> None:

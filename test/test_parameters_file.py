@@ -16,7 +16,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import DECLARATIONS, default_values, load_parameters
 from ff_planner_ros.parameters.robot import LimitParameters
-from ff_planner_ros.parameters.values import FORMER_NAMES, checked, replaced, value_of
+from ff_planner_ros.parameters.values import checked, replaced
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
 
 FILE = CONFIG / "planner.yaml"
@@ -87,41 +87,6 @@ def test_a_file_that_is_not_as_ros_expects_is_refused(tmp_path: Path, text: str)
         load_parameters(path)
 
 
-def test_the_word_of_version_0_2_for_nothing_after_the_goal_is_read_and_the_present_one_told(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "planner.yaml"
-    path.write_text("/**: {ros__parameters: {end_behaviour: none}}")
-    present = load_parameters(path)
-    path.write_text("/**: {ros__parameters: {end_behaviour: as_planned}}")
-    told = r"^end_behaviour: as_planned is deprecated: say none$"
-    with pytest.warns(FutureWarning, match=told):
-        assert load_parameters(path) == present
-    with pytest.warns(FutureWarning, match=told):
-        set_while_it_runs = replaced(load_parameters(), "end_behaviour", "as_planned")
-    assert set_while_it_runs.of_scenarios() == present.of_scenarios()
-
-
-@pytest.mark.parametrize(("former", "present"), FORMER_NAMES.items())
-def test_a_name_of_version_0_2_is_read_and_the_present_one_told(
-    tmp_path: Path, former: str, present: str
-) -> None:
-    path, value = tmp_path / "planner.yaml", default_values()[present]
-    word = "thorough" if present == "planner.search" else "wrist: 0.25"
-    value = word if isinstance(value, str) else 1.5 * value
-
-    def saved(*names: str) -> Path:
-        path.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict.fromkeys(names, value)}}))
-        return path
-
-    with pytest.warns(FutureWarning, match=f"^{former} is deprecated: say {present}$"):
-        found = load_parameters(saved(former))
-    assert value_of(found, present) == value
-    assert found == load_parameters(saved(present))
-    with pytest.raises(InvalidInput, match=f"^{former} is given twice: give {present} alone"):
-        load_parameters(saved(former, present))
-
-
 def test_a_parameter_in_a_group_and_by_its_whole_name_is_refused_unless_for_two_nodes(
     tmp_path: Path,
 ) -> None:
@@ -134,19 +99,6 @@ def test_a_parameter_in_a_group_and_by_its_whole_name_is_refused_unless_for_two_
     of_each = {"/**": {"ros__parameters": whole}, "ff_planner": {"ros__parameters": grouped}}
     path.write_text(yaml.safe_dump(of_each))
     assert load_parameters(path).planner.starts == 4
-
-
-@pytest.mark.parametrize(
-    ("rounds", "depth"),
-    [(0, "quick"), (1, "normal"), (3, "normal"), (4, "thorough"), (1_000, "thorough")],
-)
-def test_a_number_of_rounds_is_read_as_the_depth_that_goes_as_far(
-    tmp_path: Path, rounds: int, depth: str
-) -> None:
-    path = tmp_path / "planner.yaml"
-    path.write_text(f"/**: {{ros__parameters: {{planner: {{attitude_rounds: {rounds}}}}}}}")
-    with pytest.warns(FutureWarning, match="attitude_rounds is deprecated: say planner.search"):
-        assert load_parameters(path).planner.search == depth
 
 
 @pytest.mark.parametrize("value", ["deep", "", -1, 1.5, True])

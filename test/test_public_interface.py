@@ -24,14 +24,6 @@ def test_every_public_name_is_the_one_that_its_module_has() -> None:
         assert found.__module__.startswith("ff_planner_ros.")
 
 
-@pytest.mark.parametrize(("former", "present"), ff_planner_ros._FORMER_NAMES.items())
-def test_a_name_of_version_0_2_is_the_present_one_and_warns(former: str, present: str) -> None:
-    with pytest.warns(FutureWarning, match=f"^{former} is deprecated: say {present}$"):
-        found = getattr(ff_planner_ros, former)
-    assert found is getattr(ff_planner_ros, present)
-    assert former not in ff_planner_ros.__all__
-
-
 def test_the_type_checker_sees_the_same_names() -> None:
     tree = ast.parse(Path(ff_planner_ros.__file__).read_text(encoding="utf-8"))
     (only_typed,) = (node for node in tree.body if isinstance(node, ast.If))

@@ -32,7 +32,6 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.values import value_of
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.ros.inputs.input_topics import MEMORY
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
@@ -46,7 +45,15 @@ from ff_planner_ros.runs.replay import Verdict, replay, version_lines
 START = 1_700_000_000 * NANOSECONDS
 EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
 EVENTS = "/plan_trajectory/_service_event"
-LINKS = {"base_link": "chaser", "tip_link": "end_effector"}
+LINKS = {
+    "base_link": "chaser",
+    "tip_link": "end_effector",
+    "base": "free_flyer",
+    "geometry": "lines",
+    "locked_joints": "",
+    "slide_weight": 1.0,
+    "wheels": {},
+}
 
 
 class World:
@@ -117,17 +124,6 @@ def test_a_bag_without_requests_is_refused(
     assert "holds no request to a planner" in capsys.readouterr().err
 
 
-def test_a_bag_that_does_not_say_how_plans_end_is_of_a_time_when_they_ended_in_motion(
-    world: World,
-) -> None:
-    world.ask(START, refused(START))
-    (request,) = world.run().requests
-    task = request.read_request().task
-    assert task.end_behaviour is EndBehaviour.NONE
-    assert task.controller is not None
-    assert task.controller.allow_nonzero_velocity_at_trajectory_end
-
-
 def test_a_bag_without_parameters_is_refused(world: World) -> None:
     world.ask(START, refused(START))
     del world.attachments["parameters.yaml"]
@@ -143,7 +139,7 @@ def test_of_two_planners_only_that_whose_parameters_are_there_is_rebuilt(world: 
     found = replay(one)
     assert found.verdict is Verdict.NOT_REBUILT
     assert "planners in /one/, /two/, and parameters of one: /two/ff_planner" in found.words
-    assert two.read_request().task.ahead == 0.0
+    assert two.inputs is not None
 
 
 def test_of_two_planners_none_is_rebuilt_where_the_bag_does_not_say_whose_it_is(
@@ -203,20 +199,6 @@ def test_parameters_are_those_of_the_moment_and_of_the_node(world: World) -> Non
     assert [one.planner.starts for one in known] == [3, 7, 7, 8]
     assert {(one.points, one.inertial_frame) for one in known} == {(40, FRAME)}
     assert "parameters that this version does not know are left out: once.upon" in run.notes
-
-
-def test_deprecated_words_of_parameters_are_understood_and_not_complained_of(world: World) -> None:
-    """Nobody can change a bag; a warning would fail this test."""
-    world.set_parameters({"end_behaviour": "as_planned"})
-    for seconds, word in ((10, "stop_joints"), (20, "as_planned")):
-        changed = Parameter("end_behaviour", value=word).to_parameter_msg()
-        world.change_parameter(changed, START + seconds * NANOSECONDS)
-    for seconds in (5, 15, 25):
-        at_ns = START + seconds * NANOSECONDS
-        world.ask(at_ns, refused(at_ns))
-    found = [one.inputs for one in world.run(node="/ff_planner").requests]
-    words = [one.parameters.end_behaviour for one in found if one is not None]
-    assert words == ["none", "stop_joints", "none"]
 
 
 @pytest.mark.parametrize(
@@ -386,16 +368,14 @@ def test_a_gripper_s_joint_states_explain_a_refusal_where_there_are_no_other(
     assert replay(request).verdict is Verdict.IDENTICAL
 
 
-@pytest.mark.parametrize("tolerance", [0.02, None])
 def test_a_locked_joint_that_was_measured_elsewhere_is_refused_by_a_replay_too(
-    world: World, tolerance: float | None
+    world: World,
 ) -> None:
-    """Its joint is a fixed one in the bag; until version 0.4 nobody looked at it."""
+    """Its joint is a fixed one in the bag."""
     text = robots.LEMUR_URDF.read_text()
     robot = robot_from_urdf_text(text, "chaser", "end_effector", held_at={"joint_1": 0.3})
-    told = {} if tolerance is None else {"locked_joint_tolerance": tolerance}
     odometer = {"state_source": "odometry", "odometry": {"child_frame_id": "imu"}}
-    world.set_parameters(odometer | told)
+    world.set_parameters({**odometer, "locked_joint_tolerance": 0.02})
     world.attachments["robot.urdf"] = robot.drawn_urdf.encode()
     header = Header(frame_id=FRAME, stamp=time_message(START))
     odometry = Odometry(header=header, child_frame_id="imu")
@@ -416,10 +396,7 @@ def test_a_locked_joint_that_was_measured_elsewhere_is_refused_by_a_replay_too(
     Provenance(asked_ns).tell(answer)
     world.ask(asked_ns, answer).start_state = []
     (request,) = world.run().requests
-    if tolerance is None:
-        assert request.read_request().task.problem.robot.joint_names == robot.joint_names
-    else:
-        assert replay(request).verdict is Verdict.IDENTICAL
+    assert replay(request).verdict is Verdict.IDENTICAL
 
 
 @pytest.mark.parametrize(("since", "before"), [(0.5, ["run.2", "run.1"]), (1.5, ["run.2"])])

@@ -102,17 +102,13 @@ def test_with_lines_a_bag_holds_the_urdf_as_it_is(directory: Path) -> None:
     assert described == node
 
 
-def test_a_bag_or_an_answer_of_an_earlier_version_means_lines(directory: Path) -> None:
+def test_an_answer_without_a_geometry_means_what_its_urdf_has(directory: Path) -> None:
     robot = loaded(directory)
     links = {"base_link": "bus", "tip_link": "tool"}
-    document = yaml.safe_dump({"/**": {"ros__parameters": {"robot": links}}})
-    attached = {"robot.urdf": robot.drawn_urdf.encode(), "parameters.yaml": document.encode()}
-    assert attached_robot(Path("bag"), attached).geometry is Geometry.LINES
     samples = {item.name: list[float]() for item in fields(Trajectory)}
     answer = {"status": "solved", "joint_names": list(robot.joint_names), **samples}
     answer["robot"] = {"urdf": robot.urdf} | links
     assert planned_motion(answer)[0].geometry is Geometry.LINES
-    # None of theirs has a <collision>: this one was written by someone else.
     answer["robot"] = {"urdf": robot.drawn_urdf} | links
     assert planned_motion(answer)[0].geometry is Geometry.SHAPES
     assert planned_motion(answer | {"geometry": "lines"})[0].geometry is Geometry.LINES

@@ -760,14 +760,6 @@ def test_an_answer_of_an_earlier_version_lacks_only_what_it_does_not_tell(
     assert "Which obstacles it avoids is not known." in page.words
 
 
-def test_a_refusal_in_json_of_an_earlier_version_has_the_present_name_of_its_status(
-    tmp_path: Path,
-) -> None:
-    old = {"status": "out_of_time", "message": "the time budget is over"}
-    page = page_of(report_of(old, tmp_path), tmp_path)
-    assert "TIMED_OUT" in page.words
-
-
 def test_a_refusal_in_json_gives_its_reason(tmp_path: Path) -> None:
     refusal = refusal_dictionary(NoPlanFound(Status.COLLISION, EVIL + "\ud800"), 0.1)
     page = page_of(report_of(refusal, tmp_path), tmp_path)

@@ -27,7 +27,15 @@ from ff_planner_ros.runs.offline_bag import record_answer
 
 EVENTS, EVENT = "/servicer/plan/_service_event", "ff_planner_msgs/srv/PlanTrajectory_Event"
 SETTINGS = load_parameters().planner
-LINKS = {"base_link": "chaser", "tip_link": "end_effector"}
+LINKS = {
+    "base_link": "chaser",
+    "tip_link": "end_effector",
+    "base": "free_flyer",
+    "geometry": "lines",
+    "locked_joints": "",
+    "slide_weight": 1.0,
+    "wheels": {},
+}
 
 
 def parameters(robot: object) -> bytes:
@@ -108,11 +116,17 @@ def test_a_bag_without_plans_tells_its_answers(
     [
         ({}, r"no robot\.urdf attached"),
         ({"robot.urdf": b"<robot/>"}, r"no parameters\.yaml attached"),
-        ({"robot.urdf": b"<robot/>", "parameters.yaml": b": ["}, r"does not name robot\.base_link"),
-        ({"robot.urdf": b"<robot/>", "parameters.yaml": b"[]"}, r"does not name robot\.base_link"),
+        (
+            {"robot.urdf": b"<robot/>", "parameters.yaml": b": ["},
+            r"lacks parameters robot\.\*",
+        ),
+        (
+            {"robot.urdf": b"<robot/>", "parameters.yaml": b"[]"},
+            r"lacks parameters robot\.\*",
+        ),
         (
             {"robot.urdf": b"<robot/>", "parameters.yaml": parameters({"base_link": "a"})},
-            r"does not name robot\.base_link and robot\.tip_link",
+            r"lacks parameters robot\.\*",
         ),
     ],
 )

@@ -22,8 +22,6 @@ from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.bag import read_plans
-from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -502,7 +500,7 @@ def test_lines_that_grow_where_a_joint_slides_out_keep_clear_of_spheres_alone() 
         perform(PlanningTask(problem, SETTINGS))
 
 
-def test_with_no_weight_joints_that_slide_are_held_as_in_older_bags(tmp_path: Path) -> None:
+def test_with_no_weight_joints_that_slide_are_held() -> None:
     """At zero, or at the limit that is next to it; what is said of one of them holds."""
     text = random_urdf(4, 3, (1, 3))
     first, second = '<limit lower="-2.5"', '<limit lower="0.25"'
@@ -516,14 +514,3 @@ def test_with_no_weight_joints_that_slide_are_held_as_in_older_bags(tmp_path: Pa
     assert held.urdf == robot.urdf
     other = robot_from_urdf_text(text, *links, held_at={"joint_1": 0.5}, slide_weight=0.0)
     assert "joint_1 at 0.5 m" in other.notes[0]
-    # A bag whose parameters have no such weight.
-    task, plan = planned(FAMILIES[1])
-    record_answer(tmp_path / "bag", task, plan, 0.5)
-    with open_bag(tmp_path / "bag") as opened:
-        attached = dict(opened.attachments)
-    assert attached_robot(tmp_path, attached).joint_names == task.problem.robot.joint_names
-    older = attached["parameters.yaml"].decode()
-    assert "slide_weight: 1.0" in older
-    lines = [line for line in older.splitlines() if "slide_weight" not in line]
-    attached["parameters.yaml"] = "\n".join(lines).encode()
-    assert attached_robot(tmp_path, attached).joint_names == task.problem.robot.joint_names[1:]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import pickle
 import re
@@ -46,7 +45,7 @@ from ff_planner_ros.planning.problem.target_body import AttachedSphere
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.controller_rules import Controller
-from ff_planner_ros.planning.task.digest import canonical, digest_of
+from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import (
@@ -427,22 +426,6 @@ def test_zeros_of_either_sign_are_one_to_a_digest() -> None:
     negative = ObstacleBody("b", solid, -place, velocity=-place)
     assert digest_of(rests) == digest_of(negative)
     assert digest_of(Sphere("s", place, 1.0)) == digest_of(Sphere("s", -place, 1.0))
-
-
-def test_a_digest_says_what_digests_always_said_and_leaves_out_what_came_later() -> None:
-    told = {
-        Limits(): {"joint_velocities": False, "chaser_attitude": math.inf},
-        Limits(joint_torques=False): {
-            "joint_velocities": False,
-            "chaser_attitude": math.inf,
-            "joint_torques": False,
-        },
-        Objective(1.0, 0.0): {"joint_path_length": 1.0, "chaser_attitude": 0.0},
-        Sphere("c1", np.ones(3), 0.5): {"id": "c1", "center": np.ones(3), "radius": 0.5},
-    }
-    for value, fields_said in told.items():
-        expected = [part for pair in fields_said.items() for one in pair for part in canonical(one)]
-        assert b"".join(canonical(value)) == b"".join(expected)
 
 
 def test_a_refusal_of_a_joint_that_is_carried_beyond_its_limit_tells_what_was_measured(

@@ -157,7 +157,7 @@ def test_rerun_reads_what_the_scripts_write(tmp_path: Path) -> None:
     if subprocess.run([*pip, "--quiet", *wanted], check=False).returncode:
         pytest.skip("rerun-sdk cannot be had here")
     bag, blueprint = tmp_path / "run_0.mcap", tmp_path / "planner.rbl"
-    shutil.copy(next((Path(__file__).parent / "golden_bags/node_0_2").glob("*.mcap")), bag)
+    shutil.copy(next((Path(__file__).parent / "golden_bags/node").glob("*.mcap")), bag)
     # Rerun shows a file by the blueprint whose application is named as the file is.
     run = f'"{bag.stem}"'
     scene, recorded = tmp_path / "planner.rrd", (run, "/drawn/obstacles/0 ", "/drawn/bodies/4 ")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,10 @@ from doc_reference import MESSAGES
 from pages import DOCS, PAGES, text_of
 
 import ff_planner_ros
-from ff_planner_ros.bag.older_messages import ANSWER_FIELDS, REQUEST_FIELDS
-from ff_planner_ros.common.declared import DeclaredField, declared
+from ff_planner_ros.common.declared import DeclaredField
 from ff_planner_ros.common.declared_messages import places_in
-from ff_planner_ros.errors import Retry, Status
+from ff_planner_ros.errors import Retry
 from ff_planner_ros.parameters import DECLARATIONS, default_values
-from ff_planner_ros.parameters.values import FORMER_NAMES
-from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     ObstacleBody,
@@ -33,8 +30,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
 from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
-from ff_planner_ros.planning.scenario.scenario import RobotFile, scenario_schema
-from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS
+from ff_planner_ros.planning.scenario.scenario import scenario_schema
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
@@ -53,59 +49,6 @@ def retries() -> Iterator[tuple[str, ...]]:
     for name, number, meaning in re.findall(r"^uint8 (\w+)=(\d+) *# (.*)$", text, re.MULTILINE):
         assert Retry[name] == int(number)
         yield number, f"`{name}`", meaning
-
-
-def request_fields() -> Iterator[tuple[str, ...]]:
-    yield from _moved(REQUEST_FIELDS, "PlanRequest")
-
-
-def answer_fields() -> Iterator[tuple[str, ...]]:
-    yield from _moved(ANSWER_FIELDS, "PlanAnswer")
-
-
-def _moved(places: Mapping[str, str], message: str) -> Iterator[tuple[str, ...]]:
-    """Yield where each field of version 0.2 is in a message, and its type there."""
-    yield "0.2", f"0.3, in `{message}`", "type"
-    for field, place in places.items():
-        yield f"`{field}`", f"`{place}`", f"`{_type_at(message, place)}`"
-
-
-def _type_at(message: str, place: str) -> str:
-    """Return the type of a dotted place; `[0]` is the entry of an array of at most one."""
-    found = message
-    for part in place.split("."):
-        name = part.removesuffix("[0]")
-        text = (MESSAGES / f"{found}.msg").read_text(encoding="utf-8")
-        (found,) = re.findall(rf"^(\S+) +{name}(?: |$)", text, re.MULTILINE)
-        if part != name:
-            found = found.partition("[")[0]
-    return found
-
-
-def status_names() -> Iterator[tuple[str, ...]]:
-    yield "code", "0.2", "0.3"
-    for name, status in Status.__members__.items():
-        if name != status.name:
-            yield str(int(status)), f"`{name}`", f"`{status.name}`"
-
-
-def scenario_names() -> Iterator[tuple[str, ...]]:
-    yield "0.2", "0.3"
-    for block, kind in (
-        *(("robot.", RobotFile), ("", PlanningProblem), ("approach.", Approach)),
-        ("", PlanningTask),
-    ):
-        for key, one in declared(kind).items():
-            if one.formerly:
-                yield f"`{block}{one.formerly}`", f"`{block}{key}`"
-    for word, present in FORMER_END_BEHAVIOURS.items():
-        yield f"`end_behaviour: {word}`", f"`end_behaviour: {present}`"
-
-
-def parameter_names() -> Iterator[tuple[str, ...]]:
-    yield "0.2", "0.3"
-    for name, present in FORMER_NAMES.items():
-        yield f"`{name}`", f"`{present}`"
 
 
 def parameters() -> Iterator[tuple[str, ...]]:

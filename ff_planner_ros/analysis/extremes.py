@@ -231,7 +231,7 @@ def joint_extremes(
 
 
 def _torque(at_points: Array, peak: Sequence[float]) -> float:
-    """Return the largest torque [N m]; an older plan's peak may be missing or NaN."""
+    """Return the largest torque [N m]; the peak may be missing or NaN."""
     return float(max([at_points.max(), *(value for value in peak if np.isfinite(value))]))
 
 

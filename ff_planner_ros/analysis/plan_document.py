@@ -89,7 +89,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     described = _entry(answer, "robot")
     urdf, base_link, tip_link = (str(_entry(described, name, "robot.")) for name in _ROBOT)
     base = a_word(Base).read("robot.base", described.get("base", Base.FREE_FLYER))
-    kept_clear = None  # what the URDF has: none of earlier versions' answers has a <collision>
+    kept_clear = None  # as the URDF says
     if isinstance(answer, dict) and "geometry" in answer:
         kept_clear = a_word(Geometry).read("geometry", answer["geometry"])
     wheels, weight = wheels_of_robot_read(described), slide_weight_read(described)
@@ -124,8 +124,7 @@ def plan_document(answer: Any) -> PlanDocument:
     found = {
         item.name: _entry(metrics, item.name, "metrics.")
         for item in fields(Metrics)
-        # Dictionaries of older versions lack what has a default.
-        if item.default is MISSING or item.name in metrics
+        if item.default is MISSING or item.name in metrics  # an empty one is not written
     }
     peaks = peaks_read(robot, found)
     values: dict[str, Any] = peaks | {
@@ -133,11 +132,7 @@ def plan_document(answer: Any) -> PlanDocument:
         for name, value in found.items()
         if name not in peaks
     }
-    told = {
-        item.name: _entry(solver, item.name, "solver.")
-        for item in fields(SolverReport)
-        if item.default is MISSING or item.name in solver
-    }
+    told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
     for name in ("starts", "iterations", "rollouts"):
         told[name] = int(finite_number(f"solver.{name}", told[name]))
     told["optimality"] = _number("solver.optimality", told["optimality"])

@@ -35,12 +35,11 @@ from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 # Of the problem, as a scenario has it.
 _ASKED = ("target", "target_body", "duration", "objective", "obstacles", *OF_PROBLEM)
 ASKED: DeclaredFields = {
-    key: replace(one, optional=True)  # older dictionaries tell less
+    key: replace(one, optional=True)  # of a sequence the phases tell it
     for key, one in declared(PlanningProblem).items()
     if one.name in _ASKED
 }
-# Also by their names until version 0.3.
-ASKED_HEADS = {name for key, one in ASKED.items() for name in (key.partition(".")[0], one.formerly)}
+ASKED_HEADS = {key.partition(".")[0] for key in ASKED}
 # Of a target body at each point.
 BODY_ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
 

@@ -62,8 +62,7 @@ def solver_in(answer: Any) -> dict[str, Cell]:
     row = {
         column: _cell(value_at(answer, f"solver.{name}", None)) for column, name in _SOLVER.items()
     }
-    # Answers of earlier versions have none.
-    guess = {_GUESS: _LIBRARY if len(value_at(answer, "inputs.first_guess", ())) else None}
+    guess = {_GUESS: _LIBRARY if len(answer.inputs.first_guess) else None}
     if row["rollouts"]:
         return row | guess
     # A refusal without an attempt has zeros, which mean nothing.

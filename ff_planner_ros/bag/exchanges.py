@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from ff_planner_ros.bag.older_messages import present_answer, present_request
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
@@ -56,8 +55,8 @@ def exchanges(
 
     Args:
         bag: An open bag, which gets a note for each event that cannot be understood.
-        read_request: Called with each request, as a message of version 0.3.
-        read_response: Called with the event's message and the answer, also as of version 0.3; None
+        read_request: Called with each request, as it was decoded.
+        read_response: Called with the event's message and the answer, as it was decoded; None
             leaves the answer out.
 
     Raises:
@@ -88,29 +87,25 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
         name = topic.removesuffix(SERVICE_EVENTS)
         key = (name, _bytes(event.info.client_gid), int(event.info.sequence_number))
         if kind == REQUEST_RECEIVED:
-            yield from (
-                (SERVICE, name, key, present_request(request), None) for request in event.request
-            )
+            yield from ((SERVICE, name, key, one.request, None) for one in event.request)
         elif kind == RESPONSE_SENT:
-            yield from (
-                (SERVICE, name, key, None, present_answer(response)) for response in event.response
-            )
+            yield from ((SERVICE, name, key, None, one.answer) for one in event.response)
     elif message.type_name == GOAL_EVENT and kind == REQUEST_RECEIVED:
         name = topic.removesuffix(GOAL_EVENTS)
         for one in event.request:
-            yield ACTION, name, (name, _bytes(one.goal_id.uuid)), present_request(one.goal), None
+            yield ACTION, name, (name, _bytes(one.goal_id.uuid)), one.goal.request, None
     elif message.type_name == RESULT_EVENT and kind == RESPONSE_SENT:
         name = topic.removesuffix(RESULT_EVENTS)
         goals = [_bytes(one.goal_id.uuid) for one in event.request]
         for number, one in enumerate(event.response):
             goal = goals[number] if number < len(goals) else None
-            yield ACTION, name, (name, goal), None, present_answer(one.result)
+            yield ACTION, name, (name, goal), None, one.result.answer
 
 
 def answer_in(event: Any) -> Any:
-    """Return the answer in a decoded event of a response, as a message of version 0.3."""
+    """Return the answer in a decoded event of a response."""
     response = event.response[0]
-    return present_answer(value_at(response, "result", response))
+    return value_at(response, "result", response).answer
 
 
 def _bytes(values: Any) -> bytes:

@@ -61,14 +61,14 @@ class RecordedPlan:
     start_ns: int  # of the plan, since the epoch; zero without a plan
     # In the order of the trajectory's columns; of a refusal: as in the plan before, or else after
     joint_names: tuple[str, ...]
-    trajectory: Trajectory | None  # in the inertial frame, NaN where an old bag lacks it
+    trajectory: Trajectory | None  # in the inertial frame, NaN where the bag lacks it
     # Metrics of the plan, or of the best attempt if any; names as in `PlanMetrics.msg`
     metrics: Mapping[str, float | str | tuple[float, ...]]
     # Fields of the request, and figures of the solver, by column of the table of answers
     asked: Mapping[str, Cell] = field(default_factory=dict)  # empty: the bag lacks the request
     asked_ns: int = 0  # when the node received the request, by its clock; zero: not known
     solver: Mapping[str, Cell] = field(default_factory=dict)
-    # From the start to the goal, given or chosen [s]; None: no plan, or an earlier version's
+    # From the start to the goal, given or chosen [s]; None: no plan
     duration: float | None = None
     # Motion of the captured body, in the inertial frame, a row per point: `positions`,
     # `quaternions_xyzw`, `linear_velocities`, `angular_velocities`; empty: no capture
@@ -188,7 +188,7 @@ def _sliding(bag: Bag) -> frozenset[str]:
 
 
 def recorded_plan(message: Message, answer: Any) -> RecordedPlan:
-    """Return a decoded answer, a message of version 0.3, as plain arrays.
+    """Return a decoded answer as plain arrays.
 
     Raises:
         BagError: The answer cannot be understood, or its arrays do not fit each other.
@@ -252,7 +252,6 @@ def _target_body(answer: Any) -> dict[str, Array]:
         motion = trajectory_in(plan)
         if found is not None:
             found = found.followed_by(with_end_effector(motion, place, slice(1, None)))
-        # Plans of earlier versions capture none.
         elif value_at(plan, "target_path.poses", ()):
             poses = poses_in(plan.target_path, len(motion.time))
             twists = twists_in(plan.target_twists, len(motion.time))

@@ -83,14 +83,13 @@ def publications(bag: Bag) -> list[Publication]:
                 found.append(
                     Publication(
                         str(request.plan_id),
-                        # Until version 0.3 it was called otherwise.
-                        str(value_at(request, "requester", value_at(request, "asked_by", ""))),
+                        str(request.requester),
                         asked_ns,
                         stamp_ns,
                         status_name(int(status.code)),
                         str(status.message),
                         # A plan that was rejected is answered with SOLVED, too.
-                        status.code == Status.SOLVED and not value_at(request, "reject", False),
+                        status.code == Status.SOLVED and not request.reject,
                         None if state_ns is None else (asked_ns - state_ns) / NANOSECONDS,
                         heard[namespace].plan_before(logged_ns),
                     )
@@ -124,15 +123,7 @@ class _Heard:
 
     def state_ns(self, request: Any, asked_ns: int, logged_ns: int) -> int | None:
         """Return the stamp of the state that counted for a request: its own, or the latest."""
-        # Before version 0.3 there was one state, and another field said whether it counts.
-        brings = value_at(request, "use_start_state", None)
-        own = (
-            value_at(request, "start_state[0].header.stamp", None)
-            if brings is None
-            else request.start_state.header.stamp
-            if brings
-            else None
-        )
+        own = value_at(request, "start_state[0].header.stamp", None)
         if own is not None:
             return nanoseconds(own) or asked_ns  # zero: as if measured now
         return self._states.get(logged_ns)

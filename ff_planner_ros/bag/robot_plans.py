@@ -31,8 +31,7 @@ from ff_planner_ros.planning.problem.problem import Limits, carried, with_attach
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.planning.task.following import held_body
-from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 
 _ANGLES = ("chaser_attitude", "chaser_rotation")  # of the chaser, that have limits
@@ -247,18 +246,13 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
     try:
         links = links["robot"]
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
-        # Bags of earlier versions lack it: there was no other base.
-        base = str(links.get("base", Base.FREE_FLYER))
-        held = str(links.get("locked_joints", links.get("held_joints", "")))
-        # Earlier versions planned with lines.
-        geometry = str(links.get("geometry", Geometry.LINES))
-        told = {name: tuple(given) for name, given in links.get("wheels", {}).items()}
+        base, geometry = str(links["base"]), str(links["geometry"])
+        held = str(links["locked_joints"])
+        told = {name: tuple(given) for name, given in links["wheels"].items()}
         wheels = replace(OWN_WHEELS, **told)
-        slide_weight = float(links.get("slide_weight", 0.0))  # they locked prismatic joints
+        slide_weight = float(links["slide_weight"])
     except (InvalidInput, LookupError, TypeError, ValueError, AttributeError):
-        raise BagError(
-            f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
-        ) from None
+        raise BagError(f"bag {bag}: its parameters.yaml lacks parameters robot.*") from None
     named = "robot.urdf", base_link, tip_link
     robot = RobotParameters(wheels, *named, base, held, geometry, "", slide_weight)
     return robot.load(urdf)

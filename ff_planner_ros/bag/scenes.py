@@ -95,10 +95,9 @@ def _told(request: Any, name: str) -> Any:
 
 
 def stamps_of(answer: Any) -> Stamps:
-    """Return the stamps in a decoded answer; answers of earlier versions have fewer."""
+    """Return the stamps in a decoded answer."""
     names = ("obstacles_stamp", "target_body_stamp", "obstacle_bodies_stamp")
-    times = (value_at(answer, f"inputs.{name}", None) for name in names)
-    spheres_ns, body_ns, bodies_ns = (0 if time is None else nanoseconds(time) for time in times)
+    spheres_ns, body_ns, bodies_ns = (nanoseconds(value_at(answer.inputs, name)) for name in names)
     return Stamps(spheres_ns, body_ns, value_at(answer, "plans[0].duration", 0.0), bodies_ns)
 
 
@@ -128,7 +127,6 @@ def scene_at_start(
         if bodies is None:
             return None
         found += carried(bodies, (start_ns - stamps.bodies_ns) / NANOSECONDS)
-    # Answers of earlier versions lack it: the request gave the duration.
     captured = stamps.duration or told.scene.capture_time
     if not told.captures:
         return replace(told.scene, obstacles=found, capture_time=captured)
@@ -199,7 +197,7 @@ class ReceivedScenes:
 
 
 def obstacles_in(scene: Any) -> Obstacles | None:
-    """Return the obstacles in a message, at its stamp; messages of earlier versions lack bodies."""
+    """Return the obstacles in a message, at its stamp; None: they are invalid."""
     try:
         return (
             *(Sphere(**values_in(Sphere, one)) for one in value_at(scene, "spheres", ())),

@@ -12,7 +12,6 @@ from ff_planner_ros.commands.campaigns import require_packages
 from ff_planner_ros.commands.options import (
     Add,
     add_output,
-    add_renamed,
     refuse_given,
     require_file,
     require_new_directory,
@@ -35,7 +34,7 @@ def add_replay(add: Add) -> None:
         "not depend on its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
         "all in the bag; 2 bad bag.",
     )
-    changes = replay.add_argument(
+    replay.add_argument(
         "--set",
         action="append",
         dest="changes",
@@ -44,7 +43,6 @@ def add_replay(add: Add) -> None:
         "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...; an unknown "
         "key gets the list)",
     )
-    add_renamed(replay, "--with", changes)
     report_help = "with --set: write a page that lays the changed plans over the recorded ones"
     add_output(replay, "--report", "FILE", report_help, require_file)
 

@@ -12,7 +12,6 @@ from ff_planner_ros.commands import NO_PLAN, SCENARIOS, SOLVED
 from ff_planner_ros.commands.options import (
     Add,
     add_output,
-    add_renamed,
     refuse_given,
     require_directory,
     require_file,
@@ -41,13 +40,12 @@ def add_plan(add: Add) -> None:
     add_output(plan, "--bag", "DIR", bag_help, require_new_directory)
     draw_help = "draw the plan, of phases the first: figures over time as PNG and PDF, and a scene"
     add_output(plan, "--draw", "DIR", draw_help, require_directory)
-    pareto = plan.add_argument(
+    plan.add_argument(
         "--pareto",
         action="store_true",
         help="plan with several weights, from minimum joint path to minimum chaser attitude; print "
         "and draw the Pareto front",
     )
-    add_renamed(plan, "--front", pareto)
     output_help = "of the picture of --pareto (default: pareto)"
     add_output(plan, "--output", "DIR", output_help, require_directory)
 

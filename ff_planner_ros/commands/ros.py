@@ -11,7 +11,6 @@ from ff_planner_ros.commands import INTERRUPTED, SOLVED
 from ff_planner_ros.commands.options import (
     Add,
     add_output,
-    add_renamed,
     refuse_given,
     require_directory,
     require_file,
@@ -145,7 +144,7 @@ def add_demo(add: Add) -> None:
         help="capture: one of the testbeds below, executed in real time (default); whole_capture: "
         "approach, grasp, stop and stow in one request, executed in real time, then in MuJoCo",
     )
-    testbed = demo.add_argument(
+    demo.add_argument(
         "--testbed",
         choices=("lemur", "lines", "planar", "tumbling", "following"),
         default=_TESTBED,
@@ -154,7 +153,6 @@ def add_demo(add: Add) -> None:
         "tumbling: of a body that tumbles; following: by an arm that is heavier than its model, "
         "replanned five times a second",
     )
-    add_renamed(demo, "--scene", testbed)
     output_help = "of the results (default: %(default)s)"
     add_output(demo, "--output", "DIR", output_help, require_directory)
     demo.set_defaults(output=Path("demo_output"))

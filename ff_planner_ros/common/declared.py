@@ -6,7 +6,6 @@ file all derive from these declarations.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
@@ -41,8 +40,6 @@ class DeclaredField:
     message: str | None = None
     optional: bool = False  # whether a file may omit it although the class has no default
     brief: bool = False  # whether files that are written omit the default
-    late: bool = False  # whether digests omit the default: some are older than the field
-    formerly: str = ""  # its key, of one level, until version 0.3: deprecated
     # An alternative key, its form and its description
     instead: tuple[str, Form, str] | None = None
     # Another key, its value with which this field may be omitted, and the field's value then
@@ -154,33 +151,8 @@ def read_keys(
         named: Name of the mapping in errors of values that were read; empty: `field`.
     """
     read = dict[str, Any]()
-    value = _with_present_keys(known, field, value, faults)
     _read_level(known, (field, named or field), value, "", (faults, read))
     return read
-
-
-def _with_present_keys(known: DeclaredFields, field: str, value: object, faults: Faults) -> object:
-    """Return a mapping in which deprecated keys have their present names, and tell of them."""
-    formerly = {one.formerly: key for key, one in known.items() if one.formerly}
-    if not isinstance(value, dict) or not formerly.keys() & value.keys():
-        return value
-    present: dict[str, Any] = {key: value[key] for key in value if key not in formerly}
-    for old in (key for key in value if key in formerly):
-        *groups, last = formerly[old].split(".")
-        block: Any = present
-        for group in groups:
-            within = block.get(group, {})
-            block[group] = dict(within) if isinstance(within, dict) else within
-            block = block[group]
-            if not isinstance(block, dict):
-                break  # it is refused where it is read
-        else:
-            if last in block:
-                faults.add(dotted(field, old), "given twice", f"give {formerly[old]} alone")
-            block[last] = value[old]
-        words = f"{dotted(field, old)} is deprecated: say {dotted(field, formerly[old])}"
-        warnings.warn(words, FutureWarning, stacklevel=2)
-    return present
 
 
 def _read_level(

@@ -21,7 +21,7 @@ _ENTRY = "[0]"
 def value_at(message: Any, path: str, lacking: Any = MISSING) -> Any:
     """Return the value at a dotted path of a message, or `lacking` if there is none.
 
-    Messages of older versions lack fields; an array that holds `name[0]` may be empty.
+    A message of another definition may lack a field, and an array that holds `name[0]` be empty.
 
     Raises:
         AttributeError: There is none, and `lacking` is not given.
@@ -55,9 +55,8 @@ def values_in(
 ) -> dict[str, Any]:
     """Return the values of a class's declared fields in a message, by field name.
 
-    A field with a default is omitted where the message lacks it, as those of older versions do, and
-    where it is empty there although the default is not: a number or vector of zero, no text, no
-    entries.
+    A field with a default is omitted where the message lacks it, and where it is empty there
+    although the default is not: a number or vector of zero, no text, no entries.
 
     Args:
         field: Prefix of the keys in errors.

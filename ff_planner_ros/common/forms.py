@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sized
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -105,22 +104,13 @@ def a_whole_number(least: int, most: int | None = None) -> Form:
     return Form(integer, lambda: schema, checked)
 
 
-def a_word(words: Iterable[str], formerly: Mapping[str, str] | None = None) -> Form:
-    """Return the form of a choice between words, or between the members of an enumeration.
-
-    Args:
-        formerly: Deprecated words and their replacements.
-    """
+def a_word(words: Iterable[str]) -> Form:
+    """Return the form of a choice between words, or between the members of an enumeration."""
 
     def read(field: str, value: object) -> str:
         given = value if isinstance(value, str) else None
         for word in words:
             if given == word:
-                return word
-        for old, word in (formerly or {}).items():
-            if given == old:
-                words_now = f"{field}: {old} is deprecated: say {word}"
-                warnings.warn(words_now, FutureWarning, stacklevel=2)
                 return word
         *others, last = words
         allowed = f"it must be {', '.join(others)} or {last}"

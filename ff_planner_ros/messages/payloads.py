@@ -27,7 +27,7 @@ def robot_holding(robot: Robot, request: Any) -> Robot:
 
 
 def payload_in(request: Any) -> Payload | None:
-    """Return the payload of a request or a phase; None without one, as in older messages.
+    """Return the payload of a request or a phase; None without one.
 
     Raises:
         InvalidInput: The payload is invalid; the error names its field.

@@ -43,10 +43,7 @@ def plan_from_answer(answer: PlanAnswer) -> Plan:
 
 def metrics_from_message(message: PlanMetrics) -> Metrics:
     """Read the metrics of a plan or of the best attempt."""
-    # A message decoded from a bag of an earlier version lacks what has a default.
-    values: dict[str, Any] = {
-        item.name: value_at(message, item.name, item.default) for item in fields(Metrics)
-    }
+    values: dict[str, Any] = {item.name: value_at(message, item.name) for item in fields(Metrics)}
     for name, value in values.items():
         if not isinstance(value, str | float):
             values[name] = tuple(value)
@@ -55,6 +52,4 @@ def metrics_from_message(message: PlanMetrics) -> Metrics:
 
 def solver_report_from_message(message: SolverReportMessage) -> SolverReport:
     """Read the report on the search from an answer."""
-    # A message decoded from a bag of an earlier version lacks what has a default.
-    told = {one.name: value_at(message, one.name, one.default) for one in fields(SolverReport)}
-    return SolverReport(**told)
+    return SolverReport(**{one.name: value_at(message, one.name) for one in fields(SolverReport)})

@@ -15,8 +15,8 @@ REQUEST_RECEIVED, RESPONSE_SENT = 1, 2
 def recorded_name(type_name: str) -> str:
     """Return the type name that a bag records for a ROS type, `package/msg/Name`.
 
-    Parts of a service or an action are recorded as the message with the same bytes; before version
-    0.3 they kept their own name, `package/srv/Name_Event`.
+    Parts of a service or an action, `package/srv/Name_Event`, are recorded as the message with the
+    same bytes.
     """
     package, _, rest = type_name.partition("/")
     kind, _, name = rest.partition("/")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ff_planner_ros.common.arrays import Array, finite_vector
-from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.messages.trajectories import table
 from ff_planner_ros.planning.motion.plan import WheelMotion
@@ -20,7 +19,7 @@ def wheel_momenta_in(state: Any, field: str, robot: Robot) -> Array | None:
     Raises:
         InvalidInput: The robot has no wheels or another number, or a momentum is not finite.
     """
-    found = value_at(state, "wheel_momenta", ())  # older messages have none
+    found = state.wheel_momenta
     if not len(found):
         return None
     if robot.wheels is None:
@@ -35,7 +34,7 @@ def wheels_in(plan: Any) -> WheelMotion | None:
     Raises:
         ValueError: Its number of wheel points or of wheels is not the same throughout.
     """
-    told = value_at(plan, "wheels", ())  # older messages have none
+    told = plan.wheels
     if not len(told):
         return None
     points, count = len(plan.joint_trajectory.points), len(told[0].momenta)

@@ -29,15 +29,12 @@ from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW, PlannerSetti
 from ff_planner_ros.planning.problem.user_requirements import requirements_read
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import Defaults
-from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour
+from ff_planner_ros.planning.task.tail import EndBehaviour
 
 # Values of when_busy: what happens if a request arrives during another one.
 REJECT, PREEMPT = "reject", "preempt"
-# So old that the age does not matter, as that of obstacles did not until version 0.3 [s]. More than
-# the time since 1970, of what is not stamped.
+# So much that the age does not matter [s]: more than the time since 1970, of what is not stamped.
 ANY_AGE = 1e10
-# Locked joints may be so far elsewhere, or so fast, that it does not matter [rad, m, rad/s, m/s].
-ANY_PLACE = 1e10
 STATE_SOURCES = ("chaser_state", "odometry")
 
 
@@ -175,8 +172,7 @@ class NodeParameters:
         a_word(STATE_SOURCES).read("state_source", self.state_source)
         a_word((REJECT, PREEMPT)).read("when_busy", self.when_busy)
         _ = self.requirements  # refused here, not with the first request
-        word = a_word(EndBehaviour, FORMER_END_BEHAVIOURS).read("end_behaviour", self.end_behaviour)
-        object.__setattr__(self, "end_behaviour", str(word))
+        a_word(EndBehaviour).read("end_behaviour", self.end_behaviour)
 
     @cached_property
     def requirements(self) -> tuple[Requirement, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -33,27 +32,6 @@ _KINDS: Mapping[str, str] = {
     "number": "a number with a decimal point",
     "array": "an array of numbers with a decimal point",
 }
-# Names until version 0.3: deprecated.
-FORMER_NAMES: Mapping[str, str] = {
-    "planning_allowance": "planning_lead_time",
-    "state_max_lead": "state_future_tolerance",
-    "start_max_lead": "start_horizon",
-    "tail_duration": "post_goal_duration",
-    "robot.held_joints": "robot.locked_joints",
-    "replanning.allowance": "replanning.lead_time",
-    "planner.attitude_rounds": "planner.search",
-}
-
-
-def present_name(name: str) -> str:
-    """Return the present name of a parameter; warn if the given name is deprecated."""
-    if name not in FORMER_NAMES:
-        return name
-    present = FORMER_NAMES[name]
-    warnings.warn(f"{name} is deprecated: say {present}", FutureWarning, stacklevel=2)
-    return present
-
-
 # Full names of fields of NodeParameters that differ from the field's name.
 _FULL_NAMES = {"library": "planner.library", "plug_ins": "planner.plugins"}
 _FIELDS = {full: name for name, full in _FULL_NAMES.items()}
@@ -113,8 +91,7 @@ def flattened(document: Any) -> dict[str, Any]:
     """Return the values in a document of ROS parameters by full name, not checked.
 
     Raises:
-        InvalidInput: The document has not the structure that ROS expects, or gives a parameter by
-            its former and its present name.
+        InvalidInput: The document has not the structure that ROS expects.
     """
     nodes = mapping("", document, required=(), optional=("/**", "ff_planner", "/ff_planner"))
     values: dict[str, Any] = {}
@@ -123,11 +100,7 @@ def flattened(document: Any) -> dict[str, Any]:
         told = mapping(node, block, required=("ros__parameters",))["ros__parameters"]
         _flatten(told, "", of_node)
         values |= of_node
-    for name in FORMER_NAMES.keys() & values.keys():
-        if FORMER_NAMES[name] in values:
-            allowed = f"give {FORMER_NAMES[name]} alone"
-            raise InvalidInput(Status.OUT_OF_RANGE, name, "given twice", allowed)
-    return {present_name(name): value for name, value in values.items()}
+    return values
 
 
 def _flatten(block: Any, prefix: str, values: dict[str, Any]) -> None:

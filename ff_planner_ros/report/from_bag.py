@@ -182,9 +182,7 @@ def reported_request(
     """
     found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
-        names = [item.name for item in fields(Objective)]
-        # Older requests have no weight of the wheels.
-        weights = tuple(value_at(request.objective, name, 0.0) for name in names)
+        weights = tuple(value_at(request.objective, one.name) for one in fields(Objective))
         found = replace(found, weights=weights)
         if request.duration_max:
             found = replace(found, durations=(request.duration, request.duration_max))
@@ -237,8 +235,7 @@ def _phases(
         body_message = received.get(TARGET_BODY.name)
         body_message = request.target_body[0] if request.target_body else body_message
         told = asked_scene(request).scene
-        if answer.plans[0].duration:  # earlier versions do not tell: their duration was given
-            told = replace(told, capture_time=answer.plans[0].duration)
+        told = replace(told, capture_time=answer.plans[0].duration)
         if captures(request) and body_message is not None:
             body = target_body_from_message(body_message, body_message.header.frame_id)
             body = body.after(since_stamp(answer.inputs.target_body_stamp, answer))

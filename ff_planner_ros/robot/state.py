@@ -80,7 +80,6 @@ class SystemState:
         unit="rad/s2, m/s2",
         default=None,
         message="joint_accelerations",
-        late=True,
     )
     # Of each wheel that holds the chaser's attitude [N m s]; None: zero, or there are none
     wheel_momenta: Array | None = None

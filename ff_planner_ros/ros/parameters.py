@@ -26,9 +26,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
 from ff_planner_ros.parameters.interfaces import PublisherQos, QosParameters, SubscriptionQos
 from ff_planner_ros.parameters.values import (
-    FORMER_NAMES,
     allowed_values,
-    checked,
     parameters_of,
     replaced,
     unknown_parameter,
@@ -152,14 +150,6 @@ def changed(parameters: NodeParameters, changes: list[Parameter]) -> NodeParamet
 
 def _declared(node: Node) -> NodeParameters:
     overrides = node._parameter_overrides  # noqa: SLF001 (rclpy tells them nowhere else)
-    for former in FORMER_NAMES.keys() & overrides.keys():
-        given, name = overrides.pop(former), FORMER_NAMES[former]
-        node.get_logger().warning(f"{former} is deprecated: say {name}")
-        # A number where a word is read today keeps its meaning.
-        is_word = "enum" in DECLARATIONS[name].form.schema()
-        value = str(checked(name, given.value)) if is_word else given.value
-        present = Parameter(name, value=value) if is_word else Parameter(name, given.type_, value)
-        overrides.setdefault(name, present)
     _take_qos_overrides(node, overrides)
     values: dict[str, Any] = {}
     for name, declaration in DECLARATIONS.items():
@@ -225,10 +215,10 @@ def _descriptor(name: str, declaration: DeclaredField) -> ParameterDescriptor:
         read_only=name in _AT_START,
         additional_constraints=when,
     )
-    if schema["type"] == "integer":
+    if schema.get("type") == "integer":
         low, high = schema["minimum"], schema.get("maximum", 2**63 - 1)
         descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
-    elif schema["type"] == "number":
+    elif schema.get("type") == "number":
         low, high = schema.get("minimum", -math.inf), schema.get("maximum", math.inf)
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor

@@ -129,7 +129,7 @@ def _values(answer: PlanAnswer) -> Iterator[tuple[str, Array]]:
 
 def _difference(name: str, before: Array, now: Array, robot: Robot | None) -> Difference | None:
     if name.startswith("metrics.") and np.isnan(before).all() and before.size:
-        return None  # an earlier version did not measure it
+        return None  # it was not recorded
     if before.shape != now.shape:
         shapes = f"shapes {_shape(before)} before and {_shape(now)} now"
         return Difference(name, math.inf, shapes, QUANTITIES[name].unit)

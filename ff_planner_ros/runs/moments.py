@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from ff_planner_ros.common.declared_messages import value_at
-from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.errors import Status
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.runs.installed import PlanExchange
@@ -14,29 +13,15 @@ from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 
 def moment(exchange: PlanExchange, recorded: RecordedParameters) -> tuple[int, Moment]:
     """Return when the node read a request, by its own clock [ns] and by the recorder's."""
-    now_ns = _received(exchange, recorded)
+    response, now_ns = exchange.response, exchange.received_ns or exchange.logged_ns
+    if response is not None and nanoseconds(response.inputs.received_stamp):
+        now_ns = nanoseconds(response.inputs.received_stamp)
     # The request may have waited for another one.
     waited_ns = now_ns - exchange.received_ns if exchange.received_ns else 0
     stamps_ns = _stamps(exchange, recorded.at(now_ns))
     # Zero: not named, the message heard last was used.
     named = {name: stamp_ns for name, stamp_ns in stamps_ns.items() if stamp_ns}
     return now_ns, Moment(exchange.logged_ns + waited_ns, named, tuple(stamps_ns))
-
-
-def _received(exchange: PlanExchange, recorded: RecordedParameters) -> int:
-    request, response = exchange.request, exchange.response
-    if response is not None and nanoseconds(response.inputs.received_stamp):
-        return nanoseconds(response.inputs.received_stamp)
-    received_ns = exchange.received_ns or exchange.logged_ns
-    # Answers of earlier versions lack it: the time follows from other fields.
-    if request is not None and response is not None and response.status.code == Status.SOLVED:
-        if request.start_state and not nanoseconds(request.start_state[0].header.stamp):
-            return nanoseconds(response.inputs.state_stamp)
-        if response.plans and not nanoseconds(request.start_time):
-            allowance = recorded.at(received_ns).planning_lead_time
-            start_ns = nanoseconds(response.plans[0].joint_trajectory.header.stamp)
-            return start_ns - round(allowance * NANOSECONDS)
-    return received_ns
 
 
 def _stamps(exchange: PlanExchange, parameters: NodeParameters) -> dict[str, int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -13,13 +12,11 @@ from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
-from ff_planner_ros.parameters.node import ANY_AGE, ANY_PLACE
-from ff_planner_ros.parameters.values import flattened, parameters_of, present_name, replaced
+from ff_planner_ros.parameters.values import flattened, parameters_of, replaced
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs.installed import as_installed
 
 _ATTACHED = "parameters.yaml"
-NOT_AT_END = "allow_nonzero_velocity_at_trajectory_end"
 # Where a message has the value of a parameter, by its type; rclpy, which knows this too, loads a
 # middleware.
 _FIELD_OF_TYPE = {
@@ -42,10 +39,8 @@ class RecordedParameters:
         """
         self.notes: list[str] = []  # what had to be assumed
         self._changes: list[tuple[int, NodeParameters]] = []
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FutureWarning)  # nobody can change what a bag says
-            self._at_start = self._attached(bag)
-            self._read_changes(bag, node)
+        self._at_start = self._attached(bag)
+        self._read_changes(bag, node)
 
     def _read_changes(self, bag: Bag, node: str) -> None:
         current = self._at_start
@@ -56,7 +51,7 @@ class RecordedParameters:
             values = [*told.new_parameters, *told.changed_parameters]
             try:
                 for one in values:
-                    current = replaced(current, present_name(one.name), _value(one.value))
+                    current = replaced(current, one.name, _value(one.value))
             except (InvalidInput, TypeError) as error:
                 raise BagError(f"bag {bag.path}: {message.topic}: {error}") from None
             self._changes.append((nanoseconds(told.stamp), current))
@@ -74,14 +69,7 @@ class RecordedParameters:
             raise BagError(f"bag {bag.path} has no {_ATTACHED} attached, or an empty one") from None
         except (InvalidInput, TypeError, ValueError):
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
-        # Without these in a bag of `ff-planner plan --bag` of an earlier version, plans started at
-        # once, moving obstacles were of any age, prismatic joints were locked, and locked ones
-        # could be anywhere.
-        before: dict[str, Any] = {"planning_lead_time": 0.0, "obstacles_max_age": ANY_AGE}
-        before |= {"robot.slide_weight": 0.0, "locked_joint_tolerance": ANY_PLACE}
-        # And plans ended at their goal, which until version 0.3 was the default.
-        before |= {"end_behaviour": "none", f"controller.{NOT_AT_END}": True}
-        assumed = dict(default_values()) | before
+        assumed = default_values()
         unknown = [name for name in values if name not in assumed]
         if unknown:
             names = ", ".join(unknown)
@@ -93,7 +81,7 @@ class RecordedParameters:
                 f"parameters that are not in the bag, taken as in this version: {names}"
             )
         try:
-            return parameters_of(assumed | values)
+            return parameters_of({**assumed, **values})
         except (InvalidInput, TypeError, ValueError, AttributeError) as error:
             raise BagError(f"bag {bag.path}: its {_ATTACHED}: {error}") from None
 

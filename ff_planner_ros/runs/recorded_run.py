@@ -136,7 +136,7 @@ def recorded_run(bag: Bag) -> RecordedRun:
                 ),
             )
         )
-    notes = (*bag.notes, *recorded.notes, *_assumed(found))
+    notes = (*bag.notes, *recorded.notes)
     return RecordedRun(robot, tuple(requests), provenance, notes)
 
 
@@ -189,23 +189,17 @@ def _require_all(
 def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> PublishedPlan | None:
     """Return the plan that the joints followed, or may have followed, at a request."""
     response = exchange.response
-    solved_before = solved = [
-        one.response
+    if response is None or not (followed := response.inputs.previous_plan_id):
+        return None
+    by_id = {
+        one.response.plan_id: one.response
         for one in before
         if one.response is not None and one.response.status.code == Status.SOLVED
-    ]
-    if response is not None and nanoseconds(response.inputs.received_stamp):
-        followed = response.inputs.previous_plan_id
-        if not followed:
-            return None
-        solved = [one for one in solved if one.plan_id == followed]
-        if not solved:
-            raise BagError(f"plan {followed}, which the joints followed, is not in the bag")
-    if not solved:
-        return None
-    by_id = {one.plan_id: one for one in solved_before}
-    now_ns = 0 if response is None else nanoseconds(response.inputs.received_stamp)
-    return _with_those_before(solved[-1], by_id, now_ns)
+    }
+    if followed not in by_id:
+        raise BagError(f"plan {followed}, which the joints followed, is not in the bag")
+    now_ns = nanoseconds(response.inputs.received_stamp)
+    return _with_those_before(by_id[followed], by_id, now_ns)
 
 
 def _with_those_before(
@@ -237,21 +231,3 @@ def _plan_in(answer: PlanAnswer) -> PublishedPlan:
     except (ValueError, IndexError) as error:
         raise BagError(f"plan {answer.plan_id}, which the joints followed, is damaged") from error
     return PublishedPlan(answer.plan_id, plan.trajectory, start_ns, duration=plan.duration)
-
-
-def _assumed(found: Sequence[PlanExchange]) -> list[str]:
-    """Return a note on responses of earlier versions, which lack some fields."""
-    early = sum(
-        one.response is not None
-        and one.response.status.code < Status.INTERNAL_ERROR
-        and not nanoseconds(one.response.inputs.received_stamp)
-        for one in found
-    )
-    if not early:
-        return []
-    words = (
-        f"{early} answers do not say when the node read their requests (they are of an earlier "
-        "version): that time, the obstacles and the running plan are derived from the times at "
-        "which messages were recorded"
-    )
-    return [words]

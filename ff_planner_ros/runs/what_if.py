@@ -162,7 +162,7 @@ def _cells(answer: PlanAnswer | None) -> tuple[str, ...]:
         status_name(answer),
         f"{metrics.joint_path_length:.4f}",
         f"{math.degrees(metrics.max_chaser_euler):.3f}",
-        # Not known of what an earlier version recorded.
+        # Not known if it was not recorded.
         _NONE if math.isnan(rotation) else f"{math.degrees(rotation):.3f}",
         f"{metrics.min_clearance * 1e3:.2f}",
         f"{answer.solver.solve_time:.2f}",

@@ -42,7 +42,7 @@ class Metric:
     def shown(self, value: float | Sequence[float]) -> str:
         """Return the value for a table, without its unit; of several values the largest."""
         if np.isnan(value).any() or np.size(value) == 0:
-            return "none"  # not known, as in a bag of an older version
+            return "none"  # not known
         if np.isinf(value).any():
             return _WITHOUT.get(self.name, "no obstacles")
         return format(self.in_shown_unit(value), self.digits)

@@ -68,7 +68,6 @@ class Approach:
         unit="rad",
         default=HALF_ANGLE,
         message="half_angle",
-        formerly="cone",
     )
 
     __repr__ = in_a_line

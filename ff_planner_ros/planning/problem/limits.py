@@ -61,14 +61,12 @@ class Limits:
         unit="rad/s2",
         default=None,
         message="accelerations",
-        late=True,
     )
     joint_torques: bool = declare(
         FROM_URDF,
         "joint torque limits",
         key="effort",
         default=True,
-        late=True,
     )
     chaser_rotation: float = declare(  # infinite: any
         or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
@@ -78,7 +76,6 @@ class Limits:
         default=math.inf,
         message="chaser_rotation[0]",
         brief=True,
-        late=True,
     )
     grasp_force: float = declare(  # infinite: any
         or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
@@ -87,7 +84,6 @@ class Limits:
         default=math.inf,
         message="grasp_force[0]",
         brief=True,
-        late=True,
     )
     grasp_torque: float = declare(  # infinite: any
         or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
@@ -96,7 +92,6 @@ class Limits:
         default=math.inf,
         message="grasp_torque[0]",
         brief=True,
-        late=True,
     )
     capture_impulse: float = declare(  # infinite: any
         or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
@@ -106,7 +101,6 @@ class Limits:
         default=math.inf,
         message="capture_impulse[0]",
         brief=True,
-        late=True,
     )
 
     def __post_init__(self) -> None:

@@ -36,7 +36,6 @@ class Objective:
         brief=True,
         default=0.0,
         message="duration",
-        late=True,
     )
     wheel_momentum: float = declare(
         a_number(at_least=0.0),
@@ -45,7 +44,6 @@ class Objective:
         brief=True,
         default=0.0,
         message="wheel_momentum",
-        late=True,
     )
 
     def __post_init__(self) -> None:

@@ -66,7 +66,6 @@ class Sphere:
         brief=True,
         default_factory=zero_vector,
         message="twist.linear",
-        late=True,
     )
     body: TargetBody | None = None  # that it is fixed to, if any
     place_in_body: Array | None = None  # of its centre then, in the body's frame; shape (3,) [m]

@@ -146,7 +146,6 @@ class PlanningProblem:
         "trajectory parameterisation, the family of paths that is searched",
         default=Parametrisation.AUTO,
         message="search.parametrisation",
-        late=True,
     )
     # At the goal from when on the end effector stays within the contact distance, and in the tail
     allowed_collisions: tuple[str, ...] = declare(
@@ -154,7 +153,6 @@ class PlanningProblem:
         "pairs that may touch at the goal and, if they touch there, at the start, link/obstacle or "
         "link/link",
         key="allowed_collisions.pairs",
-        formerly="allowed_at_goal",
         brief=True,
         default=(),
         message="goal.allowed_collisions[0].pairs",
@@ -164,7 +162,6 @@ class PlanningProblem:
         "distance of the end effector from its goal, or from where it began, within which they may "
         "touch",
         key="allowed_collisions.distance",
-        formerly="contact_distance",
         unit="m",
         brief=True,
         default=CONTACT_DISTANCE,
@@ -175,7 +172,6 @@ class PlanningProblem:
         part(TargetBody),
         "instead of target: a freely moving body, at the plan's first point",
         default=None,
-        late=True,
     )
     # Goal of the joints: the target is then a placeholder. None: the target is the goal
     posture: Posture | None = None
@@ -186,14 +182,12 @@ class PlanningProblem:
         "straight corridor of the last stretch; default: none",
         default=None,
         message="goal.approach[0]",
-        late=True,
     )
     camera: Camera | None = declare(
         part(Camera),
         "fixed to a link, that keeps the goal in view; default: no view is kept",
         default=None,
         message="camera[0]",
-        late=True,
     )
     requirements: tuple[Requirement, ...] = declare(
         REQUIRED,
@@ -201,7 +195,6 @@ class PlanningProblem:
         "`ff_planner_ros.requirements`",
         brief=True,
         default=(),
-        late=True,
     )
 
     FACTS = ("robot", "duration", "points", "obstacles", "posture", "target")

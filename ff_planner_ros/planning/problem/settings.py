@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes
-from ff_planner_ros.common.forms import Form, a_number, a_whole_number, a_word
+from ff_planner_ros.common.forms import a_number, a_whole_number, a_word
 
 
 class Strictness(NamedTuple):
@@ -73,24 +73,6 @@ class SearchDepth(StrEnum):
     QUICK = "quick"
     NORMAL = "normal"
     THOROUGH = "thorough"
-
-
-# Highest value of `attitude_rounds`, the parameter until version 0.3, that each depth replaces.
-FORMER_ROUNDS = {SearchDepth.QUICK: 0, SearchDepth.NORMAL: 3, SearchDepth.THOROUGH: 9}
-
-
-def a_search_depth() -> Form:
-    """Return the form of a depth; it reads a number of rounds as the depth that replaces it."""
-    word = a_word(SearchDepth)
-
-    def read(field: str, value: object) -> SearchDepth:
-        if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
-            enough = (depth for depth, rounds in FORMER_ROUNDS.items() if value <= rounds)
-            return next(enough, SearchDepth.THOROUGH)
-        return SearchDepth(word.read(field, value))
-
-    schema = {"type": "string", "enum": [str(depth) for depth in SearchDepth]}
-    return replace(word, read=read, schema=lambda: schema, checked=read, from_message=read)
 
 
 # A normal error exceeds three standard deviations to one side once in 740 times.
@@ -189,13 +171,12 @@ class PlannerSettings:
         maximum=1_000,
     )
     search: SearchDepth = declare(
-        a_search_depth(),
+        a_word(SearchDepth),
         "Depth of the search for a better attitude, if it has a weight: quick, normal or thorough; "
         "a deeper search never gives a worse plan. If attitude is a minor part of the objective "
         "and no other guess looks better, the optimum nearest to the plan of minimum joint path is "
         "kept",
         optional=True,
-        formerly="attitude_rounds",
     )
     joint_spline_spans: int = tunable(
         "Spans of each joint's spline; more spans follow more winding paths around obstacles, at a "
@@ -260,7 +241,6 @@ class PlannerSettings:
         unit="m/s",
         brief=True,
         default=0.0,
-        late=True,
         strictness=STRICT_IF_HIGH,
     )
     capture_turn_rate_tolerance: float = declare(
@@ -269,7 +249,6 @@ class PlannerSettings:
         unit="rad/s",
         brief=True,
         default=0.0,
-        late=True,
         strictness=STRICT_IF_HIGH,
     )
 
@@ -279,7 +258,6 @@ class PlannerSettings:
         "cores; the plan does not depend on it",
         brief=True,
         default=4,
-        late=True,
     )
 
     def __post_init__(self) -> None:

@@ -98,7 +98,6 @@ class Target:
         brief=True,
         default=Orientation.FIXED,
         message="orientation",
-        late=True,
     )
     # Of unit length; None unless orientation is ABOUT_AXIS
     free_axis_in_ee: Array | None = declare(
@@ -108,7 +107,6 @@ class Target:
         frame="in the end effector's frame",
         default=None,
         message="free_axis",
-        late=True,
     )
 
     FACTS = ("position", "quaternion_xyzw", "linear_velocity", "angular_velocity", "orientation")

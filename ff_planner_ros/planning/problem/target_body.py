@@ -138,7 +138,6 @@ class TargetBody:
         brief=True,
         default=0.0,
         message="inertia.m",
-        late=True,
     )
     obstacles: tuple[AttachedSphere | AttachedBody, ...] = declare(
         each(one_of_parts("shape", part(AttachedBody), part(AttachedSphere))),

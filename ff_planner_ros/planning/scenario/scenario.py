@@ -91,7 +91,6 @@ class RobotFile:
         "locked joints and their positions; default: all joints that are not between base and tip, "
         "at zero",
         unit="rad, m",
-        formerly="held_joints",
         default=None,
     )
     geometry: Geometry | None = declare(

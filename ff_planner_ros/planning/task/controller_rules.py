@@ -59,7 +59,6 @@ class Controller:
         "constraints.stopped_velocity_tolerance; 0: it gives none up for that",
         unit="rad/s",
         default=0.0,
-        late=True,
     )
 
     @property

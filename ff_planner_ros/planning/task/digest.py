@@ -1,4 +1,4 @@
-"""The digest of a task: a hash that is equal for equal tasks, also across versions."""
+"""The digest of a task: a hash that is equal for equal tasks."""
 
 from __future__ import annotations
 
@@ -10,29 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.planning.problem.problem import (
     ObstacleBody,
     PlanningProblem,
     Sphere,
     TargetBody,
 )
-from ff_planner_ros.planning.problem.settings import FORMER_ROUNDS, PlannerSettings, SearchDepth
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import Requirement
-from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.robot.collision.bodies import defining_numbers
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
-from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
 _DIGITS = 16
-# What fields were called until version 0.3: the digest of a task stays what it was.
-_DIGESTED_AS = {
-    "allowed_collisions": "allowed_at_goal",
-    "half_angle": "cone",
-    "search": "attitude_rounds",
-}
 
 
 def digest_of(value: Any) -> str:
@@ -48,11 +40,8 @@ def canonical(value: Any) -> Iterator[bytes]:
         yield from _canonical_fields(value)
     elif value is None or isinstance(value, bool):
         yield repr(value).encode()
-    elif isinstance(value, SearchDepth):
-        yield from canonical(FORMER_ROUNDS[value])
     elif isinstance(value, str):
-        word = "as_planned" if value is EndBehaviour.NONE else str(value)
-        text = word.encode(errors="surrogatepass")
+        text = value.encode(errors="surrogatepass")
         yield b"s%d:" % len(text) + text
     elif isinstance(value, np.ndarray):
         # Zeros are equal, whatever their sign.
@@ -70,45 +59,35 @@ def _canonical_fields(value: Any) -> Iterator[bytes]:
         yield from canonical(value.name)
     for item in fields(value):
         if not _is_absent(value, item.name):
-            yield from canonical(_DIGESTED_AS.get(item.name, item.name))
+            yield from canonical(item.name)
             yield from canonical(getattr(value, item.name))
 
 
 def _parts_of_robot(robot: Robot) -> list[Any]:
-    """Return the properties of a robot that plans depend on, without defaults that came later."""
-    parts: list[Any] = [robot.urdf, robot.base_link, robot.tip_link]
-    if robot.base is not Base.FREE_FLYER:
-        parts.append(robot.base)
-    if robot.wheels is not None:
-        parts.append(robot.wheels)
-    if robot.has_slides:
-        parts.append(robot.joint_weights)
+    """Return the properties of a robot that plans depend on."""
+    parts: list[Any] = [robot.urdf, robot.base_link, robot.tip_link, robot.base]
+    parts += [robot.wheels, robot.joint_weights, robot.geometry]
     if robot.geometry is not Geometry.LINES:
-        bodies = [(body.name, body.joint, *defining_numbers(body)) for body in robot.bodies]
-        parts += [robot.geometry, bodies, robot.pairs]
+        parts += [(body.name, body.joint, *defining_numbers(body)) for body in robot.bodies]
+        parts.append(robot.pairs)
     return parts
 
 
 def _is_absent(value: Any, name: str) -> bool:
-    """Tell whether a field follows from others, or says what older versions took for granted."""
-    kind: Any = type(value)
-    given = getattr(value, name)
-    if isinstance(value, Sphere | ObstacleBody) and value.body is not None:
-        return name not in ("id", "radius", "shape")
-    if isinstance(value, Solid | SystemState) and name in ("hull_added", "ee_at_rest"):
-        return True
-    if isinstance(value, PlanningProblem):
-        if name in ("allowed_collisions", "contact_distance"):
-            return not value.allowed_collisions
-        if name == "target":
-            return value.target_body is not None or value.posture is not None
-    if isinstance(value, TargetBody) and name in ("mass", "notes"):
-        return True  # a task that depends on the mass adds it
-    if name == "then":
-        return not given
-    if isinstance(value, PlannerSettings) and name in ("threads", "robust"):
-        return name == "threads" or not value.robust.sigmas  # no plan depends on threads
-    said = declared_by_name(kind).get(name)
-    if said is None:
-        return given is None
-    return said.late and bool(np.all(given == said.default))
+    """Tell whether a field follows from others, or no plan depends on it."""
+    match value:
+        case Sphere() | ObstacleBody():
+            return value.body is not None and name not in ("id", "radius", "shape")
+        case Solid():
+            return name == "hull_added"
+        case SystemState():
+            return name == "ee_at_rest"
+        case PlanningProblem():
+            if name == "target":
+                return value.target_body is not None or value.posture is not None
+            return name == "contact_distance" and not value.allowed_collisions
+        case TargetBody():
+            return name in ("mass", "notes")  # a task that depends on the mass adds it
+        case PlannerSettings():
+            return name == "threads" or (name == "robust" and not value.robust.sigmas)
+    return False

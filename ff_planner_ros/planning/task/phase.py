@@ -38,7 +38,7 @@ def of_problem(name: str, **default: Any) -> Any:
     """Declare a field of a phase like the field of PlanningProblem that has the name."""
     said = declared_by_name(PlanningProblem)[name]
     place = None if said.message is None else said.message.removeprefix(_SEARCH)
-    one = replace(said, optional=bool(default), formerly="", message=place)
+    one = replace(said, optional=bool(default), message=place)
     return field(metadata={"declared": one}, **default)
 
 
@@ -79,7 +79,6 @@ class Phase:
         message="effort",
         brief=True,
         default=0,
-        late=True,
     )
 
     FACTS = ("duration", "target", "target_body", "points")

@@ -32,7 +32,6 @@ from ff_planner_ros.planning.task.phase import (
     require_mass,
 )
 from ff_planner_ros.planning.task.tail import (
-    FORMER_END_BEHAVIOURS,
     EndBehaviour,
     tail_intervals,
 )
@@ -81,10 +80,9 @@ class PlanningTask:
         "of its own",
         unit="s from the state",
         default=None,
-        late=True,
     )
     end_behaviour: EndBehaviour = declare(
-        a_word(EndBehaviour, FORMER_END_BEHAVIOURS),
+        a_word(EndBehaviour),
         "behaviour of the arm after the goal",
         default=EndBehaviour.NONE,
         message="end_behaviour",
@@ -93,7 +91,6 @@ class PlanningTask:
         a_number(),
         "duration of the end behaviour",
         key="post_goal_duration",
-        formerly="tail_duration",
         unit="s",
         default=0.0,
     )
@@ -114,7 +111,6 @@ class PlanningTask:
         brief=True,
         default=0,
         message="search.effort",
-        late=True,
     )
 
     # What follows the goal, one after the other; the tail is behind the last

@@ -40,10 +40,6 @@ class EndBehaviour(StrEnum):
     STOP_JOINTS = "stop_joints"
 
 
-# Words until version 0.3: deprecated.
-FORMER_END_BEHAVIOURS = {"as_planned": EndBehaviour.NONE}
-
-
 def with_tail(
     problem: PlanningProblem,
     plan: Plan,

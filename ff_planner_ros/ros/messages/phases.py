@@ -51,7 +51,7 @@ _NAMES = names_in(Phase) | names_in(PlanningTask) | GOAL_JOINTS
 def phases_in(
     request: PlanRequest, robot: Robot, parameters: NodeParameters, body: TargetBody | None
 ) -> tuple[Phase, ...]:
-    """Return the phases that follow the goal of a request; older messages have none.
+    """Return the phases that follow the goal of a request.
 
     Args:
         body: Target body that phases capture, at the first point of the first phase; None: no
@@ -61,7 +61,7 @@ def phases_in(
         InvalidInput: A field of a phase is invalid; the error names it.
     """
     phases = []
-    for index, message in enumerate(value_at(request, FIELD, ())):
+    for index, message in enumerate(value_at(request, FIELD)):
         with fields_placed(f"{FIELD}[{index}]"), fields_named(_NAMES):
             phases.append(_phase(message, robot, parameters, body))
     if phases and body is not None and request.goal.kind == GoalKind.CAPTURE:

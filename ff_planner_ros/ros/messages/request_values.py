@@ -13,7 +13,6 @@ from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import places_in, write_value
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters.values import present_name
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -36,7 +35,6 @@ def split_setting(setting: str, known: Collection[str]) -> tuple[str, str]:
         InvalidInput: The text has no `=`, or its key is not in `known`.
     """
     key, equals, value = setting.partition("=")
-    key = present_name(key)
     if not equals:
         allowed = "it must read key=value, such as objective.chaser_attitude=1"
         raise InvalidInput(Status.OUT_OF_RANGE, "--set", setting, allowed)

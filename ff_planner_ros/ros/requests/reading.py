@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanInputs, PlanRequest
 
 from ff_planner_ros.common.arrays import finite_number
+from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.messages.target_bodies import NAMED_AS, captures
@@ -15,7 +16,7 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import TargetBody
-from ff_planner_ros.planning.problem.settings import PlannerSettings, a_search_depth
+from ff_planner_ros.planning.problem.settings import PlannerSettings, SearchDepth
 from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -278,7 +279,7 @@ def _require_after_state(start_ns: int, stamp_ns: int) -> None:
 
 def _settings(request: PlanRequest, parameters: NodeParameters) -> PlannerSettings:
     asked = request.search.depth or parameters.planner.search
-    return replace(parameters.planner, search=a_search_depth().checked("search.depth", asked))
+    return replace(parameters.planner, search=a_word(SearchDepth).checked("search.depth", asked))
 
 
 def _time_budget(request: PlanRequest, parameters: NodeParameters) -> Budget:
