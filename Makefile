@@ -159,7 +159,7 @@ FAULTS ?=
 mutants: env $(VENV)/extras_everyday
 	$(BIN)/python tools/faults.py $(FAULTS)
 
-# A part of the tests in a minute: one plan after the other, bags of earlier versions, one node. For
+# A part of the tests in a minute: one plan after the other, a recorded bag, one node. For
 # another Python: `make short-test PYTHON=python3.12 VENV=.venv_python3.12`.
 short-test: env $(VENV)/extras_everyday
 	$(BIN)/python -m pytest --numprocesses 2 $(addprefix test/test_,$(addsuffix .py,$(SHORT_TEST)))

@@ -44,7 +44,7 @@ def main(
             stream.reconfigure(errors="backslashreplace")  # a file's name may be any bytes
     # Where numbers grow beyond all bounds, the answer says so.
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
-    warnings.showwarning = _note  # such as names that are deprecated
+    warnings.showwarning = _note  # of libraries
     parser = make_parser()
     options, rest = parser.parse_known_args(arguments)
     joins = options.verb == "ask" or (options.verb == "console" and options.node is not None)

@@ -141,7 +141,7 @@ REMEDIES: Mapping[Status, Remedy] = {
     Status.SOLVER_DIED: Remedy(_LATER, "solver", "died", "a new one runs"),
     Status.BUSY: Remedy(_LATER, "when_busy", "reject", "one request at a time, or preempt"),
     Status.CANCELLED: Remedy(_LATER, "on_cancel", "discard", "best keeps the best plan so far"),
-    Status.PREEMPTED: Remedy(_LATER, "when_busy", "preempt", "reject keeps the older request"),
+    Status.PREEMPTED: Remedy(_LATER, "when_busy", "preempt", "reject keeps the first request"),
     Status.NOT_ACTIVE: Remedy(_LATER, "lifecycle state", "not active", "active"),
     Status.SHUT_DOWN: Remedy(_NEVER, "lifecycle state", "finalized", "active"),
     Status.CLOCK_JUMPED: Remedy(_LATER, "/clock", "jumped back", "time that goes on"),

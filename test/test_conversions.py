@@ -421,10 +421,10 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
             ),
             PlanStatus(
                 code=101,
-                message="chaser_state.header.stamp is 9 s ago: newer",
+                message="chaser_state.header.stamp is 9 s ago: not so old",
                 field="chaser_state.header.stamp",
                 value="9 s ago",
-                allowed="newer",
+                allowed="not so old",
                 retry=PlanStatus.LATER,
             ),
         ),

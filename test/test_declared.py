@@ -1,4 +1,4 @@
-"""Fields that are declared once: their places in messages, both ways, and what older ones lack."""
+"""Fields that are declared once: their places in messages, both ways."""
 
 from __future__ import annotations
 

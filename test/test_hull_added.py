@@ -113,7 +113,7 @@ def test_what_a_message_says_goes_before_its_triangles(task: PlanningTask) -> No
 
     message.bodies[0].hull_added = 0.4
     assert read() == [0.4]
-    message.bodies[0].hull_added = 0.0  # and of older versions
+    message.bodies[0].hull_added = 0.0
     assert read() == [0.0]
 
 

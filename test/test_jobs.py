@@ -143,5 +143,5 @@ def test_a_job_that_came_before_the_one_that_is_planned_does_not_take_its_place(
     jobs.open()
     newest = Job("newest", 2)
     with jobs.taken_up(newest, preempt=True):
-        assert status_of(jobs, Job("older", 1), preempt=True) is Status.PREEMPTED
+        assert status_of(jobs, Job("second", 1), preempt=True) is Status.PREEMPTED
         assert newest.cause is None

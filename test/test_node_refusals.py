@@ -88,7 +88,7 @@ def _set(path: str, value: Any) -> Callable[[PlanRequest], None]:
 
 
 def _age(seconds: float) -> Callable[[PlanRequest], None]:
-    """Return what makes the start state this much older, from a stamp of now."""
+    """Return what puts the start state so much before, from a stamp of now."""
 
     def spoil(request: PlanRequest) -> None:
         request.start_state[0].header.stamp.sec = round(time.time() - seconds)

@@ -139,14 +139,11 @@ def test_the_exit_code_tells_whether_every_answer_came_again(
     assert ("DIFFERENT" in capsys.readouterr().out) == (off == 1e-3)
 
 
-def exchange(
-    plan: Plan | None, plan_id: str, following: str = "", *, tells: bool = True
-) -> PlanExchange:
-    """A request and its answer; one of an earlier version does not tell what was followed."""
+def exchange(plan: Plan | None, plan_id: str, following: str = "") -> PlanExchange:
+    """A request and its answer."""
     response = refused(Status.COLLISION) if plan is None else answer_of(plan, start_ns=START)
     response.plan_id, response.inputs.previous_plan_id = plan_id, following
-    if tells:
-        response.inputs.received_stamp = time_message(START)
+    response.inputs.received_stamp = time_message(START)
     return PlanExchange("service", "/plan_trajectory", 0, 0, PlanRequest(), response)
 
 
@@ -169,11 +166,3 @@ def test_the_plan_that_was_followed_is_the_one_that_the_answer_names(lemur_plan:
     assert _published(before, exchange(plan, "run.5")) is None
     with pytest.raises(BagError, match=r"plan run\.3, which the joints followed"):
         _published(before, exchange(plan, "run.5", "run.3"))
-
-
-def test_an_answer_of_an_earlier_version_may_follow_the_last_plan(lemur_plan: Plan) -> None:
-    before = [exchange(lemur_plan, "run.1"), exchange(lemur_plan, "run.2"), exchange(None, "run.3")]
-    found = _published(before, exchange(lemur_plan, "run.4", tells=False))
-    assert found is not None
-    assert found.plan_id == "run.2"
-    assert _published([], exchange(lemur_plan, "run.4", tells=False)) is None

@@ -307,10 +307,9 @@ def test_what_the_arm_does_after_the_goal_lasts_as_long_as_the_parameter_says_or
     request = Scene(lemur_capture).request()
     assert asked(lemur_capture, request, end_behaviour="none").task.tail == 0.0
     assert asked(lemur_capture, request, end_behaviour="stop_joints").task.tail == 1.5
-    for word in ("come_home", "as_planned"):  # which version 0.2 had for none
-        request.end_behaviour = word
-        with pytest.raises(InvalidInput, match=rf"end_behaviour is '{word}'"):
-            asked(lemur_capture, request)
+    request.end_behaviour = "come_home"
+    with pytest.raises(InvalidInput, match="end_behaviour is 'come_home'"):
+        asked(lemur_capture, request)
 
 
 @pytest.mark.parametrize("joint", range(7))

@@ -114,7 +114,7 @@ def have_what_the_page_takes_for_granted(page: Path, directory: Path) -> None:
     if any("demo_output" in command.text for command in console(page)):
         demo = directory / "demo_output" / "demo_1"
         demo.mkdir(parents=True)
-        # A bag of this version: to replay one of an older version says that plans have changed.
+        # A bag of this state of the code: to replay another one may say that plans have changed.
         capture = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
         assert main(["plan", str(capture), "--bag", str(demo / "ff_planner_1")]) == 0
     for name, content in files_of(page):

@@ -45,5 +45,5 @@ def test_an_answer_is_told_in_degrees_and_millimetres() -> None:
     answer = PlanAnswer(metrics=[metrics])
     answer.solver.rollouts, answer.solver.solve_time = 3, 0.5
     assert what_if._cells(answer)[1:] == ("2.5000", "12.500", "14.250", "12.50", "0.50")
-    metrics.max_chaser_rotation = math.nan  # of an earlier version
+    metrics.max_chaser_rotation = math.nan  # not recorded
     assert what_if._cells(answer)[3] == what_if._NONE

@@ -77,7 +77,7 @@ ADVICE = {
     Status.CANCELLED: "Nothing: the client cancelled its goal. `on_cancel: best` would have kept "
     "the best plan found by then.",
     Status.PREEMPTED: "Nothing: a newer request has taken the place of this one. "
-    "`when_busy: reject` keeps the older one.",
+    "`when_busy: reject` keeps the first one.",
     Status.NOT_ACTIVE: "Activate the node: `ros2 lifecycle set /ff_planner activate`.",
     Status.SHUT_DOWN: "Start the node again.",
     Status.CLOCK_JUMPED: "Send the request again. A bag that is played in a loop, or a simulator "

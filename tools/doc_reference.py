@@ -26,10 +26,8 @@ FIRST = ("PlanTrajectory", "PlanRequest", "Goal", "Objective", "Limits", "PlanAn
 
 # Where an answer may say something else than its code.
 RETRY_OTHERWISE = {
-    Status.STATE_TOO_OLD: ". Of a state or scene in the request `retry` is `CHANGED`: it only "
-    "becomes older",
-    Status.TARGET_TOO_OLD: ". Of a target body in the request `retry` is `CHANGED`: it only "
-    "becomes older",
+    Status.STATE_TOO_OLD: ". Of a state or scene in the request `retry` is `CHANGED`: it only ages",
+    Status.TARGET_TOO_OLD: ". Of a target body in the request `retry` is `CHANGED`: it only ages",
     Status.NO_ACTIVE_PLAN: ". Of a plan that has yet to begin `retry` is `LATER`",
     Status.TOO_LATE: ". Of a `start_time` in the request, and at `~/publish_plan`, `retry` is "
     "`CHANGED`: it is only further over",

@@ -230,7 +230,7 @@ def add_recover(add: Add) -> None:
         "save what a damaged bag still holds",
         parents=[_bag()],
         description="Write everything that can be read of a truncated, killed or damaged bag into "
-        "a new one; the old one stays as it is.",
+        "a new one; the original stays as it is.",
         epilog="Exit code: 0 everything in it was saved, 3 a part of it, 1 nothing, 2 bad input.",
     )
     output_help = "the new bag (default: BAG_recovered beside it)"

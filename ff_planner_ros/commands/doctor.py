@@ -83,8 +83,7 @@ def core() -> str:
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
     if not sources:
         return "built, installed without its sources"
-    # A core of earlier versions has no digest.
-    if getattr(compiled, "SOURCES_DIGEST", None) != digest:
+    if digest != compiled.SOURCES_DIGEST:
         return "built of other sources: `python setup.py build_ext --inplace` builds it anew"
     return "built of the sources beside it"
 

@@ -63,7 +63,7 @@ class Wait:
             self._answered(event.response[0].answer)
 
     def _answered(self, answer: PlanAnswer) -> None:
-        # The request may be older than this testbed.
+        # The request may have come before this testbed.
         self._unanswered = max(self._unanswered - 1, 0)
         if answer.status.code == Status.SOLVED:
             self._plan_begins_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)

@@ -86,7 +86,7 @@ class FreeFloatingSystem:
         found = impact(self._robot, inertia, before, np.concatenate([at_tip, rate]))
         self._held = body, place
         self._begin_from(_with_held(self._robot, inertia), found.after, self._time)
-        self._forget_former_motions()
+        self._forget_ended_motions()
         (_,), (rates,), _ = self._motions[0].at(np.array([self._time]))
         off = found.after.joint_velocities - rates
         self._motions[0] = _settling(self._motions[0], self._time, off)
@@ -121,14 +121,14 @@ class FreeFloatingSystem:
 
     def _integrate(self, end: float) -> None:
         """Integrate to a time before which no motion begins or ends."""
-        self._forget_former_motions()
+        self._forget_ended_motions()
         steps = int(np.ceil((end - self._time) / _LONGEST_STEP))
         times = np.linspace(self._time, end, steps + 1)
         told = _between(self._motions[0], self._time, end)
         q, v, _ = driven(self._robot, self._q, self._momentum, told, times)
         self._q, self._v, self._time = q[-1], v[-1], end
 
-    def _forget_former_motions(self) -> None:
+    def _forget_ended_motions(self) -> None:
         while len(self._motions) > 1 and self._motions[1].time[0] <= self._time:
             del self._motions[0]
 

@@ -28,7 +28,7 @@ _NAMES = ("version", "kinds", *(name for row in _ROWS for name in (row, f"{row}_
 
 
 def save_library(plans: Iterable[StoredPlan], directory: Path) -> Path:
-    """Write a library, replacing an older one atomically, and return the path of its file.
+    """Write a library, replacing one that is there atomically, and return the path of its file.
 
     Raises:
         OSError: The file cannot be written.

@@ -15,7 +15,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.urdf.urdf_faults import listed, shortened
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS, Expanded
 
-# Versions of the format: in older ones axes and poses mean something else.
+# Versions of the format: in those before axes and poses mean something else.
 _OLDEST, _NEWEST = (1, 5), (1, 99)
 _MOST_ELEMENTS = 50 * MAX_LINKS
 _POSE: dict[str, Any] = {"pose": {}}

@@ -76,9 +76,9 @@ class NewestMessage(Generic[Seen]):
         return None if kept is None else kept.came_ns
 
     def keep(self, message: Any, number: int | None = None) -> None:
-        """Keep a message, serialised or not, valid or not, unless it is older than the kept one.
+        """Keep a message, serialised or not, valid or not, unless it is from before the kept one.
 
-        A message is older if both are stamped, its stamp is the smaller one, and the kept one's
+        It is if both are stamped, its stamp is the earlier one, and the kept one's
         stamp is not ahead of now.
         """
         came_ns = None if self._now_ns is None else self._now_ns()
@@ -109,7 +109,7 @@ class NewestMessage(Generic[Seen]):
             self._speakers.require_agreement(now_ns, only_lately=until_old)
 
     def require_in_order(self) -> None:
-        """Refuse the kept message if the last message to arrive has an older stamp.
+        """Refuse the kept message if the last message to arrive has an earlier stamp.
 
         Raises:
             InvalidInput: It has (STATE_TOO_OLD).

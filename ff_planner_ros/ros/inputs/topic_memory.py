@@ -40,7 +40,7 @@ def require_current(
     came_ns: int | None = None,
     is_own: bool = False,
 ) -> None:
-    """Refuse a stamp that is older than max_age or further ahead of now than max_lead [s].
+    """Refuse a stamp more than max_age ago or more than max_lead ahead of now [s].
 
     Args:
         field: Field of the stamp, which the error names.

@@ -18,7 +18,7 @@ from ff_planner_ros.ros.outputs.controller_health import ControllerHealth, contr
 from ff_planner_ros.ros.outputs.prediction import TrackingError
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
-# What is older than this has no stamp, or zero: no clock of today is earlier than 2001 [s].
+# What has a higher age has no stamp, or zero: no clock of today is earlier than 2001 [s].
 _NOT_STAMPED = 1e9
 # Topics of the parts.
 _STATES = "chaser_state", "odometry", "joint_states"
@@ -43,13 +43,13 @@ class NodeHealth:
 
     # Age of the newest chaser state [s]; negative if stamped ahead; None without any
     state_age: float | None
-    state_max_age: float  # an older one cannot be planned from [s]
+    state_max_age: float  # beyond it none can be planned from [s]
     state_refusal: str  # why the newest one cannot be used; empty if it can
     obstacles: int | None  # spheres in the scene; None if none was received
     obstacles_age: float | None  # of the scene [s]; None: it is not stamped
     obstacles_refusal: str  # why the scene cannot be used; empty if it can
     target_age: float | None  # of the newest target body [s]; None without any
-    target_max_age: float  # an older one cannot be captured [s]
+    target_max_age: float  # beyond it none can be captured [s]
     target_refusal: str  # why the newest one cannot be used; empty if it can
     last: LastRequest | None  # None before the first request
     solve_times: Sequence[float]  # of the last answers [s]

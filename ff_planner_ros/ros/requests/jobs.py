@@ -132,7 +132,7 @@ class Jobs:
 
     @contextmanager
     def taken_up(self, job: Job, *, preempt: bool) -> Iterator[None]:
-        """Plan only this job while the context lasts; with `preempt`, older jobs are given up.
+        """Plan only this job while the context lasts; with `preempt`, jobs before it are given up.
 
         Raises:
             FfPlannerError: The planner is closed (NOT_ACTIVE, SHUT_DOWN), has a job and this one

@@ -96,10 +96,10 @@ def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
 
 
 def require_young(made: MadePlan, knowledge: Knowledge) -> None:
-    """Refuse a plan that is older than `publication.max_age`.
+    """Refuse a plan whose age exceeds `publication.max_age`.
 
     Raises:
-        NoPlanFound: The plan is older (CHECK_FAILED).
+        NoPlanFound: It does (CHECK_FAILED).
     """
     age = made.age(knowledge.now_ns)
     most = knowledge.parameters.publication.max_age
