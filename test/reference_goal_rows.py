@@ -7,8 +7,6 @@ from reference_load_rows import within
 from reference_objectives import chaser_euler
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.planning.distance.clearance import arm_points_with_derivatives
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
@@ -21,6 +19,7 @@ from ff_planner_ros.planning.requirements.requirement import (
 )
 from ff_planner_ros.robot.kinematics import joint_frames
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import smallest_singular_values
 from ff_planner_ros.robot.quaternion import (
     angle_of_quaternion,
     quaternion_inverse,
@@ -30,6 +29,8 @@ from ff_planner_ros.robot.quaternion import (
 
 # Singular values have rows below this multiple of their margin.
 _SINGULAR_OF_INTEREST = 4.0
+# Their derivatives by differences so wide [rad] are exact to nine digits.
+_UP = 1e-5
 _KNEE = 0.5
 
 
@@ -87,9 +88,11 @@ def singular_values(
     if margin == 0.0:
         return None
     robot = problem.robot
-    values, by_joints = compiled.smallest_singular_values(
-        chain_of(robot), motion.q[:, 7:], robot.base.rows, _SINGULAR_OF_INTEREST * margin
-    )
+    values = smallest_singular_values(robot, motion.q)
+    by_joints = np.empty(motion.v[:, 6:].shape)
+    for k, unit in enumerate(np.eye(motion.q.shape[1])[7:]):
+        ahead, behind = (smallest_singular_values(robot, motion.q + s * unit) for s in (_UP, -_UP))
+        by_joints[:, k] = (ahead - behind) / (2.0 * _UP)
     margin = min(margin, values[0])
     (near,) = np.nonzero(values[1:] < _SINGULAR_OF_INTEREST * margin)
     near += 1

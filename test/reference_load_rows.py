@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -335,16 +336,33 @@ def loads_with_derivatives(
     """Return the loads of the wheels that hold the chaser's attitude along a path."""
     step = problem.duration / (len(motion.q) - 1)
     accelerations = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
-    by_x = sensitivity.q, sensitivity.v, accelerations_by_x(motion, sensitivity, step)
+    along = [of[:, -problem.robot.joints :] for of in (sensitivity.q, sensitivity.v)]
+    along.append(accelerations_by_x(motion, sensitivity, step))
     shares = wheels.shares @ problem.robot.rotation_chaser_to_base.T
-    momenta, momenta_by_x, torques, torques_by_x = compiled.held_momenta(
-        chain_of(problem.robot), motion.q, motion.v, accelerations, *by_x
-    )
+
+    def held(aside: Sequence[Array]) -> Array:
+        q, v = motion.q.copy(), motion.v.copy()
+        q[:, 7:] += aside[0]
+        v[:, 6:] += aside[1]
+        return np.array(
+            compiled.held_momenta(chain_of(problem.robot), q, v, accelerations + aside[2])
+        )
+
+    momenta, torques = held([0.0 * accelerations] * 3)
+    by_x = np.empty((*np.shape((momenta, torques)), sensitivity.variables))
+    for k in range(sensitivity.variables):  # by differences of order four
+        way = [of[..., k] for of in along]
+        aside = 1e-3 / max(1.0, *(np.abs(of).max() for of in way))
+        near, far = (
+            held([times * aside * of for of in way]) - held([-times * aside * of for of in way])
+            for times in (1.0, 2.0)
+        )
+        by_x[..., k] = (8.0 * near - far) / (12.0 * aside)
     return WheelLoads(
         momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T,
-        shares @ (momenta_by_x[0] - momenta_by_x),
+        shares @ (by_x[0, 0] - by_x[0]),
         -torques @ shares.T,
-        -shares @ torques_by_x,
+        -shares @ by_x[1],
     )
 
 

@@ -29,8 +29,8 @@ from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certif
 from ff_planner_ros.planning.distance.clearance import clearances
 from ff_planner_ros.planning.distance.moving_place import least_margin
 from ff_planner_ros.planning.distance.search_certificate import (
+    search_distance,
     search_pair_distance,
-    search_sphere_distance,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Sphere, attached
@@ -72,7 +72,7 @@ def spheres_are(
     every = range(3 * len(spheres)) if chosen is None else chosen
     asked = ARM, motion, spheres, np.array(every, np.intp), last, part
     least = least_sphere_distance(*asked)
-    require(least, search_sphere_distance(*asked), true, part)
+    require(least, search_distance(*asked), true, part)
     return least
 
 

@@ -81,9 +81,7 @@ def test_the_search_certifies_what_the_check_does(seed: int, part: float) -> Non
         (of_pairs, search_certificate.search_pair_distance),
         (
             of_spheres,
-            lambda *asked: search_certificate.search_sphere_distance(
-                *asked[:2], spheres, *asked[2:]
-            ),
+            lambda *asked: search_certificate.search_distance(*asked[:2], spheres, *asked[2:]),
         ),
     ):
         apart = np.flatnonzero(each > 0.01)
@@ -182,11 +180,11 @@ def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
     of_pairs = of_both | {"ways": np.zeros((1, len(robot.pairs)))}
     of_spheres = of_both | {
         "ways": np.zeros((1, len(robot.bodies))),
-        "spheres": compiled.Spheres(np.full((1, 3), 9.0), np.zeros((1, 3)), np.ones(1)),
+        "others": compiled.Spheres(np.full((1, 3), 9.0), np.zeros((1, 3)), np.ones(1)),
     }
     for ask, arguments in (
         (compiled.certified_pair_distance, of_pairs),
-        (compiled.certified_sphere_distance, of_spheres),
+        (compiled.certified_distance, of_spheres),
     ):
         assert ask(**arguments) < 20.0  # type: ignore[arg-type]
         with pytest.raises(ValueError, match=re.escape(said)):

@@ -191,20 +191,13 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             chain | {"q": q, "q_sensitivity": by_q},
         ),
         "Attached": (compiled.Attached, attached),
-        "smallest_singular_values": (
-            compiled.smallest_singular_values,
-            chain | {"joints": q[:, 7:], "rows": [0, 1, 5]},
-        ),
         "held_momenta": (
             compiled.held_momenta,
-            chain
-            | {"q": q, "v": q[:, 1:], "accelerations": q[:, 7:], "q_by_x": by_q}
-            | {"v_by_x": by_q, "accelerations_by_x": by_q[:, 6:]},
+            chain | {"q": q, "v": q[:, 1:], "accelerations": q[:, 7:]},
         ),
         "solve_subproblem": (
             solve_subproblem,
-            FUNCTIONS
-            | {"radius": 1.0, "penalty": 10.0, "inside": 1e-6, "guess": None, "elastic": False},
+            FUNCTIONS | {"radius": 1.0, "penalty": 10.0, "inside": 1e-6, "guess": None},
         ),
         "minimise": (
             minimise,
@@ -243,17 +236,16 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "TumblingBody": (compiled.TumblingBody, tumbling),
         "Obstacle": (compiled.Obstacle, obstacle),
         "Obstacles": (compiled.Obstacles, {"obstacles": both}),
-        "certified_obstacle_distance": (
-            compiled.certified_obstacle_distance,
-            asked | obstacles | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
+        "certified_distance": (
+            lambda **asked: tuple(
+                compiled.certified_distance(others=others, **asked)
+                for others in (spheres["spheres"], obstacles["obstacles"])
+            ),
+            asked | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
         ),
         "certified_pair_distance": (
             compiled.certified_pair_distance,
             asked | {"ways": np.full((POINTS - 1, PAIRS), 0.1)},
-        ),
-        "certified_sphere_distance": (
-            compiled.certified_sphere_distance,
-            asked | spheres | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
         ),
     }
 

@@ -292,7 +292,7 @@ def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(
             assert least.found >= truth - 3e-3, f"seed {seed}: {least}, Coal {truth}"
     apart = np.flatnonzero(found > 0.01)
     assert len(apart) > 3
-    certified = search_certificate.search_obstacle_distance
+    certified = search_certificate.search_distance
     least = certified(robot, motion, obstacles, apart, last, part)
     require_near(least, found[apart].min(), part, f"seed {seed}")
     of_all = certified(robot, motion, obstacles, np.arange(count), last, part)

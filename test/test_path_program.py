@@ -59,7 +59,7 @@ from ff_planner_ros.problems.robots import ROBOTS, arm_urdf
 from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import frame_wrenches, joint_torques
-from ff_planner_ros.robot.model import robot_from_urdf_text
+from ff_planner_ros.robot.model import Base, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.payload import payload_frame
 
 Drawing = Callable[[], PlanningProblem]
@@ -213,7 +213,8 @@ def programs(problem: PlanningProblem) -> Iterator[tuple[PathProgram, np.ndarray
     """Yield programs on coarse and fine grids, corrected ones, too, with paths."""
     for ways in path_families(problem, SETTINGS):
         program = path_program(problem, ways[0], SETTINGS)
-        program = replace(program, margins=program.margins | {"singular_values": 0.05})
+        if problem.robot.base is not Base.ATTITUDE_HELD:  # whose paths may be singular
+            program = replace(program, margins=program.margins | {"singular_values": 0.05})
         program = program.with_requirements(program.on_demand)
         for grid in grids_of(program, SETTINGS):
             for x in islice(ways[0].first_guesses(problem.obstacles, 13, 0.0), GUESSES):

@@ -32,7 +32,7 @@ def velocity(
     twist_ee_in_inertial: Array,
     bias: Array,
     damping: float,
-) -> tuple[Array, Array, Array, Array] | None:
+) -> tuple[Array, Array, Array] | None:
     """Return what `core.velocity_map.Velocity` holds; None in a dynamic singularity."""
 
 class EndEffectorPolynomial:
@@ -120,37 +120,15 @@ class CubicMotion:
         times: Array,  # shape (points,) [s]
     ) -> None: ...
 
-def held_momenta(
-    chain: Chain,
-    q: Array,
-    v: Array,
-    accelerations: Array,
-    q_by_x: Array,
-    v_by_x: Array,
-    accelerations_by_x: Array,
-) -> tuple[Array, Array, Array, Array]:
+def held_momenta(chain: Chain, q: Array, v: Array, accelerations: Array) -> tuple[Array, Array]:
     """Return the angular momenta about the centre of mass of a base that does not turn.
 
     Args:
-        accelerations: Of the joints. Shape (points, joints), their derivatives one axis more.
+        accelerations: Of the joints. Shape (points, joints).
 
     Returns:
-        Momenta, their derivatives by x, and likewise the torques that keep the base from turning,
-        which are the momenta's rates; in base axes. Shapes (points, 3) and (points, 3, variables).
-    """
-
-def smallest_singular_values(
-    chain: Chain, joints: Array, rows: Sequence[int], interest: float = ...
-) -> tuple[Array, Array]:
-    """Return those of the generalised Jacobian, Eq. (32), and their derivatives by the joints.
-
-    Args:
-        joints: Positions. Shape (points, joints).
-        rows: `Base.rows`.
-        interest: Of a larger singular value this may be returned, without derivatives.
-
-    Returns:
-        Shapes (points,) and (points, joints).
+        Momenta, and the torques that keep the base from turning, which are the momenta's rates; in
+        base axes. Shapes (points, 3).
     """
 
 def certified_clearance(
@@ -302,29 +280,21 @@ def certified_pair_distance(
         part: by which part of it.
     """
 
-def certified_sphere_distance(
+def certified_distance(
     motion: CubicMotion,
     bodies: Bodies,
     ways: Array,
-    spheres: Spheres,
+    others: Spheres | Obstacles,
     chosen: Indices,
     last: int,
     gap: float,
     part: float,
 ) -> float:
-    """Return likewise what `least_sphere_distance` certifies; ways: shape (points - 1, bodies)."""
+    """Return likewise what `least_sphere_distance` or `least_obstacle_distance` certifies.
 
-def certified_obstacle_distance(
-    motion: CubicMotion,
-    bodies: Bodies,
-    ways: Array,
-    obstacles: Obstacles,
-    chosen: Indices,
-    last: int,
-    gap: float,
-    part: float,
-) -> float:
-    """Return likewise what `least_obstacle_distance` certifies; ways: (points - 1, bodies)."""
+    Args:
+        ways: Of bodies. Shape (points - 1, bodies) [m].
+    """
 
 class WorkingSet:
     """What a step keeps with equality."""
@@ -335,7 +305,6 @@ def solve_subproblem(
     penalty: float,
     inside: float,
     guess: WorkingSet | None,
-    elastic: bool,
 ) -> tuple[Array, float, float, Array, Array, Array, float, WorkingSet, bool]:
     """Return the fields of `planning.optimisation.qp.Step` at a `Linearisation`.
 

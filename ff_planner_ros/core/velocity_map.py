@@ -18,7 +18,6 @@ class Velocity(NamedTuple):
     v: Array  # base twist in the base frame, joint rates; shape (6 + joints,)
     by_q: Array  # in the tangent space of q; shape (6 + joints, 6 + joints)
     by_twist: Array  # of the end effector, inertial axes; shape (6 + joints, 6)
-    by_bias: Array  # by the joint velocities z; shape (6 + joints, joints)
 
 
 def velocity(

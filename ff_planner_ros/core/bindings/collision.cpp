@@ -203,16 +203,23 @@ double certified_pairs(const CubicMotion& motion, const Bodies& of, const Array&
   return asked.least(PairsOnTheWay{bodies, moved});
 }
 
-double certified_spheres(const CubicMotion& motion, const Bodies& of, const Array& ways,
-                         const Spheres& spheres, const Numbers& chosen, int last, double gap,
-                         double part) {
+using Others = std::variant<std::shared_ptr<Spheres>, std::shared_ptr<Obstacles>>;
+
+double certified_others(const CubicMotion& motion, const Bodies& of, const Array& ways,
+                        const Others& others, const Numbers& chosen, int last, double gap,
+                        double part) {
   require_carried(motion.chain, of);
   const size_t count = of.bodies.size();
   const RowMajor moved = sums(motion, ways, count);
-  const Asked asked(chosen, static_cast<py::ssize_t>(count * spheres.all.size()), last, motion, gap,
-                    part);
   BodiesOnTheWay bodies(motion, of);
-  return asked.least(SpheresOnTheWay{bodies, moved, spheres.all});
+  const auto asked = [&](const auto& all) {
+    const auto pairs = static_cast<py::ssize_t>(count * all.size());
+    return Asked(chosen, pairs, last, motion, gap, part);
+  };
+  if (const auto* spheres = std::get_if<0>(&others))
+    return asked((*spheres)->all).least(SpheresOnTheWay{bodies, moved, (*spheres)->all});
+  const std::vector<Obstacle>& all = std::get<1>(others)->all;
+  return asked(all).least(ObstaclesOnTheWay{bodies, moved, all});
 }
 
 Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, double grown,
@@ -230,18 +237,6 @@ Obstacle obstacle(int kind, const Array& sizes, const Array& vertices, double gr
           vector3(rate, "rate"),
           checked(highest_speed, "highest_speed"),
           body.value_or(nullptr)};
-}
-
-double certified_obstacles(const CubicMotion& motion, const Bodies& of, const Array& ways,
-                           const Obstacles& obstacles, const Numbers& chosen, int last, double gap,
-                           double part) {
-  require_carried(motion.chain, of);
-  const size_t count = of.bodies.size();
-  const RowMajor moved = sums(motion, ways, count);
-  const Asked asked(chosen, static_cast<py::ssize_t>(count * obstacles.all.size()), last, motion,
-                    gap, part);
-  BodiesOnTheWay bodies(motion, of);
-  return asked.least(ObstaclesOnTheWay{bodies, moved, obstacles.all});
 }
 
 }  // namespace
@@ -267,9 +262,6 @@ void bind_collision(py::module_& m) {
       .def(py::init(&bodies), py::arg("bodies"), py::arg("pairs"));
   m.def("certified_pair_distance", &certified_pairs, py::arg("motion"), py::arg("bodies"),
         py::arg("ways"), py::arg("chosen"), py::arg("last"), py::arg("gap"), py::arg("part"));
-  m.def("certified_sphere_distance", &certified_spheres, py::arg("motion"), py::arg("bodies"),
-        py::arg("ways"), py::arg("spheres"), py::arg("chosen"), py::arg("last"), py::arg("gap"),
-        py::arg("part"));
   py::class_<TumblingBody, std::shared_ptr<TumblingBody>>(m, "TumblingBody")
       .def(py::init(&tumbling_body), py::arg("position"), py::arg("velocity"), py::arg("begins"),
            py::arg("series"));
@@ -281,8 +273,8 @@ void bind_collision(py::module_& m) {
   py::class_<Obstacles, std::shared_ptr<Obstacles>>(m, "Obstacles")
       .def(py::init([](const std::vector<Obstacle>& all) { return Obstacles{all}; }),
            py::arg("obstacles"));
-  m.def("certified_obstacle_distance", &certified_obstacles, py::arg("motion"), py::arg("bodies"),
-        py::arg("ways"), py::arg("obstacles"), py::arg("chosen"), py::arg("last"), py::arg("gap"),
+  m.def("certified_distance", &certified_others, py::arg("motion"), py::arg("bodies"),
+        py::arg("ways"), py::arg("others"), py::arg("chosen"), py::arg("last"), py::arg("gap"),
         py::arg("part"));
 }
 

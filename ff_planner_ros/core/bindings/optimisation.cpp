@@ -72,10 +72,10 @@ Array array_of(const Eigen::VectorXd& numbers, const char* name) {
 }
 
 py::tuple step(const py::object& at_x, double radius, double penalty, double inside,
-               const std::optional<WorkingSet>& guess, bool elastic) {
+               const std::optional<WorkingSet>& guess) {
   const Step found =
       solve_subproblem(*linearised(at_x), checked(radius, "radius"), checked(penalty, "penalty"),
-                       checked(inside, "inside"), guess, elastic);
+                       checked(inside, "inside"), guess, false);
   return py::make_tuple(
       array_of(found.dx, "dx"), result(found.objective, "objective"),
       result(found.violation, "violation"), array_of(found.on_constraints, "on_constraints"),
@@ -131,7 +131,7 @@ py::tuple minimise(const py::typing::Callable<py::object(Array)>& linearise, con
 void bind_optimisation(py::module_& m) {
   py::class_<WorkingSet>(m, "WorkingSet");
   m.def("solve_subproblem", &step, py::arg("at_x"), py::arg("radius"), py::arg("penalty"),
-        py::arg("inside"), py::arg("guess"), py::arg("elastic"));
+        py::arg("inside"), py::arg("guess"));
   m.def("minimise", &minimise, py::arg("linearise"), py::arg("start"), py::arg("at_start"),
         py::arg("curvature"), py::arg("radius"), py::arg("iterations"), py::arg("tolerance"),
         py::arg("progress"), py::arg("tolerated"), py::arg("feasibility"), py::arg("inside"));

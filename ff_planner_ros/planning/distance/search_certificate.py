@@ -18,7 +18,7 @@ from ff_planner_ros.planning.distance.certificate import (
 )
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere, bodies_in, spheres_in
 from ff_planner_ros.robot.model import Robot
 
 
@@ -65,47 +65,24 @@ def search_pair_distance(
     )
 
 
-def search_sphere_distance(
+def search_distance(
     robot: Robot,
     motion: FollowedMotion,
-    spheres: Sequence[Sphere],
+    others: Sequence[Sphere] | Sequence[ObstacleBody],
     chosen: Indices,
     last: int,
     part: float,
     gap: float = CERTIFICATE_GAP,
 ) -> float:
-    """Return a bound within the same gap as that of `least_sphere_distance` [m]."""
+    """Return likewise that of `least_sphere_distance` or of `least_obstacle_distance` [m]."""
     if not len(chosen) or last < 0:
         return np.inf
-    return compiled.certified_sphere_distance(
+    spheres, until = spheres_in(others), float(motion.time[-1])
+    return compiled.certified_distance(
         _cubic_motion(robot, motion),
         bodies_of(robot),
         body_ways(robot, motion),
-        spheres_of(spheres, float(motion.time[-1])),
-        chosen,
-        last,
-        gap,
-        part,
-    )
-
-
-def search_obstacle_distance(
-    robot: Robot,
-    motion: FollowedMotion,
-    obstacles: Sequence[ObstacleBody],
-    chosen: Indices,
-    last: int,
-    part: float,
-    gap: float = CERTIFICATE_GAP,
-) -> float:
-    """Return a bound within the same gap as that of `least_obstacle_distance` [m]."""
-    if not len(chosen) or last < 0:
-        return np.inf
-    return compiled.certified_obstacle_distance(
-        _cubic_motion(robot, motion),
-        bodies_of(robot),
-        body_ways(robot, motion),
-        obstacles_of(obstacles, float(motion.time[-1])),
+        spheres_of(spheres, until) if spheres else obstacles_of(bodies_in(others), until),
         chosen,
         last,
         gap,

@@ -37,7 +37,6 @@ def solve_qp(
     radius: float,
     penalty: float,
     guess: compiled.WorkingSet | None = None,
-    elastic: bool = False,
 ) -> Step:
     """Return the step that minimises the model of the merit function in the trust region.
 
@@ -48,6 +47,5 @@ def solve_qp(
     Args:
         at_x: A `Linearisation`, or a path that the core evaluated.
         guess: Of a step before, with the same variables. None: there is none.
-        elastic: In elastic mode, whether they have a solution or not.
     """
-    return Step(*compiled.solve_subproblem(at_x, radius, penalty, INSIDE, guess, elastic))
+    return Step(*compiled.solve_subproblem(at_x, radius, penalty, INSIDE, guess))

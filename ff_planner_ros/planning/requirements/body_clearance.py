@@ -33,8 +33,8 @@ from ff_planner_ros.planning.distance.certificate import certificate_gap
 from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.distance.contact import deepest_contact, way_out
 from ff_planner_ros.planning.distance.search_certificate import (
+    search_distance,
     search_pair_distance,
-    search_sphere_distance,
 )
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE, room_of_bodies
 from ff_planner_ros.planning.motion.followed import FollowedMotion
@@ -110,7 +110,7 @@ class BodyClearance(Requirement):
             return np.inf
         gap = certificate_gap(problem)
         return min(
-            search_sphere_distance(robot, part, spheres, chosen, last, SLACK_PART, gap)
+            search_distance(robot, part, spheres, chosen, last, SLACK_PART, gap)
             for part, chosen, last in stretches(problem, motion, split_spheres(problem))
         )
 

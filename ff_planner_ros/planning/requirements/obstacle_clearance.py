@@ -31,7 +31,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_distances,
     seen_from_chaser,
 )
-from ff_planner_ros.planning.distance.search_certificate import search_obstacle_distance
+from ff_planner_ros.planning.distance.search_certificate import search_distance
 from ff_planner_ros.planning.distance.start_room import (
     room_of_obstacles,
 )
@@ -109,7 +109,7 @@ class ObstacleClearance(Requirement):
             return np.inf
         gap = certificate_gap(problem)
         return min(
-            search_obstacle_distance(robot, part, obstacles, chosen, last, SLACK_PART, gap)
+            search_distance(robot, part, obstacles, chosen, last, SLACK_PART, gap)
             for part, chosen, last in stretches(problem, motion, split_obstacles(problem))
         )
 

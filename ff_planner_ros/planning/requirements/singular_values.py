@@ -8,7 +8,6 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
@@ -41,9 +40,8 @@ class SingularValues(Requirement):
         """Refuse a singular posture, unless joint splines may begin there."""
         if problem.parametrisation is not Parametrisation.END_EFFECTOR_POLYNOMIAL:
             return
-        robot, least = problem.robot, settings.singular_value_threshold - LIMIT_TOLERANCE
-        smallest = float(smallest_singular_values(robot, q_start[None])[0])
-        if not smallest >= least:
+        robot, smallest = problem.robot, _smallest(problem.robot, q_start)
+        if not smallest >= settings.singular_value_threshold - LIMIT_TOLERANCE:
             alone = arm_jacobian(robot, robot.model.createData(), q_start) / robot.joint_weights
             of_arm = float(np.linalg.svd(alone, compute_uv=False)[-1])
             raise InvalidInput(
@@ -89,7 +87,8 @@ class SingularValues(Requirement):
 
 def is_regular(robot: Robot, q: Array, settings: PlannerSettings) -> bool:
     """Tell whether the smallest singular value is above its threshold; q: shape (7 + joints,)."""
-    (smallest,), _ = compiled.smallest_singular_values(
-        chain_of(robot), q[None, 7:], robot.base.rows
-    )
-    return bool(smallest >= settings.singular_value_threshold - LIMIT_TOLERANCE)
+    return _smallest(robot, q) >= settings.singular_value_threshold - LIMIT_TOLERANCE
+
+
+def _smallest(robot: Robot, q: Array) -> float:
+    return float(smallest_singular_values(robot, q[None])[0])

@@ -250,8 +250,7 @@ def _loads(
 ) -> tuple[Array, Array]:
     """Return momentum [N m s] and torque [N m] of each wheel. Each of shape (points, wheels)."""
     chain, shares = chain_of(problem.robot), _shares(problem.robot, wheels)
-    nothing = (np.empty((*rows.shape, 0)) for rows in (v, v, accelerations))
-    momenta, _, torques, _ = compiled.held_momenta(chain, q, v, accelerations, *nothing)
+    momenta, torques = compiled.held_momenta(chain, q, v, accelerations)
     held = momenta_of(wheels, problem.start) + (momenta[0] - momenta) @ shares.T
     return held, -torques @ shares.T
 
