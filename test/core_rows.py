@@ -15,7 +15,8 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of
-from ff_planner_ros.planning.paths.path_family import Motion
+from ff_planner_ros.planning.optimisation.program import _motion_of
+from ff_planner_ros.planning.paths.path_family import Motion, PathFamily, Sensitivity
 from ff_planner_ros.robot.model import Robot
 
 EACH = 2  # variables of a joint
@@ -106,6 +107,18 @@ def rows_of_motion(
 ) -> CoreRows:
     """Return likewise those of a motion that the planner might have."""
     return rows_along(robot, requirements, motion.q, motion.q_half_way, motion.v, lasting)
+
+
+def sensitivity_of(family: PathFamily, motion: Motion, damping: float = 0.0) -> Sensitivity:
+    """Return the derivatives of a motion of a family, as a plug-in sees them."""
+    seen = list[Sensitivity]()
+
+    def look(of: compiled.MotionOfPath) -> None:
+        seen.append(_motion_of.__wrapped__(of, family.goal_motion)[1])
+
+    paths = family.on_grid(len(motion.q), damping)
+    compiled.PathProgram(paths, 1.0, NO_OBJECTIVE, [(0, look)]).at(motion.x)
+    return seen[0]
 
 
 def no_margins(pairs: int) -> compiled.Margins:

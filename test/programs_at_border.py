@@ -25,7 +25,7 @@ def programs(
     """Return what makes programs, and arguments.
 
     Args:
-        of_paths: Of `end_effector_motion` but for x, points and damping.
+        of_paths: Of `end_effector_paths` but for points and damping.
         of_splines: Of `joint_splines` but for the matrices.
     """
     paths = compiled.end_effector_paths(**of_paths, points=POINTS, damping=0.3)

@@ -17,7 +17,7 @@ from reference_end_conditions import EndPoint, end_conditions
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.paths.joint_spline import JointSplines
+from ff_planner_ros.planning.paths.joint_spline import JointSplines, _hulls
 from ff_planner_ros.planning.paths.path_family import Sensitivity
 from ff_planner_ros.planning.paths.spline_basis import FIXED
 from ff_planner_ros.robot.configuration import configuration
@@ -74,7 +74,7 @@ def reference_motion(family: JointSplines, x: Array, points: int) -> ReferenceMo
 
 
 def reference_sensitivity(family: JointSplines, motion: ReferenceMotion) -> Sensitivity:
-    """Return what `JointSplines.sensitivity` does, but for the hull."""
+    """Return the derivatives of a motion."""
     robot, duration, points = family.robot, family.basis.duration, len(motion.q)
     of_angles, of_rates, of_accelerations = (
         _of_joints(rows, robot.joints) for rows in _rows(family, points)
@@ -104,6 +104,22 @@ def reference_sensitivity(family: JointSplines, motion: ReferenceMotion) -> Sens
     return Sensitivity(
         q=q, v=v, q_half_way=q_half_way, goal_error=goal_error, acceleration=acceleration
     )
+
+
+def hulls(family: JointSplines, x: Array) -> list[tuple[Array, Array]]:
+    """Return points whose range bounds each joint, then its rate, each with derivatives by x.
+
+    Shapes (points, joints) and (points, joints, variables).
+    """
+    found, joints = [], np.eye(family.robot.joints)
+    for order, rows in enumerate(_hulls(family.basis)):
+        points = rows @ family.control_points(x)
+        by_x = np.einsum("pv,jk->pjkv", family.free(rows), joints).reshape(*points.shape, -1)
+        if family.goal_motion is not None:
+            by_duration = family.moved(rows) - order / family.basis.duration * points
+            by_x = np.dstack([by_x, by_duration])
+        found.append((points, by_x))
+    return found
 
 
 def _acceleration(family: JointSplines, motion: ReferenceMotion, of_turn: TurnDerivatives) -> Array:

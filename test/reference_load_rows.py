@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,13 @@ from ff_planner_ros.robot.wheels import Wheels, momenta_of
 _OF_INTEREST = 0.4
 _STOP_OF_INTEREST = 1e-3
 _TORQUES = 1 << 30
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WithHulls(Motion):
+    """A motion of splines."""
+
+    hulls: Sequence[tuple[Array, Array]]  # of `reference_joint_spline`
 
 
 def torques(
@@ -78,9 +86,8 @@ def joint_positions(
     upper = eased(problem.robot.upper_position_limits, at_start)
     lower = lower + np.clip(at_start - lower, 0.0, margin)
     upper = upper - np.clip(upper - at_start, 0.0, margin)
-    if motion.hull is not None and sensitivity.hull is not None:
-        hull, by_x = motion.hull.positions, sensitivity.hull.positions
-        rows = within(hull, by_x, lower, upper, OF_INTEREST)
+    if isinstance(motion, WithHulls):
+        rows = within(*motion.hulls[0], lower, upper, OF_INTEREST)
     else:
         path = motion.q, motion.v, sensitivity.q, sensitivity.v
         step = problem.duration / (len(motion.q) - 1)
@@ -255,8 +262,8 @@ def joint_rates(
     at_start = np.abs(motion.v[0, 6:])
     limits = eased(limits, at_start, ALLOWED_EXCESS * limits)
     limits = limits - np.clip(limits - at_start, 0.0, margin * limits)
-    if motion.hull is not None and sensitivity.hull is not None:
-        return within(motion.hull.rates, sensitivity.hull.rates, -limits, limits, interest)
+    if isinstance(motion, WithHulls):
+        return within(*motion.hulls[1], -limits, limits, interest)
     path = motion.q, motion.v, sensitivity.q, sensitivity.v
     step = problem.duration / (len(motion.q) - 1)
     has_duration = sensitivity.goal_motion is not None

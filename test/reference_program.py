@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,13 +11,15 @@ import reference_distance_rows as distances
 import reference_goal_rows as goals
 import reference_load_rows as loads
 import reference_objectives
-from core_rows import NO_OBJECTIVE
+from core_rows import NO_OBJECTIVE, sensitivity_of
+from reference_joint_spline import hulls
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation, undefined
 from ff_planner_ros.planning.optimisation.objectives import _slow
 from ff_planner_ros.planning.optimisation.program import _NAMES, Correction, PathProgram
+from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Requirement, Rows
@@ -77,7 +79,9 @@ def linearise(program: PathProgram, x: Array) -> PathLinearisation:
     motion = program.family.motion(x, program.points, program.damping)
     if motion.singular_at is not None:
         return undefined(motion)
-    sensitivity = program.family.sensitivity(motion, program.damping)
+    sensitivity = sensitivity_of(program.family, motion, program.damping)
+    if isinstance(program.family, JointSplines):
+        motion = loads.WithHulls(**_parts(motion), hulls=hulls(program.family, x))
     problem, step = program.problem, program.problem.duration / (program.points - 1)
     corrected = program.correction
     driven = motion if corrected is None else apply(corrected, problem.robot.model, motion)
@@ -120,6 +124,10 @@ def linearise(program: PathProgram, x: Array) -> PathLinearisation:
         motion=motion,
         acceleration=sensitivity.acceleration,
     )
+
+
+def _parts(motion: Motion) -> dict[str, Any]:
+    return {one.name: getattr(motion, one.name) for one in fields(Motion)}
 
 
 def apply(correction: Correction, model: pin.Model, motion: Motion) -> Motion:

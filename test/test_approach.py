@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from core_rows import sensitivity_of
 from dense_motion import arms, truth
 from reference_program import rows_of
 from robots import LEMUR_SCENARIO
@@ -200,7 +201,7 @@ def test_derivatives_of_the_rows_agree_with_differences(name: str, scene: Planni
 
     def rows(x: Array) -> Rows:
         motion = family.motion(x, 25)
-        found = rows_of(required, problem, motion, family.sensitivity(motion), 0.01)
+        found = rows_of(required, problem, motion, sensitivity_of(family, motion), 0.01)
         assert found is not None
         return found
 

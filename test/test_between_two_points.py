@@ -7,6 +7,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from core_rows import sensitivity_of
 from scipy.spatial.transform import Rotation
 from test_core_driven_motion import DURATION, drawn_splines
 
@@ -104,7 +105,7 @@ def test_what_comes_of_a_path_is_what_the_check_makes_of_the_samples_that_are_to
     """Every second point, or every fourth: the points between them are not told, and not met."""
     family, x = drawn_splines(name, False, Orientation.FREE)
     motion = family.motion(x, 41)
-    acceleration = family.sensitivity(motion).acceleration
+    acceleration = sensitivity_of(family, motion).acceleration
     read = SimpleNamespace(robot=family.robot, points=samples, duration=DURATION)
     found = followed_path(cast(PlanningProblem, read), motion.q, motion.v, acceleration)
     every = 40 // (samples - 1)

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from core_rows import sensitivity_of
 from dense_motion import truth
 from ff_planner_msgs.msg import Camera as CameraMessage
 from geometry_msgs.msg import Vector3
@@ -153,7 +154,7 @@ def test_derivatives_of_the_rows_agree_with_differences(
 
     def rows(x: Array) -> Rows:
         motion = family.motion(x, 25)
-        found = rows_of(required, problem, motion, family.sensitivity(motion), 0.01)
+        found = rows_of(required, problem, motion, sensitivity_of(family, motion), 0.01)
         assert found is not None
         return found
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pinocchio as pin
 import pytest
-import reference_program
 from dense_motion import truth
 from shared_plans import planned
 
@@ -16,7 +14,6 @@ from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.optimisation.program import path_program
-from ff_planner_ros.planning.optimisation.solver import minimise
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.search.planner import plan
@@ -130,26 +127,3 @@ def test_rows_have_the_derivatives_of_differences(lemur_capture: PlanningProblem
         axis=1,
     )
     np.testing.assert_allclose(at_x.constraints_jacobian, expected, rtol=0.0, atol=1e-6)
-
-
-def test_what_a_family_does_not_hold_at_the_goal_becomes_zero(
-    lemur_capture: PlanningProblem,
-) -> None:
-    """A family with one row of its own: the first decision variable shall be 0.05."""
-
-    class WithGoalRow(type(end_effector_paths(lemur_capture))):  # type: ignore[misc]
-        def motion(self, x, points, damping=0.0):  # type: ignore[no-untyped-def]
-            motion = super().motion(x, points, damping)
-            return replace(motion, goal_error=x[:1] - 0.05)
-
-        def sensitivity(self, motion, damping=0.0):  # type: ignore[no-untyped-def]
-            return replace(super().sensitivity(motion, damping), goal_error=np.eye(18)[:1])
-
-    paths = end_effector_paths(lemur_capture)
-    family = WithGoalRow(paths.robot, paths.q_start, paths.momentum, paths.polynomial)
-    problem = replace(lemur_capture, objective=LENGTH, obstacles=(), points=13)
-    program = path_program(problem, family, SETTINGS)
-    linearise = partial(reference_program.linearise, program)
-    solution = minimise(linearise, np.zeros(18), 60, 1e-4, 1e-5)
-    assert solution.feasible
-    assert solution.x[0] == pytest.approx(0.05, abs=1e-6)

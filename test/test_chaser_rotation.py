@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import robots
+from core_rows import sensitivity_of
 from dense_motion import truth
 from reference_goal_rows import huber
 from reference_program import rows_of
@@ -142,7 +143,7 @@ def test_no_rotation_is_more_than_half_a_turn(
     program = path_program(asked, end_effector_paths(asked), SETTINGS)
     at_x, motion = program.linearise(np.zeros(18)), program.family.motion(np.zeros(18), 13)
     assert not required.concerns(asked)
-    assert rows_of(required, asked, motion, program.family.sensitivity(motion), 0.0) is None
+    assert rows_of(required, asked, motion, sensitivity_of(program.family, motion), 0.0) is None
     assert required.slack(asked, program.followed(at_x)) == np.inf
     assert not list(failures(asked, lemur_plan, SETTINGS))
 
@@ -238,7 +239,9 @@ def test_rows_have_the_derivatives_of_differences(
 
     def rows(x: Array) -> tuple[Array, Array]:
         motion = paths.motion(x, program.points, 0.0)
-        found = rows_of(ChaserRotation(), problem, motion, paths.sensitivity(motion, 0.0), 0.001)
+        found = rows_of(
+            ChaserRotation(), problem, motion, sensitivity_of(paths, motion, 0.0), 0.001
+        )
         assert found is not None
         assert len(set(found.names)) == len(found.names)
         return found.values, found.jacobian

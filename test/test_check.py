@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from core_rows import sensitivity_of
 from dense_motion import joints_between, truth
 from judging import require_sound
 from shared_plans import planned
@@ -87,7 +88,7 @@ def straight_path(problem):
     paths = replace(end_effector_paths(problem), null_space=None)
     motion = paths.motion(np.zeros(18), problem.points)
     time = np.linspace(0.0, problem.duration, problem.points)
-    accelerations = paths.sensitivity(motion).acceleration
+    accelerations = sensitivity_of(paths, motion).acceleration
     return to_trajectory(problem.robot, time, motion.q, motion.v, accelerations)
 
 

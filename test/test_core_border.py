@@ -149,7 +149,6 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     }
     polynomial = {"duration": 4.0, "quintic": 0.01 * RNG.normal(size=(6, 6))}
     polynomial |= {"rotation_outer": np.eye(3), "quintic_by_duration": np.full((6, 6), 1e-3)}
-    path = {"path": compiled.EndEffectorPolynomial(**polynomial), "x": np.full(18, 0.01)}
     fade = {name: np.full(JOINTS, 0.01) for name in ("rates", "accelerations")} | {"seconds": 1.0}
     still = compiled.EndEffectorPolynomial(
         **{name: polynomial[name] for name in ("duration", "quintic", "rotation_outer")}
@@ -172,17 +171,9 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
                 "damping": 0.3,
             },
         ),
-        "end_effector_motion": (
-            compiled.end_effector_motion,
-            chain
-            | path
-            | {
-                "q_start": q[0],
-                "momentum": np.full(6, 0.3),
-                "null_space": compiled.NullSpaceFade(**fade),
-                "points": POINTS,
-                "damping": 0.3,
-            },
+        "motion": (
+            compiled.end_effector_paths(**of_paths, points=POINTS, damping=0.3).motion,
+            {"x": np.full(18, 0.01)},
         ),
         "EndEffectorPolynomial": (compiled.EndEffectorPolynomial, polynomial),
         "NullSpaceFade": (compiled.NullSpaceFade, fade),
@@ -215,16 +206,9 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "Target": (compiled.Target, target),
         "DrivenMotion": (compiled.DrivenMotion, driven),
         "goal_error": (motion.goal_error, {"target": goal}),
-        "sensitivity": (
-            motion.sensitivity,
-            {
-                "angle_rows": rows,
-                "rate_rows": rows,
-                "acceleration_row": rows[0],
-                "target": goal,
-                "by_duration": np.full((2 * half + 1, JOINTS), 0.01),
-                "target_by_duration": np.zeros((3, 6)),
-            },
+        "goal_error_by_x": (
+            motion.goal_error_by_x,
+            {"angle_rows": rows, "rate_rows": rows, "acceleration_row": rows[0], "target": goal},
         ),
         "Spheres": (compiled.Spheres, two),
         "CubicMotion": (compiled.CubicMotion, way),

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from core_rows import sensitivity_of
 from reference_joint_spline import reference_motion, reference_sensitivity
 from robots import random_state
 from test_core import FREE, PLANAR, SLIDING, agree, chain_robot
@@ -106,7 +107,7 @@ def test_motions_and_their_derivatives_are_those_of_numpy_and_pinocchio(
     motion, expected = family.motion(x, POINTS), reference_motion(family, x, POINTS)
     for what in ("q", "v", "q_half_way", "goal_error"):
         agree(getattr(motion, what), getattr(expected, what), what)
-    sensitivity = family.sensitivity(motion)
+    sensitivity = sensitivity_of(family, motion)
     by_x = reference_sensitivity(family, expected)
     for what in ("q", "v", "q_half_way", "goal_error", "acceleration"):
         agree(getattr(sensitivity, what), getattr(by_x, what), f"{what} by x")
@@ -117,7 +118,7 @@ def test_what_comes_of_a_path_is_what_the_check_makes_of_its_samples(name: str) 
     """Both integrate by Runge-Kutta, the one rotations and the other poses."""
     family, x = drawn_splines(name, False, Orientation.FREE)
     motion = family.motion(x, 41)
-    acceleration = family.sensitivity(motion).acceleration
+    acceleration = sensitivity_of(family, motion).acceleration
     problem = cast(
         PlanningProblem, SimpleNamespace(robot=family.robot, points=41, duration=DURATION)
     )
@@ -162,10 +163,10 @@ def test_targets_starts_and_rows_of_wrong_sizes_or_of_nan_are_refused_by_name() 
         compiled.Start(np.zeros(3), np.eye(3), np.full(3, np.nan), np.zeros(6), "free_flyer")
     motion = family.motion(x, 3).compiled
     rows = np.zeros((5, 8))
-    assert motion.sensitivity(rows, rows, rows[0], family._goal)[0].shape == (3, 9, 24)
+    assert motion.goal_error_by_x(rows, rows, rows[0], family._goal).shape == (18, 24)
     with pytest.raises(
         ValueError, match=re.escape("rate_rows has the shape (5, 7, ), not (5, 8, )")
     ):
-        motion.sensitivity(rows, rows[:, 1:], rows[0], family._goal)
+        motion.goal_error_by_x(rows, rows[:, 1:], rows[0], family._goal)
     with pytest.raises(ValueError, match="angle_rows is not finite"):
-        motion.sensitivity(rows + np.nan, rows, rows[0], family._goal)
+        motion.goal_error_by_x(rows + np.nan, rows, rows[0], family._goal)

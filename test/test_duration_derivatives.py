@@ -11,6 +11,8 @@ from typing import Any, cast
 import numpy as np
 import pinocchio as pin
 import pytest
+from core_rows import sensitivity_of
+from reference_joint_spline import hulls
 from reference_load_rows import (
     accelerations_at_points,
     accelerations_by_x,
@@ -141,11 +143,11 @@ def test_motions_of_the_papers_paths_by_their_duration(name: str) -> None:
     if found.singular_at is not None:
         assert lasting(DURATION).motion(x, POINTS, damping).singular_at == found.singular_at
         return
-    sensitivity = free.sensitivity(found)
+    sensitivity = sensitivity_of(free, found, damping)
     given = lasting(DURATION)
     motion = given.motion(x, POINTS, damping)
     assert (motion.q == found.q).all()
-    agree(sensitivity.q[..., :-1], given.sensitivity(motion).q, "q by x")
+    agree(sensitivity.q[..., :-1], sensitivity_of(given, motion, damping).q, "q by x")
     require_motion_agrees(
         robot, sensitivity, lambda duration: lasting(duration).motion(x, POINTS, damping)
     )
@@ -179,11 +181,11 @@ def test_motions_of_joint_splines_by_their_duration(name: str, orientation: Orie
 
     free = lasting(DURATION, goal)
     motion = free.motion(x, POINTS)
-    sensitivity = free.sensitivity(motion)
+    sensitivity = sensitivity_of(free, motion)
     require_motion_agrees(robot, sensitivity, lambda duration: lasting(duration).motion(x, POINTS))
-    for what in ("positions", "rates"):
-        hull = slope(lambda duration, w=what: getattr(lasting(duration).motion(x, POINTS).hull, w))
-        agree(getattr(sensitivity.hull, what)[..., -1], hull, f"hull of {what}")
+    for order, (_, by_x) in enumerate(hulls(free, x)):
+        hull = slope(lambda duration, k=order: hulls(lasting(duration), x)[k][0])
+        agree(by_x[..., -1], hull, f"hull of order {order}")
     require_extremes_agree(lasting, goal, x)
 
 
@@ -199,7 +201,7 @@ def require_extremes_agree(lasting: Callable[..., Any], goal: GoalMotion, x: Arr
 
     here = lasting(DURATION, goal)
     motion = here.motion(x, POINTS)
-    by_x = accelerations_by_x(motion, here.sensitivity(motion), step(DURATION))
+    by_x = accelerations_by_x(motion, sensitivity_of(here, motion), step(DURATION))
     agree(by_x[..., -1], slope(accelerations), "accelerations")
     one = np.ones(motion.q.shape[1] - 7)
     for rows in (position_rows, rate_rows):
@@ -207,7 +209,7 @@ def require_extremes_agree(lasting: Callable[..., Any], goal: GoalMotion, x: Arr
         def margins(duration: float, rows: Callable[..., Rows] = rows) -> Rows:
             there = lasting(duration, goal)
             moved = there.motion(x, POINTS)
-            by_x = there.sensitivity(moved)
+            by_x = sensitivity_of(there, moved)
             path = moved.q, moved.v, by_x.q, by_x.v
             return rows(*path, step(duration), True, -one, one, 1e9 * one)
 

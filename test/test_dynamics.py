@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
+from core_rows import sensitivity_of
 from dense_motion import truth
 from paper_equations import PaperTerms, coriolis_matrix, paper_terms
 from robots import ROBOTS, paper_velocity, random_path, random_state, tangent_per_paper_velocity
@@ -180,7 +181,7 @@ def motion_of(urdf: tuple[str, str, str], seed: int, points: int) -> Motion | No
     rollout = paths.motion(rng.normal(scale=0.05, size=18), points)
     if rollout.singular_at is not None:
         return None
-    return Motion(urdf, robot, rollout, paths.sensitivity(rollout).acceleration)
+    return Motion(urdf, robot, rollout, sensitivity_of(paths, rollout).acceleration)
 
 
 def test_nothing_pushes_the_base_along_a_rollout(motions: list[Motion]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from core_rows import sensitivity_of
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import to_trajectory
@@ -21,7 +22,7 @@ def on_one_path(problem: PlanningProblem, points: int) -> Trajectory:
     """Sample a winding path from the capture's start to its target; the same path every time."""
     paths = end_effector_paths(problem)
     motion = paths.motion(np.random.default_rng(1).normal(scale=0.2, size=18), points)
-    accelerations = paths.sensitivity(motion).acceleration
+    accelerations = sensitivity_of(paths, motion).acceleration
     time = np.linspace(0.0, problem.duration, points)
     return to_trajectory(problem.robot, time, motion.q, motion.v, accelerations)
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from core_rows import sensitivity_of
+from reference_joint_spline import hulls
 from robots import CONFIG, random_state, random_urdf
 
 from ff_planner_benchmark.problems import joint_goals
@@ -88,7 +90,7 @@ def test_all_derivatives_are_those_of_finite_differences(which: str) -> None:
     family, x = planar_splines() if which == "planar" else drawn_splines(Orientation(which))
     model, step = family.robot.model, 1e-5
     way = np.random.default_rng(3).normal(size=len(x))
-    sensitivity = family.sensitivity(family.motion(x, POINTS))
+    sensitivity = sensitivity_of(family, family.motion(x, POINTS))
     before, after = (family.motion(x + side * step * way, POINTS) for side in (-1.0, 1.0))
 
     def moved(q: Array, to: Array) -> Array:
@@ -99,8 +101,12 @@ def test_all_derivatives_are_those_of_finite_differences(which: str) -> None:
         (sensitivity.q_half_way, moved(before.q_half_way, after.q_half_way)),
         (sensitivity.v, after.v - before.v),
         (sensitivity.goal_error, after.goal_error - before.goal_error),
-        (sensitivity.hull.positions, after.hull.positions - before.hull.positions),
-        (sensitivity.hull.rates, after.hull.rates - before.hull.rates),
+        *(
+            (by_x, above - below)
+            for (_, by_x), (below, _), (above, _) in zip(
+                *(hulls(family, x + side * step * way) for side in (0.0, -1.0, 1.0)), strict=True
+            )
+        ),
     ):
         expected = differences / (2.0 * step)
         scale = max(1.0, np.abs(expected).max())
@@ -150,7 +156,7 @@ def test_a_motion_begins_exactly_as_the_start_moves() -> None:
     q, v = configuration(family.robot, family.problem.start)
     assert np.abs(pin.difference(family.robot.model, motion.q[0], q)).max() < 1e-12
     np.testing.assert_allclose(motion.v[0], v, rtol=0.0, atol=1e-12)
-    begun = family.sensitivity(motion).acceleration[0, 6:]
+    begun = sensitivity_of(family, motion).acceleration[0, 6:]
     np.testing.assert_allclose(begun, family.problem.start.joint_accelerations, atol=1e-12)
 
 
@@ -162,7 +168,7 @@ def test_momentum_is_constant_and_the_base_is_where_an_independent_integration_p
     momenta = [total_momentum(robot, data, *at) for at in zip(motion.q, motion.v, strict=True)]
     np.testing.assert_allclose(momenta, momenta[:1] * points, rtol=0.0, atol=1e-10)
     time = np.linspace(0.0, DURATION, points)
-    accelerations = family.sensitivity(motion).acceleration[:, 6:]
+    accelerations = sensitivity_of(family, motion).acceleration[:, 6:]
     joints = JointMotion(time, motion.q[:, 7:], motion.v[:, 6:], accelerations)
     q, v, _ = driven(robot, motion.q[0], momenta[0], joints, np.linspace(0.0, DURATION, 961))
     apart = pin.difference(robot.model, motion.q[-1], q[-1])
@@ -191,7 +197,7 @@ def test_velocities_and_accelerations_are_those_of_the_configurations() -> None:
     rates = np.array([pin.difference(family.robot.model, *pair) for pair in pairs]) / (2.0 * step)
     # The base's difference is in axes of its first point: half a step's turn off.
     np.testing.assert_allclose(rates[:, 6:], motion.v[1:-1, 6:], rtol=0.0, atol=1e-4)
-    acceleration = family.sensitivity(motion).acceleration
+    acceleration = sensitivity_of(family, motion).acceleration
     changes = (motion.v[2:] - motion.v[:-2]) / (2.0 * step)
     np.testing.assert_allclose(changes, acceleration[1:-1], rtol=0.0, atol=1e-4)
 
@@ -278,9 +284,8 @@ def test_the_hull_of_a_motion_holds_all_but_what_the_start_decides_alone(side: f
     for number in range(len(x) // family.robot.joints):
         x = hold.copy()
         x[number] += 3.0 * side  # of the first joint
-        controls, hull = family.control_points(x), family.motion(x, POINTS).hull
-        assert hull is not None
-        for order, told in enumerate((hull.positions, hull.rates)):
+        controls = family.control_points(x)
+        for order, (told, _) in enumerate(hulls(family, x)):
             values = basis.rows(s, order) @ controls
             of_start = basis.hull(order)[: 3 - order] @ controls
             both = np.concatenate([told, of_start])[:, 0]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from core_rows import sensitivity_of
 from dense_motion import joints_between, truth
 from judging import require_sound
 from numpy.polynomial import Polynomial
@@ -119,7 +120,7 @@ def test_derivatives_of_torques_are_those_of_differences_while_nothing_pushes_th
 def torques_along(robot: Robot, family: PathFamily, x: Array, points: int) -> Array:
     """Return the torques that the motion's own accelerations need. Shape (points, joints)."""
     motion = family.motion(x, points)
-    accelerated = family.sensitivity(motion).acceleration[:, 6:]
+    accelerated = sensitivity_of(family, motion).acceleration[:, 6:]
     samples = zip(motion.q, motion.v, accelerated, strict=True)
     return np.array([torques_of(robot, *sample) for sample in samples])
 
@@ -176,7 +177,7 @@ def test_rows_of_both_families_have_the_derivatives_of_differences(
 
     def rows(along: float) -> tuple[Array, Array]:
         motion = family.motion(x + along * way, 25)
-        found = rows_of(requirement, problem, motion, family.sensitivity(motion), 0.01)
+        found = rows_of(requirement, problem, motion, sensitivity_of(family, motion), 0.01)
         assert found is not None
         return found.values, found.jacobian @ way
 
@@ -199,7 +200,7 @@ def test_rows_are_what_the_motion_leaves_of_the_limits(
     left = 1.0 - np.concatenate([torques[1:], -torques[1:]]) / limits
     motion = family.motion(x, 49)
     problem = replace(lemur_capture, robot=robot)
-    found = rows_of(Torques(), problem, motion, family.sensitivity(motion), 0.0)
+    found = rows_of(Torques(), problem, motion, sensitivity_of(family, motion), 0.0)
     assert found is not None
     expected = np.sort(left[left < 0.4])
     assert expected.size > 20

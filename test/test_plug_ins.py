@@ -13,6 +13,7 @@ import pinocchio as pin
 import pytest
 import reference_program
 import yaml
+from core_rows import sensitivity_of
 from recorded_requests import only_request
 from robots import CONFIG
 from ros_processes import Scene, connected_client, private_domain, running_planner
@@ -142,7 +143,7 @@ def test_its_rows_have_exact_derivatives(kept: PlanningProblem) -> None:
 
         def rows(along: float, family: Any = family, x: Array = x, way: Array = way) -> Any:
             motion = family.motion(x + along * way, 25)
-            found = required.rows(kept, motion, family.sensitivity(motion), 0.01)
+            found = required.rows(kept, motion, sensitivity_of(family, motion), 0.01)
             return found.values, found.jacobian @ way
 
         (before, _), (_, exact), (after, _) = (rows(along) for along in (-step, 0.0, step))

@@ -11,6 +11,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from core_rows import sensitivity_of
+from reference_joint_spline import hulls
 from robots import CONFIG, LEMUR_SCENARIO, LEMUR_URDF
 from scipy.optimize import linprog
 
@@ -27,7 +29,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
 from ff_planner_ros.planning.optimisation.free_program import goal_motion
-from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
 from ff_planner_ros.planning.problem.problem import (
     Approach,
     DurationRange,
@@ -184,20 +186,22 @@ def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
     x = x + 0.1 * rng.normal(size=family.variables)
     by, step = rng.normal(size=len(x)), 1e-6
 
+    def lasts(way: float) -> JointSplines:
+        return family.lasting(lasting(problem, 9.0 + way), goal_motion(problem, 9.0 + way))
+
     def at(way: float) -> Any:
-        there = lasting(problem, 9.0 + way)
-        return family.lasting(there, goal_motion(problem, 9.0 + way)).motion(x + way * by, 9)
+        return lasts(way).motion(x + way * by, 9)
 
     here = family.lasting(lasting(problem, 9.0), goal_motion(problem, 9.0))
-    found = here.sensitivity(here.motion(x, 9))
+    found = sensitivity_of(here, here.motion(x, 9))
     low, high = at(-step), at(step)
     along = np.append(by, 1.0)
     np.testing.assert_allclose(found.v @ along, (high.v - low.v) / (2 * step), atol=1e-7)
     joints = (high.q[:, 7:] - low.q[:, 7:]) / (2 * step)
     np.testing.assert_allclose(found.q[:, 6:] @ along, joints, atol=1e-7)
-    assert found.hull is not None
-    hulls = (high.hull.rates - low.hull.rates) / (2 * step)
-    np.testing.assert_allclose(found.hull.rates @ along, hulls, atol=1e-7)
+    below, above = (hulls(lasts(way), x + way * by)[1][0] for way in (-step, step))
+    rates_by_x = hulls(here, x)[1][1]
+    np.testing.assert_allclose(rates_by_x @ along, (above - below) / (2 * step), atol=1e-7)
     assert found.goal_error.shape == (0, family.variables + 1)
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
+from core_rows import sensitivity_of
 from reference_program import rows_of
 from robots import ROBOTS, random_path, random_state
 from scipy.interpolate import CubicHermiteSpline
@@ -350,7 +351,7 @@ def test_what_the_smallest_singular_values_have_more_than_a_margin_has_the_right
 
     def rows(x):
         motion = program.family.motion(x, POINTS)
-        sensitivity = program.family.sensitivity(motion)
+        sensitivity = sensitivity_of(program.family, motion)
         return rows_of(required, program.problem, motion, sensitivity, margin)
 
     margin = 0.0

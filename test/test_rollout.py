@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
+from core_rows import sensitivity_of
 from oracle import golden
 from paper_equations import PaperTerms, paper_terms
 from reference_end_effector import twist_of
@@ -234,7 +235,7 @@ def test_configurations_half_way_are_of_order_three(case: Case) -> None:
 def test_sensitivities_are_those_of_differences(case: Case) -> None:
     step, x = 1e-5, case.coefficients.ravel()
     centre = case.roll_out(points=9)
-    sensitivity = case.paths.sensitivity(centre)
+    sensitivity = sensitivity_of(case.paths, centre)
 
     def tangent(q: Array, origin: Array) -> Array:
         pairs = zip(origin, q, strict=True)
@@ -266,7 +267,7 @@ def test_accelerations_are_the_rates_of_a_fine_rollout_s_velocities(case: Case) 
     v = rollout.v
     # Five points: exact to the fourth order.
     expected = (v[:-4] - 8 * v[1:-3] + 8 * v[3:-1] - v[4:]) / (12 * step)
-    found = case.paths.sensitivity(rollout).acceleration
+    found = sensitivity_of(case.paths, rollout).acceleration
     assert found.shape == v.shape
     error = np.abs(found[2:-2] - expected).max() / np.abs(expected).max()
     assert error < 1e-6, f"relative error {error:.1e}"

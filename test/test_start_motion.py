@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from core_rows import sensitivity_of
 from reference_end_effector import twist_of
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO, ROBOTS, random_path, random_state
 from shared_plans import planned
@@ -19,7 +20,7 @@ from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.watch import Watch
-from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths, Rollout
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade, start_motion
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import SearchDepth
@@ -169,7 +170,7 @@ def test_sensitivities_with_null_space_motion_are_those_of_differences(
 ) -> None:
     paths, x = fading
     model, step = paths.robot.model, 1e-5
-    sensitivity = paths.sensitivity(paths.motion(x, 9))
+    sensitivity = sensitivity_of(paths, paths.motion(x, 9))
     differences_of_q, differences_of_v = [], []
     for aside in step * np.eye(len(x)):
         plus, minus = paths.motion(x + aside, 9), paths.motion(x - aside, 9)
@@ -192,8 +193,7 @@ def test_accelerations_with_null_space_motion_are_those_of_the_velocities(
     paths, x = fading
     points = 2001
     motion = paths.motion(x, points)
-    assert isinstance(motion, Rollout)
-    found = paths.sensitivity(motion).acceleration
+    found = sensitivity_of(paths, motion).acceleration
     h = DURATION / (points - 1)
     v = motion.v
     differences = (8 * (v[3:-1] - v[1:-3]) - (v[4:] - v[:-4])) / (12 * h)

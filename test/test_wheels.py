@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from core_rows import sensitivity_of
 from reference_load_rows import loads_with_derivatives
 from reference_program import rows_of
 from robots import CONFIG, LEMUR_SCENARIO, ROBOTS, random_state, random_urdf
@@ -117,7 +118,7 @@ def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
     problem = in_own_frame(held_problem(name, replace(FOUR, momentum=(0.5,), torque=(0.3,))))
     family, x = drawn(problem)
     motion = family.motion(x, 9)
-    sensitivity, by = family.sensitivity(motion), np.random.default_rng(2).normal(size=len(x))
+    sensitivity, by = sensitivity_of(family, motion), np.random.default_rng(2).normal(size=len(x))
     rows = rows_of(WheelLimits(), problem, motion, sensitivity, 1e-3)
     assert rows is not None
     assert (np.abs(rows.jacobian).max(axis=1) > 0.0).all()
@@ -129,7 +130,7 @@ def test_all_derivatives_are_those_of_finite_differences(name: str) -> None:
         return (high - low) / (2 * step)
 
     def kept(at: Any) -> dict[int, float]:
-        found = rows_of(WheelLimits(), problem, at, family.sensitivity(at), 1e-3)
+        found = rows_of(WheelLimits(), problem, at, sensitivity_of(family, at), 1e-3)
         assert found is not None
         return dict(zip(found.names.tolist(), found.values.tolist(), strict=True))
 
@@ -149,7 +150,7 @@ def test_torques_that_are_near_their_limits_have_rows_with_derivatives() -> None
     problem = in_own_frame(held_problem("six joints", FOUR))
     family, x = drawn(problem)
     motion = family.motion(x, 9)
-    sensitivity = family.sensitivity(motion)
+    sensitivity = sensitivity_of(family, motion)
     robot = problem.robot
     assert robot.wheels is not None
     _, _, torques, by_x = loads_with_derivatives(problem, robot.wheels, motion, sensitivity)
@@ -176,7 +177,7 @@ def test_what_wheels_and_bodies_have_of_angular_momentum_together_is_constant(
     motion = family.motion(x, 400)
     robot = problem.robot
     assert robot.wheels is not None
-    sensitivity = family.sensitivity(motion)
+    sensitivity = sensitivity_of(family, motion)
     momenta, _, torques, _ = loads_with_derivatives(problem, robot.wheels, motion, sensitivity)
     data, total = robot.model.createData(), []
     for q, v, held in zip(motion.q, motion.v, momenta, strict=True):
@@ -296,7 +297,7 @@ def test_a_plan_comes_true_on_three_slides_with_the_torque_of_the_wheels() -> No
     problem = held_problem()
     family, x = drawn(problem)
     motion = family.motion(x, 50)
-    rates = family.sensitivity(motion).acceleration
+    rates = sensitivity_of(family, motion).acceleration
     there = to_trajectory(problem.robot, np.linspace(0.0, 8.0, 50), motion.q, motion.v, rates)
     other = verify(problem.robot, there)
     assert other.passed
@@ -496,7 +497,7 @@ def driven(robot: Robot, seed: int) -> FollowedMotion:
     )
     family, x = drawn(in_own_frame(replace(problem, start=start)))
     motion = family.motion(x + rng.normal(scale=0.3, size=len(x)), 50)
-    rates = family.sensitivity(motion).acceleration
+    rates = sensitivity_of(family, motion).acceleration
     samples = to_trajectory(robot, np.linspace(0.0, 8.0, 50), motion.q, motion.v, rates)
     return followed(robot, motion.q[0], motion.v[0], joint_motion(samples))
 
@@ -663,7 +664,7 @@ def test_between_the_points_nothing_rises_above_the_peaks_that_are_told(
         family, x = drawn(problem)
         rng = np.random.default_rng(seed)
         motion = family.motion(x + rng.normal(scale=0.3, size=len(x)), 50)
-        rates = family.sensitivity(motion).acceleration
+        rates = sensitivity_of(family, motion).acceleration
         time = np.linspace(0.0, 8.0, 50)
         samples = to_trajectory(problem.robot, time, motion.q, motion.v, rates)
         joints = joint_motion(samples)

@@ -56,29 +56,6 @@ class NullSpaceFade:
         seconds: float,  # until they have faded
     ) -> None: ...
 
-def end_effector_motion(
-    chain: Chain,
-    q_start: Array,
-    momentum: Array,
-    path: EndEffectorPolynomial,
-    null_space: NullSpaceFade,
-    x: Array,
-    points: int,
-    damping: float,
-) -> float | tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """Integrate the motion that follows from a polynomial path of the end effector.
-
-    Args:
-        q_start: Configuration at the first point. Shape (7 + joints,).
-        momentum: Constant total P and L about the inertial origin. Shape (6,).
-        x: Coefficients of the free terms, flattened. Shape (18,).
-
-    Returns:
-        The time of a dynamic singularity [s], or q, v and q half-way; their derivatives, with a
-        column a coefficient, and the last by the duration if it is a variable; dv/dt. Shapes as in
-        `Motion` and `Sensitivity`.
-    """
-
 def arm_points_with_derivatives(
     chain: Chain, q: Array, q_sensitivity: Array
 ) -> tuple[Array, Array]:
@@ -189,25 +166,16 @@ class DrivenMotion:
     def goal_error(self, target: Target) -> Array:
         """Return what the motion misses of a goal. Shape (rows,)."""
 
-    def sensitivity(
-        self,
-        angle_rows: Array,
-        rate_rows: Array,
-        acceleration_row: Array,
-        target: Target,
-        by_duration: Array = ...,
-        target_by_duration: Array = ...,
-    ) -> tuple[Array, Array, Array, Array, Array]:
-        """Return the derivatives of q, v, q half-way and the goal error by x, and dv/dt.
+    def goal_error_by_x(
+        self, angle_rows: Array, rate_rows: Array, acceleration_row: Array, target: Target
+    ) -> Array:
+        """Return the derivatives of the goal error by x. Shape (rows, variables).
 
         Args:
             angle_rows: Derivatives of the angles of any joint, at half steps, by the variables of
                 that joint. Shape (half steps, variables of a joint).
             rate_rows: Likewise.
             acceleration_row: Likewise, at the end. Shape (variables of a joint,).
-            by_duration: Where that is one more variable: derivatives by it of the angles of all
-                joints, of their rates, and of the last accelerations; (2 half steps + 1, joints).
-            target_by_duration: Likewise of the target's place, twist and acceleration. (3, 6).
         """
 
 class Body:
@@ -341,6 +309,9 @@ def minimise(
 class PathsOnGrid:
     """The paths of one family on one time grid."""
 
+    def motion(self, x: Array) -> float | tuple[Array, Array, Array, Array]:
+        """Return the time of a dynamic singularity [s], or q, v, q half-way and the goal error."""
+
 def end_effector_paths(
     chain: Chain,
     q_start: Array,
@@ -351,9 +322,11 @@ def end_effector_paths(
     damping: float,
     goal_by_duration: Array = ...,
 ) -> PathsOnGrid:
-    """Return the paths whose motions `end_effector_motion` integrates.
+    """Return the motions that follow from polynomial paths of the end effector.
 
     Args:
+        q_start: Configuration at the first point. Shape (7 + joints,).
+        momentum: Constant total P and L about the inertial origin. Shape (6,).
         goal_by_duration: How the goal's pose changes with the duration, if that is one more
             variable, as of `path`; empty: it is given. Shape (6,) [m/s, rad/s].
     """

@@ -46,36 +46,22 @@ TargetChange target_change(const Rows& by_duration) {
   return {by_duration.row(0), by_duration.row(1), by_duration.row(2), 1};
 }
 
-// by_duration: of angles and rates at half steps, and of the accelerations at the end, a row each.
-// target_by_duration: place, twist and acceleration. Both are empty where the duration is given.
-py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows, const Array& rate_rows,
-                      const Array& acceleration_row, const Target& target, const Array& by_duration,
-                      const Array& target_by_duration) {
-  const py::ssize_t points = motion.q.rows(), size = motion.v.cols(), joints = size - 6;
-  const py::ssize_t half_steps = 2 * points - 1;
+// Returns the derivatives of the goal error by the variables.
+Array goal_error_by_x(const DrivenMotion& motion, const Array& angle_rows, const Array& rate_rows,
+                      const Array& acceleration_row, const Target& target) {
+  const py::ssize_t points = motion.q.rows(), size = motion.v.cols();
   const Rows last = rows(acceleration_row, "acceleration_row", {kAny});
-  const Shape shape{half_steps, last.cols()};
-  JointRows of_joints{rows(angle_rows, "angle_rows", shape), rows(rate_rows, "rate_rows", shape),
-                      last, static_cast<int>(joints)};
-  TargetChange of_target;
-  if (by_duration.size() > 0) {
-    const Rows all = rows(by_duration, "by_duration", {2 * half_steps + 1, joints});
-    of_joints.angles_by_duration = all.topRows(half_steps);
-    of_joints.rates_by_duration = all.middleRows(half_steps, half_steps);
-    of_joints.last_acceleration_by_duration = all.bottomRows(1);
-    of_target = target_change(rows(target_by_duration, "target_by_duration", {3, 6}));
-  }
-  const py::ssize_t variables = of_joints.variables();
-  const auto conditions = static_cast<py::ssize_t>(motion.goal_error(target).size());
-  Array q({points, size, variables}), v({points, size, variables});
-  Array q_half_way({points - 1, size, variables}), acceleration({points, size});
-  Array goal_error({conditions, variables});
-  motion.sensitivity(of_joints, target, of_target,
-                     {rows_to_fill(q), rows_to_fill(v), rows_to_fill(q_half_way),
-                      rows_to_fill(goal_error), rows_to_fill(acceleration)});
-  return py::make_tuple(result(q, "dq/dx"), result(v, "dv/dx"),
-                        result(q_half_way, "dq/dx half-way"),
-                        result(goal_error, "d(goal error)/dx"), result(acceleration, "dv/dt"));
+  const Shape shape{2 * points - 1, last.cols()};
+  const JointRows of_joints{rows(angle_rows, "angle_rows", shape),
+                            rows(rate_rows, "rate_rows", shape), last, static_cast<int>(size) - 6};
+  const Eigen::Index variables = of_joints.variables();
+  RowMajor q(points * size, variables), v(points * size, variables);
+  RowMajor q_half_way((points - 1) * size, variables), acceleration(points, size);
+  RowMajor goal_error(motion.goal_error(target).size(), variables);
+  const auto all = [](RowMajor& of) { return from_row(of, 0, of.rows()); };
+  motion.sensitivity(of_joints, target, TargetChange(),
+                     {all(q), all(v), all(q_half_way), all(goal_error), all(acceleration)});
+  return result(goal_error, "d(goal error)/dx");
 }
 
 SplineRows spline_rows(const Array& free, const Array& known, const Array& moved) {
@@ -131,10 +117,6 @@ NullSpaceFade null_space_fade(const Array& rates, const Array& accelerations, do
           seconds};
 }
 
-Coefficients coefficients(const Array& x) {
-  return Eigen::Map<const Coefficients>(values(x, "x", {kParameters}).data());
-}
-
 EndEffectorRollout rollout(const Chain& chain, const Array& q_start, const Array& momentum,
                            const EndEffectorPolynomial& path, const NullSpaceFade& null_space,
                            int points, double damping) {
@@ -150,26 +132,16 @@ EndEffectorRollout rollout(const Chain& chain, const Array& q_start, const Array
           checked(damping, "damping")};
 }
 
-// Returns the time of a dynamic singularity, or a tuple: q, v, q half-way; the derivatives of all
-// three; dv/dt.
-py::object end_effector_motion(const Chain& chain, const Array& q_start, const Array& momentum,
-                               const EndEffectorPolynomial& path, const NullSpaceFade& null_space,
-                               const Array& x, int points, double damping) {
-  const EndEffectorRollout motion =
-      rollout(chain, q_start, momentum, path, null_space, points, damping);
-  const py::ssize_t size = 6 + chain.joints(), variables = motion.variables();
-  const py::ssize_t rows = points, gaps = points - 1;
-  Array q({rows, 1 + size}), v({rows, size}), q_half_way({gaps, 1 + size});
-  Array dq({rows, size, variables}), dv({rows, size, variables});
-  Array dq_half_way({gaps, size, variables}), acceleration({rows, size});
-  const int singular =
-      motion.run(coefficients(x),
-                 {rows_to_fill(q), rows_to_fill(v), rows_to_fill(q_half_way), rows_to_fill(dq),
-                  rows_to_fill(dv), rows_to_fill(dq_half_way), rows_to_fill(acceleration)});
-  if (singular != kRegular) return py::float_(singular / (2.0 * gaps) * path.duration);
-  return py::make_tuple(result(q, "q"), result(v, "v"), result(q_half_way, "q_half_way"),
-                        result(dq, "dq"), result(dv, "dv"), result(dq_half_way, "dq_half_way"),
-                        result(acceleration, "acceleration"));
+// Returns the time of a dynamic singularity, or q, v, q half-way and the goal error.
+py::object motion_of(const PathsOnGrid& paths, const Array& x) {
+  PathDerivatives by_x;
+  const PathMotion found = paths.motion(values(x, "x", {paths.variables()}), by_x);
+  if (!found.is_regular()) return py::float_(found.singular_at);
+  const Eigen::Index points = found.points();
+  return py::make_tuple(
+      result(found.q.topRows(points), "q"), result(found.v, "v"),
+      result(found.q.bottomRows(points - 1), "q_half_way"),
+      result(Array(found.goal_error.size(), found.goal_error.data()), "goal error"));
 }
 
 std::shared_ptr<PathsOnGrid> end_effector_paths(const Chain& chain, const Array& q_start,
@@ -188,7 +160,8 @@ std::shared_ptr<PathsOnGrid> end_effector_paths(const Chain& chain, const Array&
 }  // namespace
 
 void bind_motion(py::module_& m) {
-  py::class_<PathsOnGrid, std::shared_ptr<PathsOnGrid>>(m, "PathsOnGrid");
+  py::class_<PathsOnGrid, std::shared_ptr<PathsOnGrid>>(m, "PathsOnGrid")
+      .def("motion", &motion_of, py::arg("x"));
   py::class_<Start>(m, "Start")
       .def(py::init(&start), py::arg("position"), py::arg("rotation"), py::arg("center"),
            py::arg("momentum"), py::arg("base"));
@@ -210,9 +183,8 @@ void bind_motion(py::module_& m) {
             return result(Array(error.size(), error.data()), "goal error");
           },
           py::arg("target"))
-      .def("sensitivity", &sensitivity, py::arg("angle_rows"), py::arg("rate_rows"),
-           py::arg("acceleration_row"), py::arg("target"), py::arg("by_duration") = Array(0),
-           py::arg("target_by_duration") = Array(0));
+      .def("goal_error_by_x", &goal_error_by_x, py::arg("angle_rows"), py::arg("rate_rows"),
+           py::arg("acceleration_row"), py::arg("target"));
   py::class_<SplineRows>(m, "SplineRows")
       .def(py::init(&spline_rows), py::arg("free"), py::arg("known"), py::arg("moved") = Array(0));
   m.def("joint_splines", &joint_splines, py::arg("chain"), py::arg("start"), py::arg("target"),
@@ -225,9 +197,6 @@ void bind_motion(py::module_& m) {
   py::class_<NullSpaceFade>(m, "NullSpaceFade")
       .def(py::init(&null_space_fade), py::arg("rates"), py::arg("accelerations"),
            py::arg("seconds"));
-  m.def("end_effector_motion", &end_effector_motion, py::arg("chain"), py::arg("q_start"),
-        py::arg("momentum"), py::arg("path"), py::arg("null_space"), py::arg("x"),
-        py::arg("points"), py::arg("damping"));
   m.def("end_effector_paths", &end_effector_paths, py::arg("chain"), py::arg("q_start"),
         py::arg("momentum"), py::arg("path"), py::arg("null_space"), py::arg("points"),
         py::arg("damping"), py::arg("goal_by_duration") = Array(0));

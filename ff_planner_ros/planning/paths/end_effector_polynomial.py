@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +20,7 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.paths.detours import detours, scattered
-from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, Sensitivity
+from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion
 from ff_planner_ros.planning.paths.polynomial import (
     COMPONENTS,
     DIRECTIONS,
@@ -41,13 +41,6 @@ PAPERS_JOINTS = 6
 # Normalised time at which an initial guess reaches the corridor, if there is one, and the distance
 # from the grasp then, in lengths of the corridor.
 _ENTERED, _BEFORE = 0.75, 1.2
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Rollout(Motion):
-    """A motion with its derivatives: the core computes both at once."""
-
-    sensitivity: Sensitivity
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,32 +126,14 @@ class EndEffectorPaths:
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the motion of one path; x: coefficients of the free terms, flattened."""
-        nothing = np.empty(0)
-        found = compiled.end_effector_motion(*self._in_core, x=x, points=points, damping=damping)
+        found = self.on_grid(points, damping).motion(x)
         if isinstance(found, float):
+            nothing = np.empty(0)
             return Motion(
                 x=x, q=nothing, v=nothing, q_half_way=nothing, goal_error=nothing, singular_at=found
             )
-        q, v, q_half_way, dq, dv, dq_half_way, acceleration = found
-        return Rollout(
-            x=x,
-            q=q,
-            v=v,
-            q_half_way=q_half_way,
-            goal_error=nothing,
-            sensitivity=Sensitivity(
-                q=dq,
-                v=dv,
-                q_half_way=dq_half_way,
-                goal_error=np.empty((0, dq.shape[2])),
-                acceleration=acceleration,
-                goal_motion=self.goal_motion,
-            ),
-        )
-
-    def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
-        """Return the derivatives of a regular motion of this family, computed with the motion."""
-        return cast(Rollout, motion).sensitivity
+        q, v, q_half_way, goal_error = found
+        return Motion(x=x, q=q, v=v, q_half_way=q_half_way, goal_error=goal_error)
 
     def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid:
         """Return the family as the core has it."""

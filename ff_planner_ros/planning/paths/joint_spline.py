@@ -14,14 +14,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import ClassVar, TypeAlias, cast
+from typing import ClassVar, cast
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import chain_of, start_of, target_of
-from ff_planner_ros.planning.paths.path_family import GoalMotion, JointHull, Motion, Sensitivity
+from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion
 from ff_planner_ros.planning.paths.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.paths.spline_guesses import spline_guesses
 from ff_planner_ros.planning.problem.obstacles import Obstacle
@@ -30,13 +30,10 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 
-# As the core returns them: of q, v, q half-way and the goal error; then dv/dt itself.
-Derivatives: TypeAlias = tuple[Array, Array, Array, Array, Array]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SplineMotion(Motion):
-    """A motion with the compiled one that its derivatives are computed from."""
+    """A motion with the compiled one, of which the goal error has derivatives."""
 
     compiled: compiled.DrivenMotion
 
@@ -161,25 +158,13 @@ class JointSplines:
             v=motion.v,
             q_half_way=motion.q_half_way,
             goal_error=np.empty(0) if self.ending else motion.goal_error(self._goal),
-            hull=JointHull(*(matrix @ controls for matrix in _hulls(self.basis))),
             compiled=motion,
         )
 
-    def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
-        """Differentiate a motion of this family, exact as discretised."""
+    def goal_error_by_x(self, motion: Motion) -> Array:
+        """Differentiate the goal error of a motion of this family. Shape (rows, variables)."""
         rows = _rows_of_free(self.basis, len(motion.q), self.ending)
-        compiled_motion = cast(SplineMotion, motion).compiled
-        hull = _hulls_by_x(self.basis, self.robot.joints, self.ending)
-        goal_motion = self.goal_motion
-        if goal_motion is None:
-            found = compiled_motion.sensitivity(*rows, self._goal)
-            return Sensitivity(*self._without_goal(found), hull=hull)
-        of_goal = _by_duration(goal_motion)
-        by_duration, hulls = self._by_duration(motion.x, len(motion.q))
-        columns = (hull.positions, hull.rates), hulls
-        wide = JointHull(*(np.dstack(both) for both in zip(*columns, strict=True)))
-        found = compiled_motion.sensitivity(*rows, self._goal, by_duration, of_goal)
-        return Sensitivity(*self._without_goal(found), hull=wide, goal_motion=goal_motion)
+        return cast(SplineMotion, motion).compiled.goal_error_by_x(*rows, self._goal)
 
     def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid:
         """Return the family as the core has it."""
@@ -208,33 +193,6 @@ class JointSplines:
         if posture is not None and posture.positions is not None:
             of_end = in_parts.end(still, still + posture.rates, still)
         return of_start, of_end
-
-    def _without_goal(self, found: Derivatives) -> Derivatives:
-        """Return derivatives without those of the goal error, where there is none."""
-        if not self.ending:
-            return found
-        q, v, half_way, goal_error, acceleration = found
-        return q, v, half_way, goal_error[:0], acceleration
-
-    def _by_duration(self, x: Array, points: int) -> tuple[Array, tuple[Array, Array]]:
-        """Return the derivatives of a spline by the duration T at fixed parts s of it.
-
-        The k-th derivative by time is 1 / T^k of that by s, and the control points that the start
-        fixes change with T: those by s there are T^k times what is given.
-
-        Returns:
-            Those of angles and rates at half steps and of the last accelerations, a row each, and
-            those of both hulls. Shapes (2 half steps + 1, joints), and each (points, joints).
-        """
-        controls = self.control_points(x)
-
-        def changed(rows: Array, order: int) -> Array:
-            return self.moved(rows) - order / self.basis.duration * (rows @ controls)
-
-        angles, rates, accelerations = _rows(self.basis, points)
-        of_joints = [changed(angles, 0), changed(rates, 1), changed(accelerations[-1:], 2)]
-        of_positions, of_rates = _hulls(self.basis)
-        return np.concatenate(of_joints), (changed(of_positions, 0), changed(of_rates, 1))
 
     @cached_property
     def _goal(self) -> compiled.Target:
@@ -314,17 +272,3 @@ def _hulls(basis: SplineBasis) -> tuple[Array, Array]:
     """
     angles, rates = basis.hull(), basis.hull(1)
     return angles[FIXED:], rates[FIXED - 1 :]
-
-
-@lru_cache(maxsize=32)
-def _hulls_by_x(basis: SplineBasis, joints: int, ending: str) -> JointHull:
-    """Return the derivatives of both hulls by the variables of all joints."""
-    spread = _spread(basis.count, ending)
-    return JointHull(*(_of_joints(matrix[:, FIXED:] @ spread, joints) for matrix in _hulls(basis)))
-
-
-def _of_joints(free: Array, joints: int) -> Array:
-    """Return a matrix of one joint's variables as one of all joints'. (rows, joints, x)."""
-    of_joints = np.zeros((len(free), joints, joints, free.shape[1]))
-    of_joints[:, range(joints), range(joints)] = free[:, None]
-    return of_joints.reshape(len(free), joints, joints * free.shape[1])

@@ -1,4 +1,4 @@
-"""The interface of a path family: motions, their sensitivities and initial guesses.
+"""The interface of a path family: motions, their derivatives and initial guesses.
 
 A path family is a set of motions from the start to the goal, one for each choice of its decision
 variables x. Another family is another class with these members.
@@ -15,14 +15,6 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Target
-
-
-@dataclass(frozen=True, eq=False)
-class JointHull:
-    """Points whose range bounds each joint at all times, or their derivatives by x."""
-
-    positions: Array  # shape (points, joints) or (points, joints, variables)
-    rates: Array  # likewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +37,6 @@ class Motion:
     goal_error: Array  # in the conditions of the goal that the family does not fix; shape (rows,)
     # Time of a dynamic singularity, where the motion ends [s]; then only x has a meaning
     singular_at: float | None = None
-    hull: JointHull | None = None  # None: not known
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +52,6 @@ class Sensitivity:
     q_half_way: Array  # shape (points - 1, 6 + joints, variables)
     goal_error: Array  # shape (rows, variables)
     acceleration: Array  # dv/dt itself at each point; shape (points, 6 + joints)
-    hull: JointHull | None = None
     goal_motion: GoalMotion | None = None  # None: the duration is given
 
     @property
@@ -106,11 +96,8 @@ class PathFamily(Protocol):
         With damping, a motion that meets a singularity leaves its path instead of ending there.
         """
 
-    def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
-        """Differentiate a regular motion of this family; damping: that of the motion."""
-
     def on_grid(self, points: int, damping: float) -> compiled.PathsOnGrid:
-        """Return `motion` and `sensitivity` at once, as the core has them."""
+        """Return the motions with their derivatives, as the core has them."""
 
     def first_guesses(
         self, obstacles: Sequence[Obstacle], points: int, damping: float

@@ -181,7 +181,7 @@ def _way_to_posture(
             best, error = there, missed
             if np.abs(error).max(initial=0.0) < _NEAR:
                 break
-            jacobian = family.sensitivity(motion).goal_error[:rows] @ by_posture
+            jacobian = family.goal_error_by_x(motion)[:rows] @ by_posture
             damping = max(_LESS * damping, _LEAST_DAMPING)
         else:
             damping *= _MORE
