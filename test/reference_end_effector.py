@@ -14,6 +14,7 @@ from ff_planner_ros.planning.motion.runge_kutta import increment
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.polynomial import EndEffectorPolynomial, powers
+from ff_planner_ros.planning.paths.start_motion import NullSpaceFade
 from ff_planner_ros.robot.rotation import euler_rate_map, euler_rate_map_derivative, skew
 
 # Ascending coefficients of 64 s^3 (1 - s)^3 {1, s, s^2}, a column a term. Shape (9, 3).
@@ -43,7 +44,7 @@ def motion(
     twist = twist_of(family.polynomial, x.reshape(6, 3), half_steps)
     bias: Sequence[Array | None] = [None] * len(half_steps)
     if family.null_space is not None:
-        bias = list(family.null_space.at(half_steps * family.polynomial.duration)[0])
+        bias = list(faded(family.null_space, half_steps * family.polynomial.duration)[0])
     q = np.empty((points, model.nq))
     increments = np.empty((steps, 4, model.nv))
     solutions: list[VelocitySolution] = []
@@ -74,6 +75,17 @@ def motion(
         increments=increments,
         stages=stages,
     )
+
+
+def faded(fade: NullSpaceFade, time: Array) -> tuple[Array, Array]:
+    """Return z and its derivative, each of shape (times, joints) [rad/s, rad/s2]."""
+    u = np.minimum(time / fade.seconds, 1.0)[:, None]
+    f = 1.0 - 10.0 * u**3 + 15.0 * u**4 - 6.0 * u**5
+    g = u - 6.0 * u**3 + 8.0 * u**4 - 3.0 * u**5
+    f_slope = (-30.0 * u**2 + 60.0 * u**3 - 30.0 * u**4) / fade.seconds
+    g_slope = 1.0 - 18.0 * u**2 + 32.0 * u**3 - 15.0 * u**4
+    z = f * fade.rates + fade.seconds * g * fade.accelerations
+    return z, f_slope * fade.rates + g_slope * fade.accelerations
 
 
 def sensitivity(family: EndEffectorPaths, rollout: Rollout, damping: float = 0.0) -> Sensitivity:
@@ -127,7 +139,7 @@ def sensitivity(family: EndEffectorPaths, rollout: Rollout, damping: float = 0.0
     acceleration = np.einsum("pij,pj->pi", of_q[::4], rollout.v)
     acceleration += np.einsum("pij,pj->pi", of_twist[::4], twist_rate)
     if family.null_space is not None:
-        _, bias_rate = family.null_space.at(half_steps[::2] * family.polynomial.duration)
+        _, bias_rate = faded(family.null_space, half_steps[::2] * family.polynomial.duration)
         at_points = VelocitySolution(*(column[::4] for column in rollout.stages))
         acceleration += np.einsum("pij,pj->pi", velocity_map.of_bias(at_points), bias_rate)
     return Sensitivity(

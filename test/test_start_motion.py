@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from core_rows import sensitivity_of
-from reference_end_effector import twist_of
+from reference_end_effector import faded, twist_of
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO, ROBOTS, random_path, random_state
 from shared_plans import planned
 
@@ -129,13 +129,13 @@ def test_the_end_effector_s_acceleration_is_that_of_a_system_that_nothing_pushes
 def test_null_space_motion_fades_smoothly_from_what_it_was() -> None:
     fade = NullSpaceFade(np.array([0.2, -0.1]), np.array([0.03, 0.05]), 4.0)
     time, h = np.linspace(0.0, 5.0, 501), 1e-5
-    values, slopes = fade.at(time)
+    values, slopes = faded(fade, time)
     assert values[0].tolist() == [0.2, -0.1]
     assert slopes[0].tolist() == [0.03, 0.05]
     assert np.abs(values[time >= 4.0]).max() < 1e-15
     assert np.abs(slopes[time >= 4.0]).max() < 1e-15
     inside = time[1:-1]
-    differences = (fade.at(inside + h)[0] - fade.at(inside - h)[0]) / (2 * h)
+    differences = (faded(fade, inside + h)[0] - faded(fade, inside - h)[0]) / (2 * h)
     assert slopes[1:-1] == pytest.approx(differences, abs=1e-9)
     # The slope itself has no step or corner where fading begins to bite or ends.
     assert np.abs(np.diff(slopes, axis=0)).max() < 0.01 * np.abs(slopes).max() + 1e-3

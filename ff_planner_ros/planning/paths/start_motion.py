@@ -40,16 +40,6 @@ class NullSpaceFade:
     accelerations: Array  # z_0'; shape (joints,) [rad/s2]
     seconds: float  # d T, duration of the fading
 
-    def at(self, time: Array) -> tuple[Array, Array]:
-        """Return z and its derivative, each of shape (times, joints) [rad/s, rad/s2]."""
-        u = np.minimum(time / self.seconds, 1.0)[:, None]
-        f = 1.0 - 10.0 * u**3 + 15.0 * u**4 - 6.0 * u**5
-        g = u - 6.0 * u**3 + 8.0 * u**4 - 3.0 * u**5
-        f_slope = (-30.0 * u**2 + 60.0 * u**3 - 30.0 * u**4) / self.seconds
-        g_slope = 1.0 - 18.0 * u**2 + 32.0 * u**3 - 15.0 * u**4
-        z = f * self.rates + self.seconds * g * self.accelerations
-        return z, f_slope * self.rates + g_slope * self.accelerations
-
 
 @dataclass(frozen=True, eq=False)
 class StartMotion:
