@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
@@ -91,9 +93,10 @@ def without_allowed(
     is_apart = np.zeros(count, np.bool_)
     is_apart[split.apart] = True
     configurations, numbers = np.divmod(found.names, count)
-    kept = is_apart[numbers] | (configurations <= before_contact(problem, times, tips, _WITHIN))
+    nearer = replace(problem, contact_distance=_WITHIN * problem.contact_distance)
+    kept = is_apart[numbers] | (configurations <= before_contact(nearer, times, tips))
     for obstacle, touching in split.at_start:
-        first = after_contact(problem, obstacle, times, q, _WITHIN)
+        first = after_contact(nearer, obstacle, times, q)
         kept &= (configurations >= first) | ~np.isin(numbers, touching)
     return Rows(found.values[kept], found.jacobian[kept], found.names[kept])
 

@@ -17,6 +17,7 @@ from straight_arms import ball, panel_about, straight_arm, told, turning
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance import body_certificate, certificate
 from ff_planner_ros.planning.distance.body_certificate import (
+    EXACT_PART,
     NOTHING,
     Least,
     least_of,
@@ -54,9 +55,10 @@ REST = told(TIMES, STILL, STILL)
 
 def require(least: Least, searched: float, true: float, part: float = 0.0) -> None:
     """Hold both certificates against the true distance, and each against its gap."""
-    gap = max(CERTIFICATE_GAP, part * true) + 1e-9
+    gap = max(CERTIFICATE_GAP, EXACT_PART * true) + 1e-9
     assert true - gap <= least.certified <= true + 1e-9
     assert true - 1e-9 <= least.found <= least.certified + gap
+    gap = max(CERTIFICATE_GAP, part * true) + 1e-9
     assert true - gap <= searched <= true + 1e-9
 
 
@@ -70,9 +72,9 @@ def spheres_are(
 ) -> Least:
     """Require the least distance of bodies from spheres."""
     every = range(3 * len(spheres)) if chosen is None else chosen
-    asked = ARM, motion, spheres, np.array(every, np.intp), last, part
+    asked = ARM, motion, spheres, np.array(every, np.intp), last
     least = least_sphere_distance(*asked)
-    require(least, search_distance(*asked), true, part)
+    require(least, search_distance(*asked, part), true, part)
     return least
 
 
@@ -190,9 +192,9 @@ def test_a_chaser_that_flies_past_a_sphere_and_one_that_turns_past_it(way: float
 
 def pairs_are(motion: FollowedMotion, true: float, robot: Robot = ARM, last: int = LAST) -> Least:
     """Require the least distance of bodies from each other."""
-    asked = robot, motion, np.arange(len(robot.pairs)), last, 0.0
+    asked = robot, motion, np.arange(len(robot.pairs)), last
     least = least_pair_distance(*asked)
-    require(least, search_pair_distance(*asked), true)
+    require(least, search_pair_distance(*asked, 0.0), true)
     return least
 
 
@@ -240,10 +242,10 @@ def test_at_the_first_point_alone_every_pair_and_sphere_is_measured() -> None:
     assert (least.time, divmod(least.pair, 2)) == (0.0, (TIP, 0))
     assert spheres_are(REST, rocks, 0.3, chosen=[1], last=0).pair == 1
     pairs_are(REST, 1.6 - 0.3, last=0)
-    asked = ARM, REST, np.zeros(0, np.intp), LAST, 0.0
+    asked = ARM, REST, np.zeros(0, np.intp), LAST
     assert least_pair_distance(*asked) == NOTHING
-    assert least_pair_distance(ARM, REST, np.arange(1), -1, 0.0) == NOTHING
-    assert search_pair_distance(*asked) == np.inf
+    assert least_pair_distance(ARM, REST, np.arange(1), -1) == NOTHING
+    assert search_pair_distance(*asked, 0.0) == np.inf
     # One time is all that is left of the motion.
     fields = ("time", "q", "v", "joint_accelerations")
     left = replace(REST, maps=None, **{name: getattr(REST, name)[:1] for name in fields})
@@ -321,7 +323,7 @@ def test_a_motion_too_fast_to_certify_closely_ends_with_a_lower_bound(
     monkeypatch.setattr(body_certificate, "_MOST_PIECES", 1 << 9)
     motion = turning(TIMES, np.array([-0.4 * rate, 0.0]), np.array([rate, 0.0]))
     above = [Sphere("above", [0.0, 0.0, 0.5], 0.05)]
-    least = least_sphere_distance(ARM, motion, above, np.array([TIP]), LAST, 0.0)
+    least = least_sphere_distance(ARM, motion, above, np.array([TIP]), LAST)
     assert sum(looked_at) < 1 << 11
     true = np.hypot(1.6, 0.5) - 0.15
     assert least.certified < true - CERTIFICATE_GAP

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-CONFIDENCE = 0.95
+_CONFIDENCE = 0.95
 
 
-def exact_interval(count: int, total: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of the rate of `count` events in `total` trials.
+def exact_interval(count: int, total: int) -> tuple[float, float]:
+    """Return the 95 % Clopper-Pearson interval of the rate of `count` events in `total` trials.
 
-    Its coverage is at least `confidence` for every true rate. Wilson's interval is narrower and
+    Its coverage is at least that for every true rate. Wilson's interval is narrower and
     right on average, but covers less for some rates near 0 and 1: those of violations and of
     successes, on which a mission relies.
     """
     from scipy.special import betaincinv  # slow to load, and most readers of bags need no rate
 
-    outside = (1.0 - confidence) / 2
+    outside = (1.0 - _CONFIDENCE) / 2
     low = 0.0 if count == 0 else float(betaincinv(count, total - count + 1, outside))
     high = 1.0 if count == total else float(betaincinv(count + 1, total - count, 1.0 - outside))
     return low, high

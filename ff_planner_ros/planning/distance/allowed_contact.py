@@ -97,7 +97,7 @@ def split_obstacles(problem: PlanningProblem) -> Split:
     return _split(may, room, problem.obstacle_bodies)
 
 
-def before_contact(problem: PlanningProblem, times: Array, tips: Array, within: float = 1.0) -> int:
+def before_contact(problem: PlanningProblem, times: Array, tips: Array) -> int:
     """Return the index of the last configuration at which allowed pairs, too, must be apart.
 
     That is the last one of a motion to a posture: its goal has no place to touch at.
@@ -105,7 +105,6 @@ def before_contact(problem: PlanningProblem, times: Array, tips: Array, within: 
     Args:
         times: From the plan's first point on, ascending. Shape (times,) [s].
         tips: Where the end effector is, inertial frame. Shape (times, 3) [m].
-        within: Fraction of the contact distance to use instead of all of it.
 
     Returns:
         Index into `times`; -1 if there is none.
@@ -113,16 +112,12 @@ def before_contact(problem: PlanningProblem, times: Array, tips: Array, within: 
     if problem.posture is not None:
         return len(times) - 1
     to_goal = np.linalg.norm(GraspSeen(problem, times).from_grasp(tips), axis=1)
-    outside = np.flatnonzero(to_goal > within * problem.contact_distance)
+    outside = np.flatnonzero(to_goal > problem.contact_distance)
     return int(outside[-1]) if outside.size else -1
 
 
 def after_contact(
-    problem: PlanningProblem,
-    obstacle: Obstacle | None,
-    times: Array,
-    q: Array,
-    within: float = 1.0,
+    problem: PlanningProblem, obstacle: Obstacle | None, times: Array, q: Array
 ) -> int:
     """Return the index of the first configuration at which contacts of the start must be apart.
 
@@ -130,7 +125,6 @@ def after_contact(
         obstacle: The one that they touch; None: another link of the robot.
         times: From the plan's first point on, ascending. Shape (times,) [s].
         q: Shape (times, 7 + joints).
-        within: Fraction of the contact distance to use instead of all of it.
 
     Returns:
         Index into `times`; len(times) if there is none.
@@ -138,7 +132,7 @@ def after_contact(
     first = configuration(problem.robot, problem.start)[0]
     times, q = np.append(0.0, times), np.vstack([first, q])
     ways = _ways_from_start(problem.robot, obstacle, times, q)[1:]
-    outside = np.flatnonzero(ways > within * problem.contact_distance)
+    outside = np.flatnonzero(ways > problem.contact_distance)
     return int(outside[0]) if outside.size else len(ways)
 
 

@@ -116,15 +116,12 @@ class _Kind:
     gaps: Callable[[_Pieces], Array]
 
 
-def least_pair_distance(
-    robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float = EXACT_PART
-) -> Least:
+def least_pair_distance(robot: Robot, motion: FollowedMotion, chosen: Indices, last: int) -> Least:
     """Return the least distance of chosen pairs along a motion.
 
     Args:
         chosen: Numbers of pairs.
         last: Index of the last time that counts.
-        part: Relative accuracy of the bound; `CERTIFICATE_GAP` counts if that is more.
     """
     if not len(chosen) or last < 0:
         return NOTHING
@@ -148,7 +145,7 @@ def least_pair_distance(
         return gap_bounds(first, second, pieces.at_begin, pieces.at_end, bends)
 
     kind = _Kind(bounds, measure, ways, gaps)
-    return _least(kind, chosen, last, motion.time, part)
+    return _least(kind, chosen, last, motion.time)
 
 
 def least_sphere_distance(
@@ -157,7 +154,6 @@ def least_sphere_distance(
     spheres: Sequence[Sphere],
     chosen: Indices,
     last: int,
-    part: float = EXACT_PART,
     gap: float = CERTIFICATE_GAP,
 ) -> Least:
     """Return the least distance of chosen bodies from spheres along a motion.
@@ -165,7 +161,6 @@ def least_sphere_distance(
     Args:
         chosen: Body times the number of spheres, plus sphere.
         last: Index of the last time that counts.
-        part: Relative accuracy of the bound.
         gap: Absolute accuracy of the bound, if that is more and nothing touches [m].
     """
     if not len(chosen) or last < 0:
@@ -188,7 +183,7 @@ def least_sphere_distance(
         return measured(found, at.poses(bodies), (axes[at.rows], centers[at.rows, column]))
 
     kind = _beside(robot, motion, spheres, bounds, measure)
-    return _least(kind, chosen, last, motion.time, part, gap)
+    return _least(kind, chosen, last, motion.time, gap)
 
 
 def least_obstacle_distance(
@@ -197,7 +192,6 @@ def least_obstacle_distance(
     obstacles: Sequence[ObstacleBody],
     chosen: Indices,
     last: int,
-    part: float = EXACT_PART,
     gap: float = CERTIFICATE_GAP,
 ) -> Least:
     """Return the least distance of chosen bodies from obstacles; see `least_sphere_distance`.
@@ -224,7 +218,7 @@ def least_obstacle_distance(
         return measured(found, at.poses(bodies), there)
 
     kind = _beside(robot, motion, obstacles, bounds, measure)
-    return _least(kind, chosen, last, motion.time, part, gap)
+    return _least(kind, chosen, last, motion.time, gap)
 
 
 def _beside(
@@ -261,12 +255,7 @@ def _solids(robot: Robot) -> list[coal.CollisionGeometry]:
 
 
 def _least(
-    kind: _Kind,
-    chosen: Indices,
-    last: int,
-    time: Array,
-    part: float,
-    gap: float = CERTIFICATE_GAP,
+    kind: _Kind, chosen: Indices, last: int, time: Array, gap: float = CERTIFICATE_GAP
 ) -> Least:
     """Halve pieces of the motion until the least distance is known."""
     steps = np.append(np.arange(0.0, last, _STRIDE), float(last))
@@ -299,7 +288,7 @@ def _least(
     rounding = _ROUNDING * float(ways.sum(axis=0)[which].max(initial=0.0))
     while True:
         finest = max(CERTIFICATE_GAP if found < 0.0 else gap, rounding)
-        enough = found - max(finest, part * found)
+        enough = found - max(finest, EXACT_PART * found)
         way = kind.ways(pieces.end, pieces.pair) - kind.ways(pieces.begin, pieces.pair)
         bound = (pieces.at_begin.distance + pieces.at_end.distance - way) / 2
         short = np.flatnonzero((bound < enough) & (pieces.end - pieces.begin <= 1.0))
