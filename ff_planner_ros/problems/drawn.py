@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.state import SystemState
 
 T = TypeVar("T")
 W = TypeVar("W", covariant=True)
 
 # Sound draws are one of a few, or of a thousand. A class that has none would be drawn for ever.
 _MOST_DRAWS = 100_000
+# Drawn joint positions stay away from their limits [rad].
+FROM_LIMITS = 0.1
+_STILL = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,3 +51,64 @@ def first_sound(kind: str, robot: str, draw: Callable[[], T | None], most: int =
             return drawn
     allowed = f"of {most} problems of kind {kind} that were drawn for it none has a plan"
     raise InvalidInput(Status.UNSUPPORTED, "robot", robot, allowed)
+
+
+def asked(
+    robot: Robot, start: SystemState, target: Target, duration: float, **more: Any
+) -> PlanningProblem:
+    """Return a problem without obstacles, for the shortest joint path within limits of rates.
+
+    Args:
+        duration: [s].
+        more: Its other fields, and those that are not to be so.
+    """
+    usual: dict[str, Any] = {
+        "points": 50,
+        "obstacles": (),
+        "objective": Objective(1.0, 0.0),
+        "limits": Limits(joint_velocities=True),
+    }
+    return PlanningProblem(
+        robot=robot, start=start, target=target, duration=duration, **(usual | more)
+    )
+
+
+def state(
+    joints: Array, rates: Array, drift: Array = _STILL, spin: Array = _STILL, at: Array = _STILL
+) -> SystemState:
+    """Return a state in which the chaser frame has the axes of the inertial frame.
+
+    Args:
+        joints: Positions. Shape (joints,) [rad].
+        rates: Of the joints. Shape (joints,) [rad/s].
+        drift: The chaser's linear velocity. Shape (3,) [m/s].
+        spin: Its angular velocity. Shape (3,) [rad/s].
+        at: Its position. Shape (3,) [m].
+    """
+    return SystemState(
+        position_chaser_in_inertial=at,
+        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        linear_velocity_chaser_in_inertial=drift,
+        angular_velocity_chaser_in_inertial=spin,
+        joint_positions=joints,
+        joint_velocities=rates,
+    )
+
+
+def random_state(
+    robot: Robot, drift: Array, spin: Array, rate: float, rng: np.random.Generator
+) -> SystemState:
+    """Draw joint positions and their rates, up to `rate` [rad/s] each; see `state`.
+
+    Motions that a planar base does not have are left out.
+    """
+    if robot.base is Base.PLANAR:
+        drift[2] = spin[0] = spin[1] = 0.0
+    joints = rng.uniform(*joint_range(robot))
+    return state(joints, rate * rng.uniform(-1.0, 1.0, robot.joints), drift, spin)
+
+
+def joint_range(robot: Robot) -> tuple[Array, Array]:
+    """Return between which positions joints are drawn; those without limits from -pi to pi."""
+    lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
+    return lowest, np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS

@@ -23,13 +23,11 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import (
-    Limits,
-    Objective,
     PlanningProblem,
     Sphere,
     Target,
 )
-from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, state
 from ff_planner_ros.problems.paths import (
     STRAIGHT,
     clearance_along,
@@ -43,14 +41,12 @@ from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import generalised_jacobian
-from ff_planner_ros.robot.state import SystemState
 
 # Largest twist of the chaser at the start [m/s, rad/s].
 LARGEST_CHASER_VELOCITY, LARGEST_CHASER_RATE = 0.06, np.deg2rad(3.0)
 # The witness keeps the smallest singular value of the generalised Jacobian above.
 SINGULAR_VALUE_BOUND = 0.05
 
-_POINTS = 50
 # Enough to reject most of the paths that leave the limits, in a quarter of the time.
 _SCREENING_POINTS = 13
 # Spheres that are drawn at once to choose from, and their radii in lengths of the stretched arm.
@@ -145,14 +141,10 @@ def draw_motion(robot: Robot, reach: float, rng: np.random.Generator) -> Plannin
     Raises:
         InvalidInput: The posture that was drawn is singular.
     """
-    start = SystemState(
-        position_chaser_in_inertial=np.zeros(3),
-        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        linear_velocity_chaser_in_inertial=_unit(rng) * rng.uniform(0.0, LARGEST_CHASER_VELOCITY),
-        angular_velocity_chaser_in_inertial=_unit(rng) * rng.uniform(0.0, LARGEST_CHASER_RATE),
-        joint_positions=rng.uniform(robot.lower_position_limits, robot.upper_position_limits),
-        joint_velocities=np.zeros(robot.joints),
-    )
+    drift = _unit(rng) * rng.uniform(0.0, LARGEST_CHASER_VELOCITY)
+    spin = _unit(rng) * rng.uniform(0.0, LARGEST_CHASER_RATE)
+    joints = rng.uniform(robot.lower_position_limits, robot.upper_position_limits)
+    start = state(joints, np.zeros(robot.joints), drift, spin)
     q, _ = configuration(robot, start)
     data = robot.model.createData()
     # Rates in the row space of J_D are those that Eq. (31) gives, whatever the end effector does.
@@ -162,19 +154,9 @@ def draw_motion(robot: Robot, reach: float, rng: np.random.Generator) -> Plannin
     pin.forwardKinematics(robot.model, data, q)
     ee = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
     turn = pin.exp3(_unit(rng) * np.deg2rad(rng.uniform(10.0, 75.0)))
-    return PlanningProblem(
-        robot=robot,
-        start=start,
-        target=Target(
-            position=ee.translation + _unit(rng) * reach * rng.uniform(0.15, 0.35),
-            quaternion_xyzw=eigen_quaternion(ee.rotation @ turn),
-        ),
-        duration=rng.uniform(8.0, 15.0),
-        points=_POINTS,
-        obstacles=(),
-        objective=Objective(1.0, 0.0),
-        limits=Limits(joint_velocities=True),
-    )
+    there = ee.translation + _unit(rng) * reach * rng.uniform(0.15, 0.35)
+    target = Target(there, eigen_quaternion(ee.rotation @ turn))
+    return asked(robot, start, target, rng.uniform(8.0, 15.0))
 
 
 def _draw_coefficients(kind: Kind, reach: float, rng: np.random.Generator) -> Array:

@@ -19,7 +19,6 @@ from typing import TypeAlias
 import numpy as np
 
 from ff_planner_benchmark.problems.tumbling import Kind, drawn_capture
-from ff_planner_benchmark.problems.tumbling_witness import FROM_LIMITS
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -34,7 +33,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.task.following import held_body
 from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap
-from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, joint_range, state
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
@@ -62,7 +61,6 @@ _STOPS_IN, _LONGER, _ATTEMPTS, _SPARE, _WINDOW = (3.0, 6.0), 1.6, 5, 1.05, (0.2,
 _TURN, _STOWS_IN = 0.7, (10.0, 20.0)
 _TORQUES, _STEPS = 0.95, 100  # part of the limits that a witness takes
 _CAPTURED = Kind((1.0, _TURNING), geometry=Geometry.SHAPES)
-_POINTS = 50
 
 
 # Motions of each phase; of a whole capture, of those after the first.
@@ -84,8 +82,7 @@ def _stop(robot: Robot, rng: np.random.Generator) -> Drawn[Motions] | None:
     witness = _stopping(holding, start, rng)
     if witness is None:
         return None
-    asked = _at_rest(holding, start, witness)
-    return Drawn(asked, (witness,))
+    return Drawn(_at_rest(holding, start, witness), (witness,))
 
 
 def _stow(robot: Robot, rng: np.random.Generator) -> Drawn[Motions] | None:
@@ -155,18 +152,11 @@ def _box(robot: Robot, rng: np.random.Generator) -> Payload:
 
 
 def _turning_together(robot: Robot, rng: np.random.Generator) -> SystemState:
-    lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
-    highest = np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS
     spin = rng.normal(size=3)
     spin *= np.deg2rad(rng.uniform(0.0, _TURNING)) / np.linalg.norm(spin)
-    return SystemState(
-        position_chaser_in_inertial=rng.normal(size=3),
-        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        linear_velocity_chaser_in_inertial=0.01 * rng.normal(size=3),
-        angular_velocity_chaser_in_inertial=spin,
-        joint_positions=rng.uniform(lowest, highest),
-        joint_velocities=rng.uniform(-_MOVING, _MOVING, robot.joints),
-    )
+    at, drift = rng.normal(size=3), 0.01 * rng.normal(size=3)
+    joints = rng.uniform(*joint_range(robot))
+    return state(joints, rng.uniform(-_MOVING, _MOVING, robot.joints), drift, spin, at)
 
 
 def _stopping(robot: Robot, start: SystemState, rng: np.random.Generator) -> JointMotion | None:
@@ -227,14 +217,4 @@ def _at_rest(robot: Robot, start: SystemState, witness: JointMotion) -> Planning
 
 
 def _asked(robot: Robot, start: SystemState, posture: Posture, duration: float) -> PlanningProblem:
-    return PlanningProblem(
-        robot=robot,
-        start=start,
-        target=end_effector_at(robot, start),
-        posture=posture,
-        duration=duration,
-        points=_POINTS,
-        obstacles=(),
-        objective=Objective(1.0, 0.0),
-        limits=Limits(joint_velocities=True),
-    )
+    return asked(robot, start, end_effector_at(robot, start), duration, posture=posture)

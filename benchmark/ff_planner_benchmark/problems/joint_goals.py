@@ -40,12 +40,11 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, state
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
-from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.wheels import Wheels
 
 ROBOTS, RANDOM_STARTS = ("lemur", "arm6", "arm7", "arm10"), "arm8"
@@ -97,16 +96,16 @@ def _draw(
     drawn = drawn_problem(robot, posture, Orientation.FIXED, _SPHERES, rng)
     if drawn is None:
         return None
-    asked, witness = drawn.problem, drawn.witness
+    problem, witness = drawn.problem, drawn.witness
     if kind == "held":
         factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
-        limited = _with_wheels(asked, witness, factor, rng)
+        limited = _with_wheels(problem, witness, factor, rng)
         return Drawn(_moving_as_reached(limited, witness), witness)
     if kind == "rail":
-        return Drawn(_moving_as_reached(asked, witness), witness)
+        return Drawn(_moving_as_reached(problem, witness), witness)
     if kind == "stow":
-        return Drawn(replace(asked, posture=Posture(witness.positions[-1])), witness)
-    return _stopping(asked, rng)
+        return Drawn(replace(problem, posture=Posture(witness.positions[-1])), witness)
+    return _stopping(problem, rng)
 
 
 def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
@@ -125,28 +124,13 @@ def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
         return posture if away >= _AWAY else None
 
     posture = first_sound("random start", RANDOM_STARTS, draw)
-    still = np.zeros(3)
-    start = SystemState(
-        position_chaser_in_inertial=_at_origin(robot, posture)[:3] + robot.position_chaser_in_base,
-        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        linear_velocity_chaser_in_inertial=still,
-        angular_velocity_chaser_in_inertial=still,
-        joint_positions=posture,
-        joint_velocities=np.zeros(robot.joints),
-    )
+    at = _at_origin(robot, posture)[:3] + robot.position_chaser_in_base
+    start = state(posture, np.zeros(robot.joints), at=at)
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, goal)
     tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    return PlanningProblem(
-        robot=robot,
-        start=start,
-        target=Target(tip.translation.copy(), eigen_quaternion(tip.rotation)),
-        duration=_LASTS,
-        points=50,
-        obstacles=spheres,
-        objective=Objective(1.0, 0.0),
-        limits=Limits(joint_velocities=True),
-    )
+    target = Target(tip.translation.copy(), eigen_quaternion(tip.rotation))
+    return asked(robot, start, target, _LASTS, obstacles=spheres)
 
 
 @cache
@@ -233,7 +217,7 @@ def _stopping(
     (lowest, highest), _ = witness.extremes(2)
     allowed = _SPARE * np.maximum(-lowest, highest)
     first, last = (part * lasts for part in _WINDOW)
-    asked: PlanningProblem = replace(
+    stop: PlanningProblem = replace(
         problem,
         start=replace(problem.start, joint_velocities=rates),
         posture=Posture(at_rest=True),
@@ -243,4 +227,4 @@ def _stopping(
         objective=Objective(0.0, 0.0, 1.0),
         limits=Limits(joint_velocities=True, joint_accelerations=tuple(allowed.tolist())),
     )
-    return Drawn(asked, witness)
+    return Drawn(stop, witness)

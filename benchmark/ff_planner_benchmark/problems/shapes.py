@@ -26,7 +26,6 @@ from ff_planner_benchmark.problems.placing import (
     random_turn,
 )
 from ff_planner_benchmark.problems.tumbling_witness import (
-    FROM_LIMITS,
     Grip,
     Witness,
     witness_to_grip,
@@ -37,15 +36,13 @@ from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.motion.forward import carried_base
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.problem import (
-    Limits,
-    Objective,
     ObstacleBody,
     PlanningProblem,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap
-from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, random_state
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.scenarios import stretched_length
@@ -74,7 +71,6 @@ _QUICK = 0.2
 _SPEED, _RATE, _SWEEP = 0.02, 0.1, (1.0, 3.0)
 _FEWEST, _MOST, _PARTS = 3, 6, (6, 10)  # bodies, and those of a target
 _CANDIDATES = 60
-_POINTS = 50
 _AWAY = 0.5  # bodies come from so far, in lengths of the stretched arm
 # A slot's plates, in lengths of the forearm, along it and across; a link is a forearm from this
 # length on, in lengths of the arm. At some time both plates are so near to it [m].
@@ -109,7 +105,9 @@ class _Draw:
     def drawn(self) -> Drawn[Witness] | None:
         """Return a problem and its witness; None: what was drawn is not sound."""
         robot, rng = self.robot, self.rng
-        start = self._start()
+        drift = _DRIFT / self.slower * rng.normal(size=3)
+        spin = _SPIN / self.slower * rng.normal(size=3)
+        start = random_state(robot, drift, spin, _MOVING / self.slower, rng)
         duration = float(self.slower * rng.uniform(8.0, 15.0))
         end = start.joint_positions + rng.uniform(-_TURN, _TURN, robot.joints)
         witness = witness_to_grip(robot, start, end, self._grip(), duration)
@@ -119,25 +117,16 @@ class _Draw:
         if robot.bodies and own_gap(swept, APART) < APART:
             return None
         self._look_closer(start, witness)
-        asked = PlanningProblem(
-            robot=robot,
-            start=start,
-            target=witness.body.target(duration),
-            duration=duration,
-            points=_POINTS,
-            obstacles=(),
-            objective=Objective(1.0, 0.0),
-            limits=Limits(joint_velocities=True),
-        )
+        problem = asked(robot, start, witness.body.target(duration), duration)
         if self.situation == "capture":
             parts = self._parts(witness, swept)
             if len(parts) < _PARTS[0]:
                 return None
-            whole = with_capture_target(replace(witness.body, obstacles=parts), asked)
+            whole = with_capture_target(replace(witness.body, obstacles=parts), problem)
             return Drawn(whole, witness)
-        if not self._lay(asked, witness, swept):
+        if not self._lay(problem, witness, swept):
             return None
-        return Drawn(replace(asked, obstacles=tuple(self.bodies)), witness)
+        return Drawn(replace(problem, obstacles=tuple(self.bodies)), witness)
 
     def _look_closer(self, start: SystemState, witness: Witness) -> None:
         """Compute the poses of the robot's bodies along the witness at finer times."""
@@ -148,19 +137,6 @@ class _Draw:
         self.times = np.linspace(0.0, times[-1], _FINER * (len(times) - 1) + 1)
         way, _ = carried_base(robot, q, momentum, joints, self.times)
         self.closely = Swept(with_bodies(robot), way)
-
-    def _start(self) -> SystemState:
-        robot, rng = self.robot, self.rng
-        lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
-        highest = np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS
-        return SystemState(
-            position_chaser_in_inertial=np.zeros(3),
-            quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-            linear_velocity_chaser_in_inertial=_DRIFT / self.slower * rng.normal(size=3),
-            angular_velocity_chaser_in_inertial=_SPIN / self.slower * rng.normal(size=3),
-            joint_positions=rng.uniform(lowest, highest),
-            joint_velocities=_MOVING / self.slower * rng.uniform(-1.0, 1.0, robot.joints),
-        )
 
     def _grip(self) -> Grip:
         """Draw a tumbling target body; in other situations than a capture, a body at rest."""
@@ -177,7 +153,7 @@ class _Draw:
             drift=_DRIFT / self.slower * rng.normal(size=3) * turning,
         )
 
-    def _lay(self, asked: PlanningProblem, witness: Witness, swept: Swept) -> bool:
+    def _lay(self, problem: PlanningProblem, witness: Witness, swept: Swept) -> bool:
         """Place obstacles around the witness; tell whether the situation's are among them.
 
         The straight path hits the first one, except in the situation "slot".
@@ -188,12 +164,12 @@ class _Draw:
                 return False
         else:
             try:
-                straight = Swept(swept.robot, roll_out(asked, STRAIGHT, len(times)).q)
+                straight = Swept(swept.robot, roll_out(problem, STRAIGHT, len(times)).q)
             except NoPlanFound:  # it meets a singularity
                 return False
             sweeps = situation == "sweeping panel"
             for _ in range(_CANDIDATES // 2):
-                body = self._panel(asked.duration) if sweeps else self._candidate(0)
+                body = self._panel(problem.duration) if sweeps else self._candidate(0)
                 laid = self._near(body, straight, swept, times)
                 if laid is not None and gap_of(straight, times, laid) < 0.0:
                     self.bodies.append(laid)

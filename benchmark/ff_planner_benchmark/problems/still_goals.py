@@ -12,7 +12,6 @@ from functools import cache
 import numpy as np
 
 from ff_planner_benchmark.problems.tumbling_witness import (
-    FROM_LIMITS,
     Grip,
     Witness,
     tip,
@@ -21,17 +20,13 @@ from ff_planner_benchmark.problems.tumbling_witness import (
 from ff_planner_benchmark.problems.witnessed import spheres_beside
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import (
-    Limits,
-    Objective,
     Orientation,
-    PlanningProblem,
     Target,
 )
-from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, random_state
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import eigen_quaternion
-from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.model import Robot
 
 
 @dataclass(frozen=True)
@@ -63,38 +58,26 @@ KINDS = {
 _TURN, _MOVING = 0.9, 0.03
 # The obstacles move so fast, about [m/s].
 _SLOW = 0.005
-_POINTS = 50
 
 
 @cache
 def drawn(kind: str, number: int) -> Drawn[Witness]:
     """Return a problem of one of `KINDS`; kind and number seed the draw."""
-    asked = KINDS[kind]
-    name = asked.robots[number % len(asked.robots)]
+    of_kind = KINDS[kind]
+    name = of_kind.robots[number % len(of_kind.robots)]
     robot = bench_robot(name)
-    orientation = asked.orientations[number % len(asked.orientations)]
+    orientation = of_kind.orientations[number % len(of_kind.orientations)]
     rng = np.random.default_rng([*kind.encode(), number])
-    return first_sound(kind, name, lambda: _drawn(robot, asked, orientation, rng))
+    return first_sound(kind, name, lambda: _drawn(robot, of_kind, orientation, rng))
 
 
 def _drawn(
     robot: Robot, kind: Kind, orientation: Orientation, rng: np.random.Generator
 ) -> Drawn[Witness] | None:
     """Draw a moving system and a motion; None: the motion violates a constraint."""
-    lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
-    highest = np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS
     drift = _drawn_vector(rng, *kind.drift)
     spin = _drawn_vector(rng, *np.deg2rad(kind.spin))
-    if robot.base is Base.PLANAR:
-        drift[2] = spin[0] = spin[1] = 0.0
-    start = SystemState(
-        position_chaser_in_inertial=np.zeros(3),
-        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        linear_velocity_chaser_in_inertial=drift,
-        angular_velocity_chaser_in_inertial=spin,
-        joint_positions=rng.uniform(lowest, highest),
-        joint_velocities=_MOVING * rng.uniform(-1.0, 1.0, robot.joints),
-    )
+    start = random_state(robot, drift, spin, _MOVING, rng)
     duration = float(rng.uniform(8.0, 15.0))
     end = start.joint_positions + rng.uniform(-_TURN, _TURN, robot.joints)
     nothing = np.zeros(3)
@@ -103,21 +86,9 @@ def _drawn(
     if witness is None:
         return None
     goal = tip(robot, witness.way[-1])
-    asked = PlanningProblem(
-        robot=robot,
-        start=start,
-        target=Target(
-            position=goal.translation,
-            quaternion_xyzw=eigen_quaternion(goal.rotation),
-            orientation=orientation,
-        ),
-        duration=duration,
-        points=_POINTS,
-        obstacles=spheres_beside(robot, witness.way, witness.times, kind.spheres, _SLOW, rng),
-        objective=Objective(1.0, 0.0),
-        limits=Limits(joint_velocities=True),
-    )
-    return Drawn(asked, witness)
+    target = Target(goal.translation, eigen_quaternion(goal.rotation), orientation=orientation)
+    obstacles = spheres_beside(robot, witness.way, witness.times, kind.spheres, _SLOW, rng)
+    return Drawn(asked(robot, start, target, duration, obstacles=obstacles), witness)
 
 
 def _drawn_vector(rng: np.random.Generator, least: float, most: float) -> Array:

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_benchmark.problems.tumbling_witness import (
-    FROM_LIMITS,
     Grip,
     Witness,
     tip,
@@ -26,19 +25,16 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import (
-    Limits,
-    Objective,
     PlanningProblem,
     Sphere,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap, sphere_gap
-from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, random_state
 from ff_planner_ros.problems.robots import ROBOTS, bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.state import SystemState
 
 
 @dataclass(frozen=True)
@@ -85,7 +81,6 @@ _AROUND = 0.2  # so far beyond the grasp there are some, too [m]
 # arm's lines, where bodies leave no room for some of them.
 _PASSING, _TO_CHOOSE_FROM = 0.03, 4
 _CANDIDATES = 80
-_POINTS = 50
 
 
 def problem(kind: str, number: int) -> PlanningProblem:
@@ -96,15 +91,19 @@ def problem(kind: str, number: int) -> PlanningProblem:
 @cache
 def drawn(kind: str, number: int) -> Drawn[Witness]:
     """Return a problem of one of `KINDS`; kind and number seed the draw."""
-    asked = KINDS[kind]
-    name = asked.robots[number % len(asked.robots)]
-    robot, rng = bench_robot(name, asked.geometry), np.random.default_rng([*kind.encode(), number])
-    return first_sound(kind, name, lambda: drawn_capture(robot, asked, rng))
+    of_kind = KINDS[kind]
+    name = of_kind.robots[number % len(of_kind.robots)]
+    robot, rng = (
+        bench_robot(name, of_kind.geometry),
+        np.random.default_rng([*kind.encode(), number]),
+    )
+    return first_sound(kind, name, lambda: drawn_capture(robot, of_kind, rng))
 
 
 def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Drawn[Witness] | None:
     """Draw a system, a body and a motion; None: the motion violates a constraint."""
-    start = _start(robot, rng)
+    drift, spin = _DRIFT * rng.normal(size=3), _SPIN * rng.normal(size=3)
+    start = random_state(robot, drift, spin, _MOVING, rng)
     duration = float(rng.uniform(8.0, 15.0))
     end = start.joint_positions + rng.uniform(-_TURN, _TURN, robot.joints)
     ahead = _ahead(robot, end)
@@ -128,19 +127,9 @@ def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Drawn[W
     if swept:
         beside = (_beside_bodies(swept, one, witness.times) for one in passing)
         passing = tuple(islice((one for one in beside if one is not None), kind.passing))
-    asked = PlanningProblem(
-        robot=robot,
-        start=start,
-        target=witness.body.target(duration),
-        duration=duration,
-        points=_POINTS,
-        obstacles=passing,
-        objective=Objective(1.0, 0.0),
-        limits=Limits(joint_velocities=True),
-        approach=approach,
-    )
-    whole = with_capture_target(replace(witness.body, obstacles=spheres), asked)
-    return Drawn(whole, witness)
+    target = witness.body.target(duration)
+    problem = asked(robot, start, target, duration, obstacles=passing, approach=approach)
+    return Drawn(with_capture_target(replace(witness.body, obstacles=spheres), problem), witness)
 
 
 def _beside_bodies(swept: Swept, passing: Sphere, times: Array) -> Sphere | None:
@@ -149,22 +138,6 @@ def _beside_bodies(swept: Swept, passing: Sphere, times: Array) -> Sphere | None
     room = sphere_gap(swept, passing, _CLEAR, centers) - _CLEAR
     radius = passing.radius + min(room, 0.0)
     return replace(passing, radius=radius) if radius >= _SMALLEST else None
-
-
-def _start(robot: Robot, rng: np.random.Generator) -> SystemState:
-    lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
-    highest = np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS
-    drift, spin = _DRIFT * rng.normal(size=3), _SPIN * rng.normal(size=3)
-    if robot.base is Base.PLANAR:
-        drift[2] = spin[0] = spin[1] = 0.0
-    return SystemState(
-        position_chaser_in_inertial=np.zeros(3),
-        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        linear_velocity_chaser_in_inertial=drift,
-        angular_velocity_chaser_in_inertial=spin,
-        joint_positions=rng.uniform(lowest, highest),
-        joint_velocities=_MOVING * rng.uniform(-1.0, 1.0, robot.joints),
-    )
 
 
 def _grip(robot: Robot, kind: Kind, ahead: Array, rng: np.random.Generator) -> Grip:

@@ -17,6 +17,7 @@ from ff_planner_ros.planning.motion.forward import carried_base
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.problems.drawn import FROM_LIMITS
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.dynamics import accelerations, joint_torques
 from ff_planner_ros.robot.model import Robot
@@ -28,8 +29,8 @@ from ff_planner_ros.robot.momentum import (
 )
 from ff_planner_ros.robot.state import SystemState
 
-# The witness stays away from joint limits [rad], and below so much of rates and torques.
-FROM_LIMITS, _OF_LIMITS = 0.1, 0.7
+# The witness stays below so much of rates and torques.
+_OF_LIMITS = 0.7
 # Its smallest singular value is more, at its ends; the planner's threshold is 0.02.
 _REGULAR = 0.08
 # Runge-Kutta steps on which its end is solved for, and the factor of a second, finer solution: this

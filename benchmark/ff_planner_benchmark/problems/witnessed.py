@@ -18,14 +18,12 @@ from ff_planner_ros.planning.distance.clearance import arm_points, clearances, s
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.problem import (
-    Limits,
-    Objective,
     Orientation,
     PlanningProblem,
     Sphere,
     Target,
 )
-from ff_planner_ros.problems.drawn import Drawn, first_sound
+from ff_planner_ros.problems.drawn import FROM_LIMITS, Drawn, asked, first_sound, joint_range, state
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
@@ -34,7 +32,6 @@ from ff_planner_ros.robot.momentum import (
     smallest_singular_values,
     total_momentum,
 )
-from ff_planner_ros.robot.state import SystemState
 
 # Smallest singular value of a singular start at most; the planner's threshold is 0.02.
 SINGULAR = 1e-3
@@ -42,12 +39,12 @@ SINGULAR = 1e-3
 _REGULAR = 0.08
 # How far each joint turns at most [rad], and how fast it and the chaser begin [rad/s, m/s, rad/s].
 _TURN, _MOVING, _DRIFT, _SPIN = 0.9, 0.03, 0.01, 0.01
-# Joints stay away from their limits [rad], and the witness's mean rates below so much of theirs.
-_FROM_LIMITS, _OF_RATES = 0.1, 0.3
+# The witness's mean rates stay below so much of their limits.
+_OF_RATES = 0.3
 # From the witness's way the obstacles are so far away [m], and no smaller; they move slowly [m/s].
 _CLEAR, _SMALLEST, _LARGEST, _SLOW = 0.02, 0.04, 0.15, 0.005
 _CANDIDATES = 60
-_POINTS, _STEPS = 50, 100
+_STEPS = 100
 
 
 @dataclass(frozen=True)
@@ -82,16 +79,16 @@ def problem(kind: str, number: int) -> PlanningProblem:
 @cache
 def drawn(kind: str, number: int) -> Drawn[JointMotion]:
     """Return a problem of one of `KINDS`; kind and number seed the draw."""
-    asked = KINDS[kind]
-    name = asked.robots[number % len(asked.robots)]
-    orientation = asked.orientations[number % len(asked.orientations)]
+    of_kind = KINDS[kind]
+    name = of_kind.robots[number % len(of_kind.robots)]
+    orientation = of_kind.orientations[number % len(of_kind.orientations)]
     robot, rng = bench_robot(name), np.random.default_rng([*kind.encode(), number])
 
     def draw() -> Drawn[JointMotion] | None:
-        posture = random_posture(robot, asked.singular, rng)
+        posture = random_posture(robot, of_kind.singular, rng)
         if posture is None:
             return None
-        return drawn_problem(robot, posture, orientation, asked.spheres, rng)
+        return drawn_problem(robot, posture, orientation, of_kind.spheres, rng)
 
     return first_sound(kind, name, draw)
 
@@ -117,18 +114,11 @@ def drawn_problem(
         drift[2] = spin[0] = spin[1] = 0.0
     if robot.wheels is not None:
         spin[:] = 0.0
-    start = SystemState(
-        position_chaser_in_inertial=np.zeros(3),
-        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        linear_velocity_chaser_in_inertial=drift,
-        angular_velocity_chaser_in_inertial=spin,
-        joint_positions=posture,
-        joint_velocities=_MOVING * rng.uniform(-1.0, 1.0, joints),
-    )
+    start = state(posture, _MOVING * rng.uniform(-1.0, 1.0, joints), drift, spin)
     duration = float(rng.uniform(8.0, 15.0))
     end = posture + rng.uniform(-_TURN, _TURN, joints)
-    lowest = robot.lower_position_limits + _FROM_LIMITS
-    highest = robot.upper_position_limits - _FROM_LIMITS
+    lowest = robot.lower_position_limits + FROM_LIMITS
+    highest = robot.upper_position_limits - FROM_LIMITS
     too_fast = np.abs(end - posture) / duration > _OF_RATES * robot.velocity_limits
     if (end < lowest).any() or (end > highest).any() or too_fast.any():
         return None
@@ -145,22 +135,14 @@ def drawn_problem(
     pin.forwardKinematics(robot.model, data, way[-1])
     goal = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
     axis = rng.normal(size=3)
-    problem = PlanningProblem(
-        robot=robot,
-        start=start,
-        target=Target(
-            position=goal.translation.copy(),
-            quaternion_xyzw=eigen_quaternion(goal.rotation),
-            orientation=orientation,
-            free_axis_in_ee=axis if orientation is Orientation.ABOUT_AXIS else None,
-        ),
-        duration=duration,
-        points=_POINTS,
-        obstacles=spheres_beside(robot, way, times, spheres, _SLOW, rng),
-        objective=Objective(1.0, 0.0),
-        limits=Limits(joint_velocities=True),
+    target = Target(
+        position=goal.translation.copy(),
+        quaternion_xyzw=eigen_quaternion(goal.rotation),
+        orientation=orientation,
+        free_axis_in_ee=axis if orientation is Orientation.ABOUT_AXIS else None,
     )
-    return Drawn(problem, witness)
+    obstacles = spheres_beside(robot, way, times, spheres, _SLOW, rng)
+    return Drawn(asked(robot, start, target, duration, obstacles=obstacles), witness)
 
 
 def random_posture(robot: Robot, singular: bool, rng: np.random.Generator) -> Array | None:
@@ -171,8 +153,7 @@ def random_posture(robot: Robot, singular: bool, rng: np.random.Generator) -> Ar
     Args:
         singular: Whether the generalised Jacobian must be singular there.
     """
-    lowest = np.maximum(robot.lower_position_limits, -np.pi) + _FROM_LIMITS
-    highest = np.minimum(robot.upper_position_limits, np.pi) - _FROM_LIMITS
+    lowest, highest = joint_range(robot)
     drawn = rng.uniform(lowest, highest)
     if not singular:
         return np.asarray(drawn, np.float64)
