@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ff_planner_benchmark.bench.experiment import Row
 from ff_planner_benchmark.bench.plans import GEOMETRIES, _geometries
-from ff_planner_benchmark.bench.times import crowds
+from ff_planner_benchmark.bench.prices import crowds
 from ff_planner_benchmark.problems.classes import BODIES
 from ff_planner_ros.parameters import load_parameters
 

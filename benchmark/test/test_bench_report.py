@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from robots import LEMUR_SCENARIO
 
-from ff_planner_benchmark.bench import experiment, plans, times
+from ff_planner_benchmark.bench import columns, experiment, plans, times
 from ff_planner_benchmark.bench.exact import ExactFunctions
 from ff_planner_benchmark.bench.executed import BELIEFS
 from ff_planner_benchmark.bench.methods import _optimality
@@ -157,7 +157,7 @@ def test_problems_without_a_plan_have_no_time_and_the_table_says_so(
     ("values", "shown"), [([None, 0.9, 0.5], "0.900"), ([None], "-"), ([], "-"), ([-1.0], "-1.000")]
 )
 def test_the_worst_of_known_values_is_shown_and_of_none_a_dash(values, shown):
-    assert experiment.value("miss", max)([{"miss": one} for one in values]) == shown
+    assert columns.value("miss", max)([{"miss": one} for one in values]) == shown
 
 
 def test_figures_are_json_whatever_was_not_measured():

@@ -8,7 +8,7 @@ import pytest
 from bodied_robots import coal_distance
 from scipy.spatial import ConvexHull
 
-from ff_planner_benchmark.bench import times as timing
+from ff_planner_benchmark.bench import prices
 from ff_planner_benchmark.bench.plans import SHAPES_PLANS
 from ff_planner_benchmark.problems import shapes
 from ff_planner_benchmark.problems.shapes import LINES_EVERY, ROBOTS, SITUATIONS
@@ -178,7 +178,7 @@ def test_the_benchmark_plans_them_and_tells_of_each_situation_and_robot() -> Non
 
 @pytest.mark.ci
 def test_what_shapes_cost_is_measured_against_what_else_is_there() -> None:
-    rows = list(timing.prices(1, load_parameters().planner))
+    rows = list(prices.prices(1, load_parameters().planner))
     compared = [(row["of"], row["beside"]) for row in rows]
     of_captures = [
         ("3 boxes", "3 spheres"),
@@ -193,7 +193,7 @@ def test_what_shapes_cost_is_measured_against_what_else_is_there() -> None:
 
 def test_a_box_in_a_sphere_has_its_corners_on_it() -> None:
     sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5, np.array([0.1, 0.0, 0.0]))
-    box = timing._box_inside(sphere)
+    box = prices._box_inside(sphere)
     assert box.solid.radius == pytest.approx(0.5)
     assert (box.position == sphere.center).all()
     assert (box.velocity == sphere.velocity).all()
@@ -201,8 +201,8 @@ def test_a_box_in_a_sphere_has_its_corners_on_it() -> None:
 
 def test_what_is_compared_is_nearly_the_same() -> None:
     sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5)
-    box = timing._box(sphere)
-    hull = timing._hull(box)
+    box = prices._box(sphere)
+    hull = prices._hull(box)
     assert box.solid.geometry.computeVolume() == pytest.approx(4 / 3 * np.pi * 0.5**3)
     assert len(hull.solid.corners) == 200
     edge = float(box.solid.sizes[0])

@@ -6,19 +6,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ff_planner_benchmark.bench.experiment import (
-    SOLVED,
-    Cell,
-    Experiment,
-    Row,
-    among,
-    count,
-    each,
-    is_solved,
-    number_of,
-    share,
-    value,
-)
+from ff_planner_benchmark.bench import columns
+from ff_planner_benchmark.bench.experiment import SOLVED, Cell, Experiment, Row, each, is_solved
 from ff_planner_benchmark.problems.classes import CLASSES, SCENARIOS, STILL, ProblemClass
 from ff_planner_ros.baselines.beliefs import (
     executed,
@@ -75,13 +64,13 @@ EXECUTIONS = Experiment(
     each(SCENARIOS, _believed),
     {"class": "kind", "planned for": "belief"},
     {
-        "scenarios": count,
-        "plans": number_of(is_solved),
-        "collide": among(share(lambda row: row["collides"], 0), is_solved),
-        "miss, median [mm]": value("position_miss", form=".1f", unit=1e3),
-        "worst [mm]": value("position_miss", max, ".1f", 1e3),
-        "median [deg]": value("orientation_miss", form=".2f", unit=float(np.rad2deg(1.0))),
-        "worst [deg]": value("orientation_miss", max, ".2f", float(np.rad2deg(1.0))),
+        "scenarios": columns.count,
+        "plans": columns.number_of(is_solved),
+        "collide": columns.among(columns.share(lambda row: row["collides"], 0), is_solved),
+        "miss, median [mm]": columns.value("position_miss", form=".1f", unit=1e3),
+        "worst [mm]": columns.value("position_miss", max, ".1f", 1e3),
+        "median [deg]": columns.value("orientation_miss", form=".2f", unit=float(np.rad2deg(1.0))),
+        "worst [deg]": columns.value("orientation_miss", max, ".2f", float(np.rad2deg(1.0))),
     },
     most=40,  # as many as in a published check by others
 )
@@ -122,7 +111,7 @@ _MISSES = {
     "chaser": ("chaser [mm]", 1e3),
 }
 _WORST: dict[str, Cell] = {
-    f"{called}: {words}": value(f"{name}_{engine}", max, ".4f", unit)
+    f"{called}: {words}": columns.value(f"{name}_{engine}", max, ".4f", unit)
     for engine, called in _ENGINES.items()
     for name, (words, unit) in _MISSES.items()
 }
@@ -132,9 +121,9 @@ ENGINES = Experiment(
     each((*CLASSES, *STILL), _flown),
     {"class": "kind"},
     {
-        "plans": number_of(is_solved),
-        "no plan": number_of(lambda row: not is_solved(row)),
-        "passed in MuJoCo": number_of(lambda row: row["passed"]),
+        "plans": columns.number_of(is_solved),
+        "no plan": columns.number_of(lambda row: not is_solved(row)),
+        "passed in MuJoCo": columns.number_of(lambda row: row["passed"]),
         **_WORST,
     },
 )

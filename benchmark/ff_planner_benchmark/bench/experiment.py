@@ -9,10 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from ff_planner_benchmark.problems.classes import ProblemClass
-from ff_planner_ros.common.intervals import percent
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.check.check import measure
@@ -22,6 +19,7 @@ from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, 
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.planner import FirstGuess, plan
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.drawn import Drawn
 
 # What became of one problem, with what tells it from the others: values that JSON has.
 Row: TypeAlias = dict[str, Any]
@@ -104,6 +102,19 @@ def attempt(
     return labels | measured(made) | outcome
 
 
+def planned(
+    measured: Callable[[Drawn[Any], Plan | None], Row] = lambda *_: {},
+) -> Callable[[ProblemClass, int, PlannerSettings], Iterator[Row]]:
+    """Return how a problem is planned as it is, and what of it and its plan is measured."""
+
+    def vary(one: ProblemClass, number: int, settings: PlannerSettings) -> Iterator[Row]:
+        drawn = one.draw(number)
+        labels = {"kind": one.name, "robot": one.robot(number), "number": number}
+        yield attempt(drawn.task(settings), partial(measured, drawn), **labels)
+
+    return vary
+
+
 def is_solved(row: Row) -> bool:
     """Tell whether there is a plan, and it passes the check."""
     return bool(row["status"] == SOLVED)
@@ -171,76 +182,3 @@ def timed_plans(
         _, last = timed[-1]
         raise NoPlanFound(Status[last["status"]], last["message"])
     return [made for made, _ in timed if made], statistics.median(seconds)
-
-
-def count(rows: Rows) -> str:
-    """Return the number of rows."""
-    return f"{len(rows)}"
-
-
-def number_of(of: Callable[[Row], Any]) -> Cell:
-    """Return a cell of the number of rows for which something holds."""
-    return lambda rows: f"{sum(bool(of(row)) for row in rows)}"
-
-
-def share(of: Callable[[Row], Any], digits: int = 1) -> Cell:
-    """Return a cell of the share of rows for which something holds."""
-
-    def cell(rows: Rows) -> str:
-        part = sum(bool(of(row)) for row in rows) / max(len(rows), 1)
-        return percent(part, digits) if rows else "-"
-
-    return cell
-
-
-def value(
-    key: str, of: Callable[[Any], Any] = np.median, form: str = ".3f", unit: float = 1
-) -> Cell:
-    """Return a cell of what a function makes of known values, times `unit`; `-` of none."""
-
-    def cell(rows: Rows) -> str:
-        known = [unit * row[key] for row in rows if row[key] is not None]
-        return f"{of(known):{form}}" if known else "-"
-
-    return cell
-
-
-def text(key: str, form: str = "", unknown: str = "-") -> Cell:
-    """Return a cell of the value of a group's first row, as it is."""
-    return lambda rows: unknown if rows[0][key] is None else f"{rows[0][key]:{form}}"
-
-
-def among(cell: Cell, *where: Callable[[Row], Any]) -> Cell:
-    """Return a cell of only those rows for which all of this holds."""
-    return lambda rows: cell([row for row in rows if all(of(row) for of in where)])
-
-
-def ratio(key: str, by: str, of: str, over: str, form: str = ".3f") -> Cell:
-    """Return the median ratio of a value between two variants, where both are solved.
-
-    Args:
-        by: Name of the value that tells the variants apart; of both the rows are in one order.
-        of: Its value where the numerator is.
-        over: Its value where the denominator is.
-    """
-
-    def cell(rows: Rows) -> str:
-        first, second = ([row for row in rows if row[by] == one] for one in (of, over))
-        known = [
-            one[key] / other[key]
-            for one, other in zip(first, second, strict=True)
-            if is_solved(one) and is_solved(other) and one[key] and other[key]
-        ]
-        return f"{np.median(known):{form}}" if known else "-"
-
-    return cell
-
-
-solved = share(is_solved)
-quantile_90, quantile_95, quantile_99 = (partial(np.quantile, q=q) for q in (0.9, 0.95, 0.99))
-TIMES: Mapping[str, Cell] = {
-    "solved": solved,
-    "median [s]": value("seconds"),
-    "95 % [s]": value("seconds", quantile_95),
-}
-WORST: Mapping[str, Cell] = {"worst [s]": value("seconds", max)}

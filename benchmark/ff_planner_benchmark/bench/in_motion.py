@@ -9,20 +9,16 @@ from functools import partial
 
 import numpy as np
 
+from ff_planner_benchmark.bench import columns
 from ff_planner_benchmark.bench.experiment import (
     OBJECTIVES,
     SOLVED,
     Experiment,
     Row,
-    among,
     attempt,
-    count,
     is_solved,
     missed,
-    number_of,
-    quantile_99,
     timed_plan,
-    value,
 )
 from ff_planner_benchmark.problems.classes import SCENARIOS
 from ff_planner_ros.common.share import share_directory
@@ -117,10 +113,10 @@ STARTS = Experiment(
     _starts,
     {"start": "kind"},
     {
-        "tried": count,
-        "solved": number_of(is_solved),
-        "largest jump [rad/s]": value("rate_jump", max, ".0e"),
-        "[rad/s2]": value("acceleration_jump", max, ".0e"),
+        "tried": columns.count,
+        "solved": columns.number_of(is_solved),
+        "largest jump [rad/s]": columns.value("rate_jump", max, ".0e"),
+        "[rad/s2]": columns.value("acceleration_jump", max, ".0e"),
     },
     most=20,
     remark=missed("{kind}, {robot} {number}"),
@@ -195,17 +191,19 @@ REPLANNING = Experiment(
     _replanned,
     {"what is planned again": "kind"},
     {
-        "asked": count,
-        "solved": number_of(is_solved),
+        "asked": columns.count,
+        "solved": columns.number_of(is_solved),
         # One start: the running plan's remainder sufficed
-        "near the rest": number_of(lambda row: is_solved(row) and row["starts"] == 1),
-        "iterations": among(value("iterations", form=".0f"), is_solved),
-        "p50 [ms]": among(value("seconds", form=".1f", unit=1e3), is_solved),
-        "p99 [ms]": among(value("seconds", quantile_99, ".1f", 1e3), is_solved),
-        "from nothing p50 [ms]": among(
-            value("seconds_from_nothing", np.nanmedian, ".1f", 1e3), is_solved
+        "near the rest": columns.number_of(lambda row: is_solved(row) and row["starts"] == 1),
+        "iterations": columns.among(columns.value("iterations", form=".0f"), is_solved),
+        "p50 [ms]": columns.among(columns.value("seconds", form=".1f", unit=1e3), is_solved),
+        "p99 [ms]": columns.among(
+            columns.value("seconds", columns.quantile_99, ".1f", 1e3), is_solved
         ),
-        "times faster": among(value("faster", np.nanmedian, ".1f"), is_solved),
+        "from nothing p50 [ms]": columns.among(
+            columns.value("seconds_from_nothing", np.nanmedian, ".1f", 1e3), is_solved
+        ),
+        "times faster": columns.among(columns.value("faster", np.nanmedian, ".1f"), is_solved),
     },
     most=20,
 )

@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ff_planner_benchmark.bench import columns
 from ff_planner_benchmark.bench.direct import Stop
 from ff_planner_benchmark.bench.exact import solve_by_slsqp
 from ff_planner_benchmark.bench.experiment import (
@@ -19,13 +20,7 @@ from ff_planner_benchmark.bench.experiment import (
     Cell,
     Experiment,
     Row,
-    Rows,
-    among,
-    count,
-    number_of,
-    share,
     timed_plan,
-    value,
 )
 from ff_planner_benchmark.problems.classes import SCENARIOS
 from ff_planner_ros.errors import NoPlanFound, OutOfTime
@@ -107,16 +102,16 @@ STEADINESS = Experiment(
     _steadiness,
     {"search": "depth"},
     {
-        "scenarios": count,
-        "min(L)": number_of(lambda row: row["shortest"] is not None),
-        "min(Theta) too": number_of(_has_both),
-        "worse than min(L)": number_of(
+        "scenarios": columns.count,
+        "min(L)": columns.number_of(lambda row: row["shortest"] is not None),
+        "min(Theta) too": columns.number_of(_has_both),
+        "worse than min(L)": columns.number_of(
             lambda row: _has_both(row) and row["steadiest"] > row["shortest"]
         ),
-        "attitude / best, median": value("of_best", form=".2f"),
-        "worst": value("of_best", max, ".2f"),
-        "processor time, median [s]": value("seconds", form=".2f"),
-        "worst [s]": value("seconds", max, ".2f"),
+        "attitude / best, median": columns.value("of_best", form=".2f"),
+        "worst": columns.value("of_best", max, ".2f"),
+        "processor time, median [s]": columns.value("seconds", form=".2f"),
+        "worst [s]": columns.value("seconds", max, ".2f"),
     },
     most=len(BEST_KNOWN),
 )
@@ -207,18 +202,14 @@ def _after_equal_times(count: int, settings: PlannerSettings) -> Iterator[Row]:
 
 
 def _of_method(method: str, cell: Cell) -> Cell:
-    return among(cell, lambda row: row["method"] == method)
+    return columns.among(cell, lambda row: row["method"] == method)
 
 
 def _at_least(plans: int) -> Callable[[Row], bool]:
     return lambda row: bool(row["plans"] >= plans)
 
 
-_quality = value("of_best", form=".2f")
-
-
-def _scenarios(rows: Rows) -> str:
-    return _of_method("ours", count)(rows)
+_quality = columns.value("of_best", form=".2f")
 
 
 _AFTER = Experiment(
@@ -227,13 +218,13 @@ _AFTER = Experiment(
     _after_equal_times,
     {"processor time [s]": lambda row: f"{row['at']:g}"},
     {
-        "scenarios": _scenarios,
-        "ours: plans": _of_method("ours", number_of(_at_least(1))),
-        "better than min(L)": _of_method("ours", number_of(_at_least(2))),
+        "scenarios": _of_method("ours", columns.count),
+        "ours: plans": _of_method("ours", columns.number_of(_at_least(1))),
+        "better than min(L)": _of_method("ours", columns.number_of(_at_least(2))),
         "attitude / best, median": _of_method("ours", _quality),
-        "SLSQP: plans": _of_method("SLSQP", number_of(_at_least(1))),
+        "SLSQP: plans": _of_method("SLSQP", columns.number_of(_at_least(1))),
         "SLSQP: attitude / best, median": _of_method("SLSQP", _quality),
-        "with restarts: plans": _of_method("with restarts", number_of(_at_least(1))),
+        "with restarts: plans": _of_method("with restarts", columns.number_of(_at_least(1))),
         "with restarts: attitude / best, median": _of_method("with restarts", _quality),
     },
     most=len(BEST_KNOWN),
@@ -255,9 +246,9 @@ _BUDGET = Experiment(
     _with_small_budget,
     {"class": "kind", "processor time [s]": lambda row: f"{row['at']:g}"},
     {
-        "scenarios": count,
-        "plans": share(_at_least(1)),
-        "better than min(L)": share(_at_least(2)),
+        "scenarios": columns.count,
+        "plans": columns.share(_at_least(1)),
+        "better than min(L)": columns.share(_at_least(2)),
     },
     most=100,
 )

@@ -10,16 +10,10 @@ from functools import partial
 import numpy as np
 from scipy.optimize import nnls
 
+from ff_planner_benchmark.bench import columns
 from ff_planner_benchmark.bench.direct import Stop, solve_directly
 from ff_planner_benchmark.bench.exact import solve_by_slsqp
-from ff_planner_benchmark.bench.experiment import (
-    OBJECTIVES,
-    Experiment,
-    Row,
-    text,
-    timed_plans,
-    value,
-)
+from ff_planner_benchmark.bench.experiment import OBJECTIVES, Experiment, Row, timed_plans
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import NoPlanFound
@@ -96,13 +90,13 @@ METHODS = Experiment(
     _methods,
     {"objective": "objective", "method": "method"},
     {
-        "time / ours": text("times_ours", ".1f"),
-        "time [s]": text("seconds", ".3f"),
-        "rollouts": text("rollouts"),
-        "value [rad]": text("value", ".4f", unknown="singular"),
-        "optimality": text("optimality", ".1e"),
-        "clearance [mm]": value("clearance", max, ".1f", 1e3),
-        "why it stopped": text("message"),
+        "time / ours": columns.text("times_ours", ".1f"),
+        "time [s]": columns.text("seconds", ".3f"),
+        "rollouts": columns.text("rollouts"),
+        "value [rad]": columns.text("value", ".4f", unknown="singular"),
+        "optimality": columns.text("optimality", ".1e"),
+        "clearance [mm]": columns.value("clearance", max, ".1f", 1e3),
+        "why it stopped": columns.text("message"),
     },
     most=7,
 )

@@ -9,18 +9,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ff_planner_benchmark.bench.experiment import (
-    TIMES,
-    WORST,
-    Experiment,
-    Row,
-    Rows,
-    attempt,
-    count,
-    is_solved,
-    number_of,
-    value,
-)
+from ff_planner_benchmark.bench import columns
+from ff_planner_benchmark.bench.experiment import Experiment, Row, Rows, attempt, is_solved
 from ff_planner_benchmark.problems import joint_goals, tumbling
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.camera import Camera
@@ -110,12 +100,12 @@ COMPARISONS = Experiment(
     _attempts,
     {"class": "kind"},
     {
-        "problems": count,
-        "with a plan": number_of(is_solved),
-        **TIMES,
-        **WORST,
-        "convex programs, mean": value("programs", np.mean, ".1f"),
-        "largest error [m]": value("error", max, ".0e"),
+        "problems": columns.count,
+        "with a plan": columns.number_of(is_solved),
+        **columns.TIMES,
+        **columns.WORST,
+        "convex programs, mean": columns.value("programs", np.mean, ".1f"),
+        "largest error [m]": columns.value("error", max, ".0e"),
         "why there was none": _causes,
     },
     most=300,

@@ -18,11 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_benchmark.bench import (
+    captures,
     executed,
     in_motion,
     least_attitude,
     methods,
     plans,
+    prices,
     published,
     times,
 )
@@ -34,9 +36,9 @@ from ff_planner_ros.parameters import load_parameters
 
 BENCH = (
     *(methods.METHODS, *times.SCALING, plans.SCENARIO_PLANS, in_motion.STARTS),
-    *(in_motion.REPLANNING, plans.FAMILIES, plans.GEOMETRIES, times.CROWDS, times.PRICES),
-    *(plans.SHAPES_PLANS, plans.JOINT_GOAL_PLANS, plans.CAPTURED_PLANS, plans.CAPTURES),
-    *(plans.FREE_MOMENTS, plans.ALL_FEATURES_PLANS, least_attitude.STEADINESS),
+    *(in_motion.REPLANNING, plans.FAMILIES, plans.GEOMETRIES, prices.CROWDS, prices.PRICES),
+    *(plans.SHAPES_PLANS, plans.JOINT_GOAL_PLANS, captures.CAPTURED_PLANS, captures.CAPTURES),
+    *(captures.FREE_MOMENTS, plans.ALL_FEATURES_PLANS, least_attitude.STEADINESS),
     *(*least_attitude.EQUAL_TIME, times.SEVERAL_CORES, executed.EXECUTIONS),
     published.COMPARISONS,
 )
