@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from ff_planner_benchmark import cli, contest, contest_results, dataset, watched
-from ff_planner_benchmark.entrants import ours
+from ff_planner_benchmark.entrants import planners
 from ff_planner_benchmark.own_copy import own_copy
 from ff_planner_benchmark.scorer.score import MOST_POINTS, Score, judged, load
 from ff_planner_ros.errors import InvalidInput
@@ -81,7 +81,7 @@ def test_a_method_that_rewrites_the_scenarios_gains_nothing_and_spoils_nothing(
     dataset.write_dataset(own, dataset.SEEDS["public"], 1)
     file = own / "scenarios" / "planar" / "0000.yaml"
     kept = tmp_path / "kept.json"
-    kept.write_text(json.dumps(ours.answer(file, SECONDS)))
+    kept.write_text(json.dumps(planners.answer("ours", file, SECONDS)))
     evil = method(REWRITES.replace("SET", repr(str(own))), "evil.py")
     good = method(
         f"""

@@ -17,7 +17,7 @@ from scipy.interpolate import BPoly
 
 from ff_planner_benchmark import dataset
 from ff_planner_benchmark.cli import command_parser, main
-from ff_planner_benchmark.entrants import ours
+from ff_planner_benchmark.entrants import planners
 from ff_planner_benchmark.problems import still_goals, tumbling, tumbling_witness
 from ff_planner_benchmark.scorer.score import score
 from ff_planner_ros.errors import InvalidInput
@@ -286,7 +286,7 @@ def test_every_command_of_the_pages_is_one_that_the_parser_takes():
 
 def test_an_answer_of_the_planner_is_judged_by_the_command(small, tmp_path, capfd):
     scenario, answer = small / "scenarios" / "planar" / "0000.yaml", tmp_path / "answer.json"
-    answer.write_text(json.dumps(ours.answer(scenario, 1.0)))
+    answer.write_text(json.dumps(planners.answer("ours", scenario, 1.0)))
     assert main(["score", str(scenario), str(answer)]) == 0
     assert json.loads(capfd.readouterr().out)["solved"]
     answer.write_text("{}")

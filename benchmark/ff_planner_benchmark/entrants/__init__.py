@@ -1,1 +1,1 @@
-"""Methods that take part in the benchmark: a file each, with a function `answer`."""
+"""Methods that take part in the contest."""
