@@ -12,6 +12,7 @@ from recorded_requests import only_request
 from ff_planner_benchmark.bench.plans import JOINT_GOAL_PLANS
 from ff_planner_benchmark.problems import joint_goals
 from ff_planner_benchmark.problems.joint_goals import FAR, NEAR, ROBOTS
+from ff_planner_benchmark.problems.witnessed import way_of
 from ff_planner_ros.bag import read_plans
 from ff_planner_ros.cli import main
 from ff_planner_ros.parameters import load_parameters
@@ -39,7 +40,7 @@ def test_a_witness_of_a_held_chaser_comes_to_the_goal_past_the_spheres(
 ) -> None:
     problem, robot = held.problem, held.problem.robot
     assert robot.base is Base.ATTITUDE_HELD
-    times, way, velocities, _ = joint_goals.way_of(robot, problem, held.witness)
+    times, way, velocities, _ = way_of(robot, problem.start, held.witness)
     assert not velocities[:, 3:6].any()
     assert np.abs(miss(robot, way[-1], problem.target)).max() < 1e-9
     # The joints rest at the end, and the chaser does not turn: all drift as its origin does.
@@ -57,7 +58,7 @@ def test_a_witness_keeps_the_limits_of_the_wheels_near_or_far(held: Drawn[JointM
     wheels = robot.wheels
     assert wheels is not None
     stored = momenta_of(wheels, problem.start)
-    _, q, v, accelerations = joint_goals.way_of(robot, problem, held.witness)
+    _, q, v, accelerations = way_of(robot, problem.start, held.witness)
     momenta, torques = wheels_along(robot, wheels, stored, q, v, accelerations)
     number = next(k for k in range(8) if joint_goals.problem("held", k) is held)
     factor = (NEAR, FAR)[number // len(ROBOTS) % 2]
@@ -115,7 +116,7 @@ def test_a_witness_of_a_rail_slides_and_comes_to_the_goal_past_the_spheres(numbe
     assert drawn.witness is not None
     assert robot.slides(0)
     assert abs(np.ptp(drawn.witness.positions[:, 0])) > 0.01
-    times, way, velocities, _ = joint_goals.way_of(robot, problem, drawn.witness)
+    times, way, velocities, _ = way_of(robot, problem.start, drawn.witness)
     assert np.abs(miss(robot, way[-1], problem.target)).max() < 1e-7
     # The joints rest at the end: all turn with the chaser.
     turning = pin.Quaternion(way[-1, 3:7]) * velocities[-1, 3:6]

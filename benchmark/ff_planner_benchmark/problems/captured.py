@@ -19,13 +19,18 @@ from typing import TypeAlias
 import numpy as np
 
 from ff_planner_benchmark.problems.tumbling import Kind, drawn_capture
-from ff_planner_ros.common.arrays import Array
+from ff_planner_benchmark.problems.witnessed import (
+    STOPS_IN,
+    quintic,
+    stop,
+    to_stop,
+    way_of,
+    window_of,
+)
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.posture import end_effector_at
 from ff_planner_ros.planning.problem.problem import (
-    DurationRange,
-    Limits,
     Objective,
     PlanningProblem,
     Posture,
@@ -54,9 +59,8 @@ _LIGHTEST, _HEAVIEST = 20.0, 800.0
 _EDGES, _BEFORE = (0.3, 0.9), 0.25
 # How fast bodies turn at most [deg/s], and how fast joints begin at most [rad/s].
 _TURNING, _MOVING = 5.0, 0.05
-# A stop takes so long, and so much longer in each attempt until the motors can do it [s]; how much
-# more than its accelerations are allowed; and from when to when the planner may choose.
-_STOPS_IN, _LONGER, _ATTEMPTS, _SPARE, _WINDOW = (3.0, 6.0), 1.6, 5, 1.05, (0.2, 2.0)
+# A stop takes so much longer in each attempt until the motors can do it.
+_LONGER, _ATTEMPTS = 1.6, 5
 # How far joints turn to a posture [rad], and how long that takes [s].
 _TURN, _STOWS_IN = 0.7, (10.0, 20.0)
 _TORQUES, _STEPS = 0.95, 100  # part of the limits that a witness takes
@@ -82,7 +86,8 @@ def _stop(robot: Robot, rng: np.random.Generator) -> Drawn[Motions] | None:
     witness = _stopping(holding, start, rng)
     if witness is None:
         return None
-    return Drawn(_at_rest(holding, start, witness), (witness,))
+    given = _asked(holding, start, Posture(at_rest=True), float(witness.time[-1]))
+    return Drawn(to_stop(given, witness), (witness,))
 
 
 def _stow(robot: Robot, rng: np.random.Generator) -> Drawn[Motions] | None:
@@ -119,14 +124,15 @@ def _whole(robot: Robot, rng: np.random.Generator) -> Drawn[Motions] | None:
     stopping = _stopping(holding, after, rng)
     if stopping is None:
         return None
-    rest = system_state(holding, *(rows[-1] for rows in _way(holding, after, stopping)[:2]))
+    rest = system_state(
+        holding, *(rows[-1] for rows in way_of(holding, after, stopping, _STEPS)[1:3])
+    )
     stowing = _stowing(holding, rest, rng)
     if stowing is None:
         return None
-    first, last = (part * float(stopping.time[-1]) for part in _WINDOW)
     then = (
         Phase(
-            duration=DurationRange(first, last),
+            duration=window_of(stopping),
             target=Posture(at_rest=True),
             objective=Objective(0.0, 0.0, 1.0),
         ),
@@ -161,11 +167,9 @@ def _turning_together(robot: Robot, rng: np.random.Generator) -> SystemState:
 
 def _stopping(robot: Robot, start: SystemState, rng: np.random.Generator) -> JointMotion | None:
     """Return a motion that stops all joints, slower until it is sound; None: none is."""
-    lasts, rates = float(rng.uniform(*_STOPS_IN)), start.joint_velocities
+    lasts, rates = float(rng.uniform(*STOPS_IN)), start.joint_velocities
     for _ in range(_ATTEMPTS):
-        end = start.joint_positions + rates * lasts / 2.0
-        ends = np.array([start.joint_positions, end]), np.array([rates, np.zeros_like(rates)])
-        motion = JointMotion(np.array([0.0, lasts]), *ends, np.zeros((2, robot.joints)))
+        motion = stop(start.joint_positions, rates, lasts)
         if _is_sound(robot, start, motion):
             return motion
         lasts *= _LONGER
@@ -175,24 +179,14 @@ def _stopping(robot: Robot, start: SystemState, rng: np.random.Generator) -> Joi
 def _stowing(robot: Robot, start: SystemState, rng: np.random.Generator) -> JointMotion | None:
     """Return a motion to a posture; None: it is not sound."""
     end = start.joint_positions + rng.uniform(-_TURN, _TURN, robot.joints)
-    lasts, still = float(rng.uniform(*_STOWS_IN)), np.zeros((2, robot.joints))
-    positions = np.array([start.joint_positions, end])
-    motion = JointMotion(np.array([0.0, lasts]), positions, still, still)
+    lasts, still = float(rng.uniform(*_STOWS_IN)), np.zeros(robot.joints)
+    motion = quintic(start.joint_positions, end, still, lasts)
     return motion if _is_sound(robot, start, motion) else None
-
-
-def _way(robot: Robot, start: SystemState, motion: JointMotion) -> tuple[Array, Array, Array]:
-    """Return configurations, tangent velocities and joint accelerations along a motion."""
-    q, v = configuration(robot, start)
-    momentum = total_momentum(robot, robot.model.createData(), q, v)
-    times = np.linspace(0.0, motion.time[-1], _STEPS + 1)
-    way, moves, _ = driven(robot, q, momentum, motion, times)
-    return way, moves, motion.at(times)[2]
 
 
 def _is_sound(robot: Robot, start: SystemState, motion: JointMotion) -> bool:
     """Tell whether joint positions and torques keep their limits, and bodies stay apart."""
-    way, moves, accelerations = _way(robot, start, motion)
+    _, way, moves, accelerations = way_of(robot, start, motion, _STEPS)
     lower, upper = robot.lower_position_limits, robot.upper_position_limits
     if ((way[:, 7:] < lower + APART) | (way[:, 7:] > upper - APART)).any():
         return False
@@ -200,20 +194,6 @@ def _is_sound(robot: Robot, start: SystemState, motion: JointMotion) -> bool:
     if (np.abs(torques) > _TORQUES * robot.effort_limits).any():
         return False
     return own_gap(Swept(robot, way), APART) >= APART
-
-
-def _at_rest(robot: Robot, start: SystemState, witness: JointMotion) -> PlanningProblem:
-    """Return the problem to stop as soon as possible, with 5 % more acceleration than a witness."""
-    (lowest, highest), _ = witness.extremes(2)
-    allowed = _SPARE * np.maximum(-lowest, highest)
-    lasts = float(witness.time[-1])
-    first, last = (part * lasts for part in _WINDOW)
-    return replace(
-        _asked(robot, start, Posture(at_rest=True), last),
-        duration_range=DurationRange(first, last),
-        objective=Objective(0.0, 0.0, 1.0),
-        limits=Limits(joint_velocities=True, joint_accelerations=tuple(allowed.tolist())),
-    )
 
 
 def _asked(robot: Robot, start: SystemState, posture: Posture, duration: float) -> PlanningProblem:

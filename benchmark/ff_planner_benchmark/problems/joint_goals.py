@@ -21,19 +21,19 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_benchmark.problems.witnessed import (
+    STOPS_IN,
     drawn_problem,
     random_posture,
     spheres_beside,
+    stop,
+    to_stop,
+    way_of,
 )
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.problem.problem import (
-    DurationRange,
-    Limits,
-    Objective,
     Orientation,
     PlanningProblem,
     Posture,
@@ -42,9 +42,9 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, state
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
+from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
+from ff_planner_ros.robot.momentum import smallest_singular_values
 from ff_planner_ros.robot.wheels import Wheels
 
 ROBOTS, RANDOM_STARTS = ("lemur", "arm6", "arm7", "arm10"), "arm8"
@@ -60,10 +60,8 @@ KINDS = {
 NEAR, FAR = 1.05, 3.0
 # What wheels hold at the start, over the witness's peaks.
 _STORED = 0.2
-# Of a stop: how fast the joints begin [rad/s], how long the witness takes [s], how much more than
-# its accelerations are allowed, and from when to when the planner may choose.
-_FAST, _STOPS_IN, _SPARE, _WINDOW = 0.15, (3.0, 6.0), 1.05, (0.2, 2.0)
-_SPHERES, _STEPS = 3, 200
+_FAST = 0.15  # [rad/s] joints that are to stop begin with at most
+_SPHERES = 3
 # Of random starts: how far the spheres are away from the arm there [m], and how long it has [s].
 _AWAY, _LASTS = 0.02, 30.0
 # And of their goal the smallest singular value of the generalised Jacobian at least.
@@ -158,26 +156,13 @@ def _at_origin(robot: Robot, posture: Array) -> Array:
     return q
 
 
-def way_of(robot: Robot, problem: PlanningProblem, witness: JointMotion) -> tuple[Array, ...]:
-    """Return times of a witness, and its configurations, tangent velocities and accelerations.
-
-    Shapes (times,) [s], (times, 7 + joints), (times, 6 + joints) and (times, joints) [rad/s2].
-    """
-    q, v = configuration(robot, problem.start)
-    momentum = total_momentum(robot, robot.model.createData(), q, v)
-    times = np.linspace(0.0, witness.time[-1], _STEPS + 1)
-    way, velocities, _ = driven(robot, q, momentum, witness, times)
-    _, _, accelerations = witness.at(times)
-    return times, way, velocities, accelerations
-
-
 def _moving_as_reached(problem: PlanningProblem, witness: JointMotion) -> PlanningProblem:
     """Return a problem whose goal moves as the end effector does at the witness's end.
 
     To rest there while the chaser drifts is another motion, which takes more of the wheels.
     """
     robot, data = problem.robot, problem.robot.model.createData()
-    _, q, v, _ = way_of(robot, problem, witness)
+    _, q, v, _ = way_of(robot, problem.start, witness)
     pin.forwardKinematics(robot.model, data, q[-1], v[-1])
     pin.updateFramePlacements(robot.model, data)
     twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
@@ -192,7 +177,7 @@ def _with_wheels(
 ) -> PlanningProblem:
     """Return a problem with wheels whose limits are `factor` times the witness's peaks."""
     robot, wheels = problem.robot, Wheels()
-    _, q, v, accelerations = way_of(robot, problem, witness)
+    _, q, v, accelerations = way_of(robot, problem.start, witness)
     momenta, torques = wheels_along(robot, wheels, np.zeros(3), q, v, accelerations)
     stored = _STORED * np.abs(momenta).max() * rng.uniform(-1.0, 1.0, 3)
     limits = (
@@ -207,24 +192,10 @@ def _stopping(
 ) -> Drawn[JointMotion | None] | None:
     """Return a problem to stop as soon as possible and its witness; None: it leaves its limits."""
     robot, joints = problem.robot, problem.robot.joints
-    rates, lasts = rng.uniform(-_FAST, _FAST, joints), float(rng.uniform(*_STOPS_IN))
-    begin = problem.start.joint_positions
-    end, still = begin + rates * lasts / 2.0, np.zeros(joints)
+    rates, lasts = rng.uniform(-_FAST, _FAST, joints), float(rng.uniform(*STOPS_IN))
+    witness = stop(problem.start.joint_positions, rates, lasts)
+    end = witness.positions[-1]
     if ((end < robot.lower_position_limits) | (end > robot.upper_position_limits)).any():
         return None
-    ends = np.array([begin, end]), np.array([rates, still]), np.zeros((2, joints))
-    witness = JointMotion(np.array([0.0, lasts]), *ends)
-    (lowest, highest), _ = witness.extremes(2)
-    allowed = _SPARE * np.maximum(-lowest, highest)
-    first, last = (part * lasts for part in _WINDOW)
-    stop: PlanningProblem = replace(
-        problem,
-        start=replace(problem.start, joint_velocities=rates),
-        posture=Posture(at_rest=True),
-        duration=last,
-        duration_range=DurationRange(first, last),
-        obstacles=(),
-        objective=Objective(0.0, 0.0, 1.0),
-        limits=Limits(joint_velocities=True, joint_accelerations=tuple(allowed.tolist())),
-    )
-    return Drawn(stop, witness)
+    moving = replace(problem, start=replace(problem.start, joint_velocities=rates))
+    return Drawn(to_stop(moving, witness), witness)

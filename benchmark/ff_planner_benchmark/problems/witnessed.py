@@ -18,8 +18,12 @@ from ff_planner_ros.planning.distance.clearance import arm_points, clearances, s
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Limits,
+    Objective,
     Orientation,
     PlanningProblem,
+    Posture,
     Sphere,
     Target,
 )
@@ -32,6 +36,7 @@ from ff_planner_ros.robot.momentum import (
     smallest_singular_values,
     total_momentum,
 )
+from ff_planner_ros.robot.state import SystemState
 
 # Smallest singular value of a singular start at most; the planner's threshold is 0.02.
 SINGULAR = 1e-3
@@ -44,6 +49,9 @@ _OF_RATES = 0.3
 # From the witness's way the obstacles are so far away [m], and no smaller; they move slowly [m/s].
 _CLEAR, _SMALLEST, _LARGEST, _SLOW = 0.02, 0.04, 0.15, 0.005
 _CANDIDATES = 60
+# Stops take so long [s]; how much more than the witness's accelerations is allowed, and from when
+# to when the planner may choose, in parts of the witness's duration.
+STOPS_IN, _SPARE, _WINDOW = (3.0, 6.0), 1.05, (0.2, 2.0)
 _STEPS = 100
 
 
@@ -122,16 +130,11 @@ def drawn_problem(
     too_fast = np.abs(end - posture) / duration > _OF_RATES * robot.velocity_limits
     if (end < lowest).any() or (end > highest).any() or too_fast.any():
         return None
-    still = np.zeros((2, joints))
-    rates = np.array([start.joint_velocities, still[1]])
-    witness = JointMotion(np.array([0.0, duration]), np.array([posture, end]), rates, still)
-    q, v = configuration(robot, start)
-    data = robot.model.createData()
-    momentum = total_momentum(robot, data, q, v)
-    times = np.linspace(0.0, duration, _STEPS + 1)
-    way, *_ = driven(robot, q, momentum, witness, times)
+    witness = quintic(posture, end, start.joint_velocities, duration)
+    times, way, *_ = way_of(robot, start, witness, _STEPS)
     if _least_at_goal(robot, way[-1], orientation) < _REGULAR:
         return None
+    data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, way[-1])
     goal = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
     axis = rng.normal(size=3)
@@ -206,3 +209,50 @@ def spheres_beside(
         if len(chosen) == most:
             break
     return tuple(chosen)
+
+
+def quintic(begin: Array, end: Array, rates: Array, lasts: float) -> JointMotion:
+    """Return a motion between joint positions, from some rates to rest, that lasts so long [s]."""
+    ends = np.array([begin, end]), np.array([rates, np.zeros_like(rates)])
+    return JointMotion(np.array([0.0, lasts]), *ends, np.zeros((2, len(begin))))
+
+
+def stop(begin: Array, rates: Array, lasts: float) -> JointMotion:
+    """Return a motion that stops the joints in a time [s]."""
+    return quintic(begin, begin + rates * lasts / 2.0, rates, lasts)
+
+
+def window_of(witness: JointMotion) -> DurationRange:
+    """Return the durations from which the planner may choose instead of the witness's."""
+    shortest, longest = (part * float(witness.time[-1]) for part in _WINDOW)
+    return DurationRange(shortest, longest)
+
+
+def to_stop(problem: PlanningProblem, witness: JointMotion) -> PlanningProblem:
+    """Return the problem to stop as soon as possible, with 5 % more acceleration than a witness."""
+    (lowest, highest), _ = witness.extremes(2)
+    allowed = _SPARE * np.maximum(-lowest, highest)
+    window = window_of(witness)
+    return replace(
+        problem,
+        posture=Posture(at_rest=True),
+        duration=window.maximum,
+        duration_range=window,
+        obstacles=(),
+        objective=Objective(0.0, 0.0, 1.0),
+        limits=Limits(joint_velocities=True, joint_accelerations=tuple(allowed.tolist())),
+    )
+
+
+def way_of(
+    robot: Robot, start: SystemState, motion: JointMotion, steps: int = 200
+) -> tuple[Array, Array, Array, Array]:
+    """Return times of a motion, and its configurations, tangent velocities and accelerations.
+
+    Shapes (times,) [s], (times, 7 + joints), (times, 6 + joints) and (times, joints) [rad/s2].
+    """
+    q, v = configuration(robot, start)
+    momentum = total_momentum(robot, robot.model.createData(), q, v)
+    times = np.linspace(0.0, motion.time[-1], steps + 1)
+    way, velocities, _ = driven(robot, q, momentum, motion, times)
+    return times, way, velocities, motion.at(times)[2]
