@@ -10,7 +10,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.distance.certificate import certified_clearance
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.motion.measures import chaser_euler, joint_path_length
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.path_family import Motion, singular_refusal
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
@@ -35,18 +34,6 @@ def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None =
     if motion.singular_at is not None:
         raise singular_refusal(motion.singular_at, problem.duration)
     return motion
-
-
-def weighted_objective(problem: PlanningProblem, motion: Motion) -> float:
-    """Return the weighted joint path length and attitude of a motion [rad].
-
-    The objective's terms of duration and wheels are left out.
-    """
-    step = problem.duration / (problem.points - 1)
-    length = joint_path_length(motion.v[:, 6:], step, problem.robot.joint_weights)
-    attitude = float(np.abs(chaser_euler(problem.robot, motion.q)).max())
-    weights = problem.objective
-    return weights.joint_path_length * length + weights.chaser_attitude * attitude
 
 
 def within_limits(

@@ -15,9 +15,11 @@ from scipy.optimize import minimize
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, penalty, segments
+from ff_planner_ros.planning.motion.measures import chaser_euler, joint_path_length
 from ff_planner_ros.planning.optimisation.program import PathProgram
+from ff_planner_ros.planning.paths.path_family import Motion
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.problems.paths import weighted_objective
 
 # Objective and constraints of a path that meets a singularity: worse than any other's.
 _WALL = (1e3, 1e3, -1e3)
@@ -73,3 +75,15 @@ def _functions(
         penalty(distance, settings.penalty_gain, settings.penalty_exponent),
         float(margins.min()),
     )
+
+
+def weighted_objective(problem: PlanningProblem, motion: Motion) -> float:
+    """Return the weighted joint path length and attitude of a motion [rad].
+
+    The objective's terms of duration and wheels are left out.
+    """
+    step = problem.duration / (problem.points - 1)
+    length = joint_path_length(motion.v[:, 6:], step, problem.robot.joint_weights)
+    attitude = float(np.abs(chaser_euler(problem.robot, motion.q)).max())
+    weights = problem.objective
+    return weights.joint_path_length * length + weights.chaser_attitude * attitude

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ff_planner_benchmark.bench import columns
-from ff_planner_benchmark.bench.direct import Stop, solve_directly
+from ff_planner_benchmark.bench.direct import Stop, solve_directly, weighted_objective
 from ff_planner_benchmark.bench.exact import solve_by_slsqp
 from ff_planner_benchmark.bench.experiment import OBJECTIVES, Experiment, Row, timed_plans
 from ff_planner_ros.common.arrays import Array
@@ -23,7 +23,7 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_p
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.problems.paths import clearance_along, roll_out, weighted_objective
+from ff_planner_ros.problems.paths import clearance_along, roll_out
 
 # A constraint within this of its bound, or a peak within this of the highest, may carry a
 # multiplier [m or rad].
