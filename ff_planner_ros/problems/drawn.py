@@ -60,7 +60,7 @@ def asked(
 
     Args:
         duration: [s].
-        more: Its other fields, and those that are not to be so.
+        **more: Its other fields, and those that are not to be so.
     """
     usual: dict[str, Any] = {
         "points": 50,
