@@ -14,7 +14,7 @@ from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningP
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.planning_task import PlanningTask
-from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
 T = TypeVar("T")
@@ -22,8 +22,6 @@ W = TypeVar("W", covariant=True)
 
 # Sound draws are one of a few, or of a thousand. A class that has none would be drawn for ever.
 _MOST_DRAWS = 100_000
-# Drawn joint positions stay away from their limits [rad].
-FROM_LIMITS = 0.1
 _STILL = np.zeros(3)
 
 
@@ -93,22 +91,3 @@ def state(
         joint_positions=joints,
         joint_velocities=rates,
     )
-
-
-def random_state(
-    robot: Robot, drift: Array, spin: Array, rate: float, rng: np.random.Generator
-) -> SystemState:
-    """Draw joint positions and their rates, up to `rate` [rad/s] each; see `state`.
-
-    Motions that a planar base does not have are left out.
-    """
-    if robot.base is Base.PLANAR:
-        drift[2] = spin[0] = spin[1] = 0.0
-    joints = rng.uniform(*joint_range(robot))
-    return state(joints, rate * rng.uniform(-1.0, 1.0, robot.joints), drift, spin)
-
-
-def joint_range(robot: Robot) -> tuple[Array, Array]:
-    """Return between which positions joints are drawn; those without limits from -pi to pi."""
-    lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
-    return lowest, np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS

@@ -21,6 +21,7 @@ import numpy as np
 from ff_planner_benchmark.problems.tumbling import Kind, drawn_capture
 from ff_planner_benchmark.problems.witnessed import (
     STOPS_IN,
+    joint_range,
     quintic,
     stop,
     to_stop,
@@ -38,7 +39,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.task.following import held_body
 from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap
-from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, joint_range, state
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, state
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid

@@ -30,6 +30,7 @@ from ff_planner_benchmark.problems.tumbling_witness import (
     Witness,
     witness_to_grip,
 )
+from ff_planner_benchmark.problems.witnessed import random_state
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
@@ -42,7 +43,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap
-from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, random_state
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.problems.scenarios import stretched_length

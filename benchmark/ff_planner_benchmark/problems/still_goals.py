@@ -17,13 +17,13 @@ from ff_planner_benchmark.problems.tumbling_witness import (
     tip,
     witness_to_grip,
 )
-from ff_planner_benchmark.problems.witnessed import spheres_beside
+from ff_planner_benchmark.problems.witnessed import random_state, spheres_beside
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import (
     Orientation,
     Target,
 )
-from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, random_state
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Robot

@@ -20,7 +20,7 @@ from ff_planner_benchmark.problems.tumbling_witness import (
     witness_along_corridor,
     witness_to_grip,
 )
-from ff_planner_benchmark.problems.witnessed import spheres_beside
+from ff_planner_benchmark.problems.witnessed import random_state, spheres_beside
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.problem.approach import Approach
@@ -31,7 +31,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap, sphere_gap
-from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, random_state
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound
 from ff_planner_ros.problems.robots import ROBOTS, bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot

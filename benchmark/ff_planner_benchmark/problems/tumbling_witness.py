@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ff_planner_benchmark.problems.witnessed import FROM_LIMITS
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.forward import carried_base
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.problem.target_body import TargetBody
-from ff_planner_ros.problems.drawn import FROM_LIMITS
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.dynamics import accelerations, joint_torques
 from ff_planner_ros.robot.model import Robot

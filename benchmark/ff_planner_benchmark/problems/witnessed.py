@@ -27,7 +27,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.problems.drawn import FROM_LIMITS, Drawn, asked, first_sound, joint_range, state
+from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, state
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
@@ -44,8 +44,8 @@ SINGULAR = 1e-3
 _REGULAR = 0.08
 # How far each joint turns at most [rad], and how fast it and the chaser begin [rad/s, m/s, rad/s].
 _TURN, _MOVING, _DRIFT, _SPIN = 0.9, 0.03, 0.01, 0.01
-# The witness's mean rates stay below so much of their limits.
-_OF_RATES = 0.3
+# Joints stay away from their limits [rad], and the witness's mean rates below so much of theirs.
+FROM_LIMITS, _OF_RATES = 0.1, 0.3
 # From the witness's way the obstacles are so far away [m], and no smaller; they move slowly [m/s].
 _CLEAR, _SMALLEST, _LARGEST, _SLOW = 0.02, 0.04, 0.15, 0.005
 _CANDIDATES = 60
@@ -256,3 +256,22 @@ def way_of(
     times = np.linspace(0.0, motion.time[-1], steps + 1)
     way, velocities, _ = driven(robot, q, momentum, motion, times)
     return times, way, velocities, motion.at(times)[2]
+
+
+def random_state(
+    robot: Robot, drift: Array, spin: Array, rate: float, rng: np.random.Generator
+) -> SystemState:
+    """Draw joint positions and their rates, up to `rate` [rad/s] each; see `state`.
+
+    Motions that a planar base does not have are left out.
+    """
+    if robot.base is Base.PLANAR:
+        drift[2] = spin[0] = spin[1] = 0.0
+    joints = rng.uniform(*joint_range(robot))
+    return state(joints, rate * rng.uniform(-1.0, 1.0, robot.joints), drift, spin)
+
+
+def joint_range(robot: Robot) -> tuple[Array, Array]:
+    """Return between which positions joints are drawn; those without limits from -pi to pi."""
+    lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
+    return lowest, np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS
