@@ -417,7 +417,7 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
         ),
         (
             InvalidInput(
-                Status.STATE_TOO_OLD, "chaser_state.header.stamp", "9 s ago", "not so old"
+                Status.STATE_TOO_OLD, "chaser_state.header.stamp", "9 s ago", "newer"
             ),
             PlanStatus(
                 code=101,

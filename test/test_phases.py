@@ -560,6 +560,9 @@ def test_each_field_of_a_later_phase_is_in_digests_files_and_requests(
     three: PlanningTask, name: str, tmp_path: Path
 ) -> None:
     """Of the third phase alone: the second keeps its own, and what it leaves out the first's."""
+    if name == "payload":  # a robot that holds what it has captured can be given no other
+        free = {"target_body": None, "obstacles": (PASSING,), "allowed_collisions": ()}
+        three = replace(three, problem=replace(three.problem, **free))
     second, third = three.then
     changed = replace(three, then=(second, replace(third, **{name: OTHERWISE[name]})))
     assert changed.digest != three.digest
@@ -876,13 +879,58 @@ def test_a_capture_alone_depends_on_no_mass(task: PlanningTask) -> None:
     assert heavier(task).digest != task.digest
 
 
-def test_what_a_later_phase_cannot_be_planned_for_is_told_to_programs(task: PlanningTask) -> None:
+UNASKABLE: dict[str, tuple[dict[str, Any], str, str, str]] = {
+    "a weight": (
+        {"objective": Objective(1.0, 0.0, wheel_momentum=1.0)},
+        "objective.wheel_momentum",
+        "1.0",
+        "with robot.base free_flyer it must be 0",
+    ),
+    "a contact": (
+        {"allowed_collisions": ("link_7/moon",)},
+        "allowed_collisions.pairs",
+        "'link_7/moon'",
+        "it must be link/obstacle or link/link",
+    ),
+    "a family": (
+        {"parametrisation": Parametrisation.END_EFFECTOR_POLYNOMIAL},
+        "parametrisation",
+        "end_effector_polynomial",
+        "with a goal of the joints it must be auto or joint_spline",
+    ),
+}
+
+
+@pytest.mark.law("NODE-07")
+@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("case", UNASKABLE)
+def test_what_no_plan_of_a_later_phase_can_be_asked_for_is_refused_before_the_search(
+    task: PlanningTask, case: str, number: int
+) -> None:
     """By its place in the request, also from the process of the solver."""
-    bad = replace(task.then[0], objective=Objective(1.0, 0.0, wheel_momentum=1.0))
-    start = replace(task.problem, target_body=None, posture=Posture(at_rest=True))
-    with pytest.raises(NoPlanFound, match=r"phase 2 of 2: objective\.wheel_momentum is 1") as none:
-        perform(replace(task, problem=start, then=(bad,)))
-    told = status_message(pickle.loads(pickle.dumps(none.value)))
-    assert (told.code, told.field) == (Status.UNSUPPORTED, "then[0].objective.wheel_momentum")
-    assert told.value == "1.0"
-    assert told.allowed.startswith("with robot.base free_flyer it must be 0")
+    changes, field, value, allowed = UNASKABLE[case]
+    posture = Posture(np.array([0.0, -0.5, 0.3, -0.8, -1.0, 0.5, -1.0]))
+    then = [replace(one, target=posture, approach=None) for one in task.then]
+    then[number - 1] = replace(then[number - 1], **changes)
+    watch = EndingAt(1)
+    with pytest.raises(InvalidInput) as refused:
+        perform(replace(task, then=tuple(then)), watch)
+    assert refused.value.field == f"phases[{number}].{field}"
+    told = status_message(pickle.loads(pickle.dumps(refused.value)))
+    assert (told.code, told.field) == (refused.value.status, f"then[{number - 1}].{field}")
+    assert told.value == value
+    assert told.allowed.startswith(allowed)
+    assert told.message.startswith(f"{told.field} is {value}")
+
+
+def test_a_file_is_checked_by_what_plans_of_its_phases_can_be_asked_for(tmp_path: Path) -> None:
+    def weighted(document: dict[str, Any]) -> None:
+        document["phases"][2]["objective"] = {
+            "joint_path_length": 1.0,
+            "chaser_attitude": 0.0,
+            "wheel_momentum": 1.0,
+        }
+
+    with pytest.raises(InvalidInput, match="there are no wheels") as refused:
+        load_task(scenario(tmp_path, weighted), DEFAULTS)
+    assert refused.value.field == "phases[2].objective.wheel_momentum"

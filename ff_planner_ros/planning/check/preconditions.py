@@ -23,22 +23,33 @@ from ff_planner_ros.robot.model import Robot
 _SPARE = 1e-3
 
 
-def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> None:
-    """Refuse a start that violates a requirement by itself, and a goal that no posture reaches.
+def require_askable(problem: PlanningProblem) -> None:
+    """Refuse what no plan can be asked for, whatever the start.
 
     Raises:
-        InvalidInput: The start violates a requirement, a plug-in has the name of one of ours, or
-            within the duration the system turns too far.
-        NoPlanFound: The goal is out of reach or inside an obstacle, or in its posture the robot
-            touches itself.
+        InvalidInput: A requirement cannot be asked of the problem, or a plug-in has the name of one
+            of ours.
     """
-    robot = problem.robot
-    q_start, v_start = configuration(robot, problem.start)
     ours = {required.name for required in REQUIREMENTS}
     for required in problem.requirements:
         if required.name in ours:
             allowed = "a requirement of the planner has this name"
             raise InvalidInput(Status.OUT_OF_RANGE, "requirements", required.name, allowed)
+    for required in requirements_of(problem):
+        required.refuse(problem)
+
+
+def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> None:
+    """Refuse a start that violates a requirement by itself, and a goal that no posture reaches.
+
+    Raises:
+        InvalidInput: As by `require_askable`; or the start violates a requirement, or within the
+            duration the system turns too far.
+        NoPlanFound: The goal is out of reach or inside an obstacle, or in its posture the robot
+            touches itself.
+    """
+    require_askable(problem)
+    q_start, v_start = configuration(problem.robot, problem.start)
     for required in requirements_of(problem):
         required.refuse_start(problem, q_start, settings)
     if problem.posture is None:

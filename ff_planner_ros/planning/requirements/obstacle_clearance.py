@@ -53,24 +53,25 @@ class ObstacleClearance(Requirement):
 
     name = "obstacle_clearance"
 
-    def refuse_start(
-        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
-    ) -> None:
-        """Refuse a start that moves into an obstacle; `BodyClearance` refuses one that is in it.
-
-        Centre lines along which a prismatic joint moves are refused, too: a body has one length.
-        """
+    def refuse(self, problem: PlanningProblem) -> None:
+        """Refuse centre lines along which a prismatic joint moves: a body has one length."""
         robot, obstacles = problem.robot, problem.obstacle_bodies
-        if not obstacles:
-            return
-        if not robot.bodies and robot.joint_slides[1:].any():
+        if obstacles and not robot.bodies and robot.joint_slides[1:].any():
             allowed = (
                 "with lines every obstacle must be a sphere where a joint slides along the arm; "
                 "robot.geometry must be shapes"
             )
             told = f"obstacles[{obstacles[0].id}].shape"
             raise InvalidInput(Status.UNSUPPORTED, told, "no sphere", allowed)
-        robot = with_bodies(robot)
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a start that moves into an obstacle; `BodyClearance` refuses one that is in it."""
+        obstacles = problem.obstacle_bodies
+        if not obstacles:
+            return
+        robot = with_bodies(problem.robot)
         placed, now = placed_bodies(robot, q_start[None, 7:]), np.zeros(1)
         near = obstacle_bounds(robot, placed, q_start[None], now, obstacles)[0] < NEAR
         near.reshape(-1)[may_touch(problem, split_obstacles(problem), q_start, 0.0)] = False

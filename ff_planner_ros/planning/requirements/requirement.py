@@ -176,6 +176,13 @@ class Requirement:
         """Return the requirement with its vectors in the planning frame; it has none by default."""
         return self
 
+    def refuse(self, problem: PlanningProblem) -> None:
+        """Refuse a problem that the requirement cannot be asked of, whatever its start.
+
+        Raises:
+            InvalidInput: It cannot; the error names the field and what is allowed.
+        """
+
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:

@@ -53,16 +53,19 @@ class WheelLimits(Requirement):
     name = "wheels"
     is_on_demand = True
 
+    def refuse(self, problem: PlanningProblem) -> None:
+        """Refuse a weight on momentum without wheels."""
+        given = problem.objective.wheel_momentum
+        if given and problem.robot.wheels is None:
+            allowed = f"with robot.base {problem.robot.base} it must be 0: there are no wheels"
+            raise InvalidInput(Status.UNSUPPORTED, "objective.wheel_momentum", given, allowed)
+
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start beyond the wheels' limits, or a weight on momentum without wheels."""
+        """Refuse a start beyond the wheels' limits."""
         wheels = problem.robot.wheels
         if wheels is None:
-            if problem.objective.wheel_momentum:
-                allowed = f"with robot.base {problem.robot.base} it must be 0: there are no wheels"
-                given = problem.objective.wheel_momentum
-                raise InvalidInput(Status.UNSUPPORTED, "objective.wheel_momentum", given, allowed)
             return
         stored, limits = momenta_of(wheels, problem.start), wheels.momentum_limits
         most = (1.0 + ALLOWED_EXCESS) * limits + LIMIT_TOLERANCE

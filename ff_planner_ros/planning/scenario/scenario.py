@@ -44,6 +44,7 @@ from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
 from ff_planner_ros.planning.scenario.phases_file import PHASES, built, first_named, split
 from ff_planner_ros.planning.scenario.wheels_file import WheelsFile
 from ff_planner_ros.planning.task.controller_rules import Controller
+from ff_planner_ros.planning.task.following import require_askable_phases
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -172,7 +173,9 @@ def load_task(path: AnyPath, defaults: Defaults) -> PlanningTask:
     def task(read: _Read, robot: Robot, others: Sequence[_Read]) -> PlanningTask:
         first = _task(read, robot, defaults)
         then = built(others, robot, first.problem.limits, file.parent)
-        return replace(first, then=then) if then else first
+        whole = replace(first, then=then) if then else first
+        require_askable_phases(whole)
+        return whole
 
     return _built(file, defaults.points, task)
 

@@ -43,12 +43,11 @@ def path_families(
     the families before the planner does.
 
     Raises:
-        InvalidInput: The paper's family is requested, but not defined for arm, base or goal.
+        InvalidInput: As by `require_families`.
     """
+    require_families(problem)
     asked = problem.parametrisation
     if asked is Parametrisation.END_EFFECTOR_POLYNOMIAL:
-        advice = "it must be auto or joint_spline"
-        require_papers_paths(problem, "parametrisation", asked.value, advice)
         return (end_effector_families(problem),)
     splines = [joint_splines(problem, settings)]
     if asked is Parametrisation.JOINT_SPLINE or not applies(problem):
@@ -71,6 +70,18 @@ def ways_of_guess(
     size = len(guess) if isinstance(guess, Sized) else 0
     ways = next((ways for ways in groups if ways[0].variables == size), groups[0])
     return ways, finite_vector("first_guess", guess, ways[0].variables)
+
+
+def require_families(problem: PlanningProblem) -> None:
+    """Refuse the paper's family where it is requested, but not defined for arm, base or goal.
+
+    Raises:
+        InvalidInput: It is.
+    """
+    asked = problem.parametrisation
+    if asked is Parametrisation.END_EFFECTOR_POLYNOMIAL:
+        advice = "it must be auto or joint_spline"
+        require_papers_paths(problem, "parametrisation", asked.value, advice)
 
 
 def require_papers_paths(problem: PlanningProblem, field: str, value: str, advice: str) -> None:

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from ff_planner_ros.errors import fields_placed
+from ff_planner_ros.planning.check.preconditions import require_askable
 from ff_planner_ros.planning.motion.motion import state_at
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.objective import DurationRange
@@ -16,6 +18,7 @@ from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.search.families import require_families
 from ff_planner_ros.planning.task.phase import require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -36,14 +39,38 @@ def following(task: PlanningTask, plan: Plan) -> PlanningTask:
     Raises:
         InvalidInput: The phase cannot begin there: the captured body has no mass, say.
     """
+    return _following(task, end_state(plan), plan.duration)
+
+
+def require_askable_phases(task: PlanningTask) -> None:
+    """Refuse what no plan of any phase can be asked for, before there is one.
+
+    The phases that follow are looked at as if those before ended where they begin, soonest.
+
+    Raises:
+        InvalidInput: A phase is refused; fields of those that follow begin with `phases[1]`.
+    """
+    _require_askable(task.problem)
+    for number in range(1, 1 + len(task.then)):
+        with fields_placed(f"phases[{number}]"):
+            task = _following(task, task.problem.start, task.problem.durations.minimum)
+            _require_askable(task.problem)
+
+
+def _require_askable(problem: PlanningProblem) -> None:
+    require_families(problem)
+    require_askable(problem)
+
+
+def _following(task: PlanningTask, end: SystemState, duration: float | None) -> PlanningTask:
+    """Return the task of the next phase, from where the one before ends, and when."""
     phase, *rest = task.then
-    before = lasting(task.problem, plan.duration)
+    before = lasting(task.problem, duration)
     elapsed = before.duration
-    robot, start = _holding(before, end_state(plan), phase.payload)
+    robot, start = _holding(before, end, phase.payload)
     obstacles = carried([one for one in before.obstacles if one.body is None], elapsed)
-    duration = phase.duration
-    window = duration if isinstance(duration, DurationRange) else None
-    lasts = duration.maximum if isinstance(duration, DurationRange) else duration
+    window = phase.duration if isinstance(phase.duration, DurationRange) else None
+    lasts = phase.longest_duration
     body = None if phase.target_body is None else phase.target_body.after(elapsed)
     posture = phase.target if isinstance(phase.target, Posture) else None
     if body is not None:

@@ -31,7 +31,7 @@ from ff_planner_ros.planning.robust.robust import robust_plan
 from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
 from ff_planner_ros.planning.task.controller_rules import command_of, require_acceptable
-from ff_planner_ros.planning.task.following import following
+from ff_planner_ros.planning.task.following import following, require_askable_phases
 from ff_planner_ros.planning.task.notes import notes_on, with_hull_note, with_notes
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
@@ -97,7 +97,10 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
             the search. In a sequence, the message names the phase, `found` holds the plans before
             it, and `cause` an InvalidInput of a later phase.
     """
-    if not an_object("task", task, PlanningTask).then:
+    an_object("task", task, PlanningTask)
+    if method is plan:
+        require_askable_phases(task)
+    if not task.then:
         return _perform(task, watch, method)
     count = 1 + len(task.then)
     phases, plans, others = [task], list[Plan](), list[Iterator[PlanningTask]]()

@@ -23,6 +23,8 @@ _FIELDS = names_in(PlanningProblem) | NAMED_AS
 _KEYS = re.compile(
     rf"(?<![\w.])({'|'.join(re.escape(key) for key in _FIELDS if '.' in key)})(?![\w.]\w)"
 )
+# A phase of a scenario, whose first is none of the field `then` of a request.
+_PHASE = re.compile(r"(?<![\w.])phases\[([1-9]\d*)\]")
 
 
 def status_message(error: FfPlannerError) -> PlanStatus:
@@ -47,9 +49,7 @@ def status_message(error: FfPlannerError) -> PlanStatus:
         if error.failures and error.failures[0].advice:
             allowed = "; ".join(error.failures[0].advice)
     told = (message, field, value, allowed)
-    message, field, value, allowed = (
-        shortened(_KEYS.sub(lambda key: _FIELDS[key[0]], one), LONGEST_MESSAGE) for one in told
-    )
+    message, field, value, allowed = (shortened(_in_request(one), LONGEST_MESSAGE) for one in told)
     return PlanStatus(
         code=int(error.status),
         message=message,
@@ -58,3 +58,9 @@ def status_message(error: FfPlannerError) -> PlanStatus:
         allowed=allowed,
         retry=int(retry if error.retry is None else error.retry),
     )
+
+
+def _in_request(text: str) -> str:
+    """Return a text with a request's fields for a scenario's keys."""
+    text = _PHASE.sub(lambda phase: f"then[{int(phase[1]) - 1}]", text)
+    return _KEYS.sub(lambda key: _FIELDS[key[0]], text)

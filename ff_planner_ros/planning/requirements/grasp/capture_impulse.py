@@ -6,12 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.motion import state_at
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.impact import impact, largest_impulses
 
@@ -21,9 +19,7 @@ class CaptureImpulse(Requirement):
 
     name = "capture_impulse"
 
-    def refuse_start(
-        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
-    ) -> None:
+    def refuse(self, problem: PlanningProblem) -> None:
         """Refuse a limit if the mass of the target body is not given."""
         body, limit = problem.target_body, problem.limits.capture_impulse
         if body is not None and np.isfinite(limit) and body.mass == 0.0:
