@@ -202,18 +202,6 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             ERROR,
             "run.7: ABORTED: PATH_TOLERANCE",
         ),
-        (
-            "controller",
-            {"controller": replace(SENT, from_node="/arm")},
-            WARN,
-            "/arm has not answered",
-        ),
-        (
-            "controller",
-            {"controller": replace(SENT, complaint="its joints are a, and plans move b")},
-            ERROR,
-            "it takes no plan: its joints are a",
-        ),
         ("clock", {}, OK, "the system's"),
         ("clock", {"clock": ClockHealth(1.9)}, OK, "simulated: /clock ticks"),
         ("clock", {"clock": ClockHealth(2.1)}, WARN, "/clock has not ticked for 2.1 s"),
@@ -282,23 +270,21 @@ def test_the_controllers_figures_are_there_for_machines() -> None:
 
 def test_what_a_prismatic_joint_is_off_by_is_told_in_metres() -> None:
     robot = robot_from_urdf_text(random_urdf(2, 1, sliding=(2,)), "bus", "tool")
-    settings: Any = SimpleNamespace(controller="", read=None, complaint="")
     for joint, unit in (("joint_1", "rad"), ("joint_2", "m"), ("another", "rad")):
         client = SimpleNamespace(action="arm/follow", is_there=True, off={joint: 0.5})
         execution: Any = SimpleNamespace(controller=client, last=None)
-        health = controller_health(execution, settings, robot)
+        health = controller_health(execution, robot)
         assert part(replace(WELL, controller=health), "controller")[2][f"off by [{unit}]"]
 
 
 def test_the_joint_that_is_off_most_is_found_with_the_weight_of_prismatic_joints() -> None:
     urdf = random_urdf(2, 1, sliding=(2,))
-    settings: Any = SimpleNamespace(controller="", read=None, complaint="")
     off = {"joint_1": 0.02, "joint_2": 0.01, "another": 0.015}
     client = SimpleNamespace(action="arm/follow", is_there=True, off=off)
     execution: Any = SimpleNamespace(controller=client, last=None)
     for weight, told in ((1.0, ("joint_1", 0.02, "rad")), (10.0, ("joint_2", 0.01, "m"))):
         robot = robot_from_urdf_text(urdf, "bus", "tool", slide_weight=weight)
-        assert controller_health(execution, settings, robot).furthest == told
+        assert controller_health(execution, robot).furthest == told
 
 
 def test_percentiles_are_those_of_a_list_that_everybody_can_sort() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import runpy
 import shlex
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ff_planner_msgs.msg import PlanProgress
 from quick_capture import quick_capture, quick_whole_capture
 from ros_processes import DEADLINE, private_domain, running_planner
 
@@ -78,6 +80,16 @@ def fly(
         if report["status"] not in TOO_SLOW:
             break
     return ended.returncode, report, ended.stdout + ended.stderr
+
+
+def test_the_executive_says_at_which_step_the_search_is(capsys: pytest.CaptureFixture[str]) -> None:
+    say = runpy.run_path(str(EXAMPLES / "mission_executive.py"))["_say_how_the_search_goes"]
+    say(PlanProgress(phase="searching", effort=12, elapsed=0.5))
+    say(PlanProgress(phase="refining", effort=70, elapsed=1.5, found=True, best_objective=2.25))
+    assert capsys.readouterr().out.splitlines() == [
+        "searching   0.50 s, step 12, no path yet",
+        "refining    1.50 s, step 70, objective 2.2500",
+    ]
 
 
 @pytest.mark.ci

@@ -111,7 +111,7 @@ def test_a_question_for_the_description_is_answered_as_soon_as_it_can_be_asked(
         asked.append(is_active())
         return nullcontext()
 
-    for name in ("ClockWatch", "PlanOutput", "PlanningService", "ControllerSettings", "Listener"):
+    for name in ("ClockWatch", "PlanOutput", "PlanningService", "Listener"):
         monkeypatch.setattr(session, name, Mock())
     for name in ("recording", "recording_services"):
         monkeypatch.setattr(session, name, lambda *_: nullcontext(Mock()))

@@ -52,10 +52,6 @@ class ControllerParameters:
         unit="rad/s",
         strictness=STRICT_IF_LOW_NOT_ZERO,
     )
-    from_node: str = tunable(
-        "Name of the controller's node, from which the three parameters above are read once it is "
-        "there; empty: the values here count"
-    )
     hand_over: str = tunable(
         "topic: a plan goes out on joint_trajectory alone; action: it is also sent to the "
         "controller's action, just before its start, and watched"

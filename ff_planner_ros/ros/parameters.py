@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping
 from typing import Any, get_type_hints
 
 from rcl_interfaces.msg import (
@@ -36,8 +35,8 @@ from ff_planner_ros.parameters.values import (
 # What is loaded, recorded or connected when the node is configured.
 _WHILE_CONFIGURED = (
     *("robot.", "bag.", "qos.", "odometry.", "rates.", "tf."),
-    *("controller.from_node", "controller.hand_over", "controller.action"),
-    *("controller.path_tolerance", "controller.goal_t", "publication.joint_"),
+    *("controller.hand_over", "controller.action", "controller.path_tolerance"),
+    *("controller.goal_t", "publication.joint_"),
     *("inertial_frame", "state_source", "planner.library", "planner.plugins"),
 )
 # Their time is over when the node is there.
@@ -64,26 +63,9 @@ class LiveParameters:
         """
         self.current = _declared(node)
         self.configured = False  # whether a robot is loaded, by what the parameters are now
-        self._node, self._lock = node, threading.Lock()
-        # The thread that takes over what the controller says; None: nobody does
-        self._learner: int | None = None
+        self._lock = threading.Lock()
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._take)
-
-    def learn(self, values: Mapping[str, Any]) -> None:
-        """Set parameters to values read from the controller, even to looser ones.
-
-        Raises:
-            InvalidInput: A value is refused.
-        """
-        self._learner = threading.get_ident()
-        try:
-            changes = [Parameter(name, value=value) for name, value in values.items()]
-            told = self._node.set_parameters_atomically(changes)
-        finally:
-            self._learner = None
-        if not told.successful:
-            raise InvalidInput(Status.OUT_OF_RANGE, ", ".join(values), "refused", told.reason)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
         """Refuse changes that make no sense; types and ranges of numbers are checked already."""
@@ -103,7 +85,7 @@ class LiveParameters:
                 "the start it may be set while the node is unconfigured"
             )
             raise InvalidInput(Status.OUT_OF_RANGE, name, repr(value), allowed)
-        if not self.configured or self._learner == threading.get_ident():
+        if not self.configured:
             return
         if name.startswith(_WHILE_CONFIGURED):
             raise FfPlannerError(

@@ -29,7 +29,6 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.outputs.clock_health import LOG_PERIOD, ClockWatch
 from ff_planner_ros.ros.outputs.controller_health import controller_health
-from ff_planner_ros.ros.outputs.controller_settings import ControllerSettings
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
@@ -108,11 +107,6 @@ class Session:
             )
             described = robot, lambda: parameters.current, lambda: self._service.is_active
             stack.enter_context(description_service(node, *described))
-            self._controller = stack.enter_context(
-                closing(
-                    ControllerSettings(node, now.controller, robot.joint_names, parameters.learn)
-                )
-            )
             self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM_QOS)
             stack.callback(node.destroy_publisher, self._diagnostics)
             for rate, callback in (
@@ -226,7 +220,6 @@ class Session:
     def _diagnose(self) -> None:
         self._output.preview.look_for_viewers(1 if self._recorder.listens else 0)
         self._service.look()
-        self._controller.look()
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""
         try:
@@ -274,7 +267,7 @@ class Session:
             unheard=self._unheard(),
             obstacles_are_published=bool(self._publishers.heard(OBSTACLES.name)),
             target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
-            controller=controller_health(self._output.execution, self._controller, self._robot),
+            controller=controller_health(self._output.execution, self._robot),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
             most_waiting=self._service.most_waiting,

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.outputs.controller_settings import ControllerSettings
 from ff_planner_ros.ros.outputs.execution import Event, Execution
 
 
@@ -22,14 +20,9 @@ class ControllerHealth:
     last: tuple[str, Event, str] | None = None  # of the last plan: id, event, words
     # Joint off its plan most, by what, and the unit
     furthest: tuple[str, float, str] | None = None
-    from_node: str = ""  # node whose parameters are read; empty: none
-    read: Mapping[str, Any] | None = field(default=None)  # its parameters; None: no answer yet
-    complaint: str = ""  # why it takes no plan; empty: no reason is known
 
 
-def controller_health(
-    execution: Execution, settings: ControllerSettings, robot: Robot
-) -> ControllerHealth:
+def controller_health(execution: Execution, robot: Robot) -> ControllerHealth:
     """Return the current state of the controller."""
     client = execution.controller
     return ControllerHealth(
@@ -37,9 +30,6 @@ def controller_health(
         is_there=client is None or client.is_there,
         last=execution.last,
         furthest=None if client is None else _furthest(client.off, robot),
-        from_node=settings.controller,
-        read=settings.read,
-        complaint=settings.complaint,
     )
 
 
@@ -52,20 +42,15 @@ def controller_part(health: ControllerHealth) -> tuple[bytes, str, Mapping[str, 
     if health.furthest is not None:
         joint, error, unit = health.furthest
         values |= {"joint": joint, f"off by [{unit}]": f"{error:.6f}"}
-    values |= {name: str(value) for name, value in sorted((health.read or {}).items())}
     level, message = DiagnosticStatus.OK, "plans go out on the topic joint_trajectory"
     if health.action:
         message = f"plans are sent to {health.action}"
     if health.last is not None:
         message += f"; {plan_id}: {event.name}: {words}"
-    if health.from_node and health.read is None:
-        level, message = DiagnosticStatus.WARN, f"{health.from_node} has not answered; {message}"
     if not health.is_there:
         level = DiagnosticStatus.WARN
         message = f"nobody answers at {health.action}: does the controller run? {message}"
-    if health.complaint:
-        level, message = DiagnosticStatus.ERROR, f"it takes no plan: {health.complaint}"
-    elif health.last is not None and event is Event.ABORTED:
+    if health.last is not None and event is Event.ABORTED:
         level = DiagnosticStatus.ERROR
     return level, message, values
 
