@@ -27,7 +27,7 @@ PARTS = (
 )
 
 
-RECORDING = RecorderHealth("/data/bags/run", messages=12, dropped={}, paused=False, failure="")
+RECORDING = RecorderHealth("/data/bags/run", messages=12, dropped={}, failure="")
 WELL = NodeHealth(
     state_age=0.012,
     state_max_age=0.5,
@@ -148,15 +148,9 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
         ("solve time", {"solve_times": (2.0,)}, OK, "median 2.00 s, 95 % within 2.00 s"),
         (
             "recorder",
-            {"recorder": replace(RECORDING, failure="disk full", paused=True)},
+            {"recorder": replace(RECORDING, failure="disk full")},
             ERROR,
             "recording has stopped, planning goes on: disk full",
-        ),
-        (
-            "recorder",
-            {"recorder": replace(RECORDING, paused=True, dropped={"/a": 1})},
-            WARN,
-            "paused: what arrives is left out until resume_recording is called",
         ),
         (
             "recorder",
@@ -235,14 +229,12 @@ def test_the_figures_are_there_for_machines() -> None:
     assert part(WELL, "recorder")[2] == {
         "bag": "/data/bags/run",
         "messages": "12",
-        "paused": "false",
         "dropped": "0",
     }
     failed = replace(RECORDING, dropped={"/b": 20, "/a": 3}, failure="disk full")
     assert part(replace(WELL, recorder=failed), "recorder")[2] == {
         "bag": "/data/bags/run",
         "messages": "12",
-        "paused": "false",
         "dropped": "23",
         "dropped /a": "3",
         "dropped /b": "20",

@@ -163,7 +163,7 @@ def test_what_was_latched_before_is_in_the_bag_and_asked_for_first(
         give_up = time.monotonic() + DEADLINE
         while recorder.health.messages == 0:
             assert time.monotonic() < give_up
-            recorder.resume()  # takes what has arrived
+            recorder._take_all()
     assert asked == ["/scene", "/chaser_state", "/plan/_service_event"]
     assert [scene.data for scene in read_bag(tmp_path / "bag")["/scene"]] == ["latched"]
 
@@ -183,10 +183,10 @@ def test_a_full_queue_is_counted_to_the_message_and_told(tmp_path: Path, node: N
     log = Log()
     with closing(_recorder(tmp_path / "bag", STATE, EVENT, log=log)) as recorder:
         publisher.publish(_number(0))
-        recorder.resume()  # takes what has arrived
+        recorder._take_all()
         for number in range(1, QUEUE + 235):
             publisher.publish(_number(number))
-        recorder.resume()
+        recorder._take_all()
         assert recorder.health.dropped == {"/chaser_state": 234}
         assert recorder.health.messages == 1 + QUEUE
         publisher.publish(_number(QUEUE + 235))
@@ -221,15 +221,15 @@ def test_every_publisher_is_counted_by_its_own_numbers(tmp_path: Path, node: Nod
         for publisher, count in ((first, 100), (second, 3)):
             for number in range(count):
                 publisher.publish(_number(number))
-        recorder.resume()
+        recorder._take_all()
         third = node.create_publisher(ChaserState, "chaser_state", 1000)
         for publisher in (second, first, third, early):
             publisher.publish(_number(0))
-        recorder.resume()
+        recorder._take_all()
         assert recorder.health.dropped == {}
         for number in range(QUEUE + 50):
             second.publish(_number(number))
-        recorder.resume()
+        recorder._take_all()
         assert recorder.health.dropped == {"/chaser_state": 50}
 
 
@@ -240,38 +240,8 @@ def test_a_queue_that_is_full_before_anything_was_heard_has_lost_one_at_least(
     with closing(_recorder(tmp_path / "bag", STATE)) as recorder:
         for number in range(QUEUE + 5):
             publisher.publish(_number(number))
-        recorder.resume()
+        recorder._take_all()
         assert recorder.health.dropped == {"/chaser_state": 1}
-
-
-def test_a_pause_leaves_out_what_comes_in_it_and_the_bag_says_so(
-    tmp_path: Path, node: Node
-) -> None:
-    publisher = node.create_publisher(ChaserState, "chaser_state", 1000)
-    log = Log()
-    with closing(_recorder(tmp_path / "bag", STATE, log=log)) as recorder:
-        publisher.publish(_number(0))
-        assert "is paused" in recorder.pause()
-        assert recorder.health.paused
-        recorder.pause()  # again does no harm
-        for number in (1, 2):
-            publisher.publish(_number(number))
-        assert recorder.resume().endswith("2 messages were left out")
-        assert not recorder.health.paused
-        assert "was not paused" in recorder.resume()
-        publisher.publish(_number(3))
-        recorder.pause()
-        publisher.publish(_number(4))
-    assert _numbers(tmp_path / "bag") == [0, 3]
-    gaps = _custom_data(tmp_path / "bag")
-    assert gaps["dropped"] == "0"
-    assert gaps["pause 1"].endswith("2 messages were left out")
-    assert gaps["pause 2"].endswith("1 messages were left out")
-    assert [line.partition(":")[0].partition(";")[0] for line in log.lines] == [
-        "WARN recording is paused",
-        "INFO recording goes on",
-        "WARN recording is paused",
-    ]
 
 
 def test_a_split_completes_a_file_with_all_that_came_before(tmp_path: Path, node: Node) -> None:
@@ -296,11 +266,9 @@ def test_a_bag_that_fails_is_left_alone_from_then_on_and_told_once(
     with closing(_recorder(tmp_path, STATE, bag=lambda: bag, log=log)) as recorder:
         for _ in range(3):
             publisher.publish(ChaserState())
-        with pytest.raises(BagError, match="recording has stopped: the disk is full"):
-            recorder.pause()
-        for steer in (recorder.resume, recorder.split):
+        for _ in range(2):
             with pytest.raises(BagError, match="recording has stopped: the disk is full"):
-                steer()
+                recorder.split()
         assert recorder.health.failure == "the disk is full"
         assert recorder.health.dropped == {"/chaser_state": 3}
     bag.write.assert_called_once()

@@ -113,7 +113,7 @@ def test_a_question_for_the_description_is_answered_as_soon_as_it_can_be_asked(
 
     for name in ("ClockWatch", "PlanOutput", "PlanningService", "Listener"):
         monkeypatch.setattr(session, name, Mock())
-    for name in ("recording", "recording_services"):
+    for name in ("recording", "split_service"):
         monkeypatch.setattr(session, name, lambda *_: nullcontext(Mock()))
     monkeypatch.setattr(session, "description_service", described)
     session.PlanningService.return_value.is_active = False

@@ -34,7 +34,7 @@ from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import MOST_REQUESTS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorded_topics import recording
-from ff_planner_ros.ros.recorder.recording_services import recording_services
+from ff_planner_ros.ros.recorder.split_service import split_service
 from ff_planner_ros.ros.requests.description import description_service
 from ff_planner_ros.ros.requests.namesakes import namesakes
 from ff_planner_ros.ros.requests.planning_service import PlanningService
@@ -84,7 +84,7 @@ class Session:
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
-            stack.enter_context(recording_services(node, self._recorder))
+            stack.enter_context(split_service(node, self._recorder))
             self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
             # Nobody learns more from a preview by reading it twice.
             preview = node.resolve_topic_name("planned_joint_states")

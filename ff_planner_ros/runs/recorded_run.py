@@ -182,7 +182,7 @@ def _require_all(
     for name, stamp_ns in moment.stamps_ns.items():
         if name not in found:
             stamp = f"{stamp_ns // NANOSECONDS}.{stamp_ns % NANOSECONDS:09d}"
-            why = absent.get(name, "recording was paused, the bag was cut, or it was dropped")
+            why = absent.get(name, "the bag was cut, or it was dropped")
             raise BagError(f"{name} stamped {stamp} is not in the bag: {why}")
 
 

@@ -261,15 +261,12 @@ def _recorder(health: NodeHealth) -> _Part:
     values = {
         "bag": recorder.bag,
         "messages": str(recorder.messages),
-        "paused": str(recorder.paused).lower(),
         "dropped": str(dropped),
         **{f"dropped {topic}": str(n) for topic, n in sorted(recorder.dropped.items())},
     }
     if recorder.failure:
         message = f"recording has stopped, planning goes on: {recorder.failure}"
         return ERROR, message, values | {"failure": recorder.failure}
-    if recorder.paused:
-        return WARN, "paused: what arrives is left out until resume_recording is called", values
     if dropped:
         topic, most = max(recorder.dropped.items(), key=itemgetter(1))
         message = (

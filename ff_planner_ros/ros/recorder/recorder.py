@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,7 +31,6 @@ class RecorderHealth:
     messages: int  # number in the bag
     # Number of messages of each topic that are missing; topics without any are left out
     dropped: Mapping[str, int]
-    paused: bool  # whether an operator has paused it
     failure: str  # why it has stopped; empty while it goes on
 
 
@@ -63,7 +61,6 @@ class Recorder:
         self._bag: BagWriter | None = None
         self._failure = ""
         self._dropped: Counter[str] = Counter()
-        self._pauses: list[_Pause] = []
         self._queues: list[TopicQueue] = []
         self._unwanted: dict[str, Callable[[int], bool]] = {}
         # Names are resolved and the bag's clock is the host's: no argument of the process,
@@ -98,7 +95,6 @@ class Recorder:
             bag=str(self._directory),
             messages=self._bag.message_count if self._bag is not None else 0,
             dropped=dict(self._dropped),
-            paused=self._is_paused,
             failure=self._failure,
         )
 
@@ -111,44 +107,18 @@ class Recorder:
         """Leave out a topic's messages if `is_unwanted` is true for their time of arrival [ns]."""
         self._unwanted[topic] = is_unwanted
 
-    def pause(self) -> str:
-        """Pause: leave out messages from now on, and return a sentence on that.
-
-        Raises:
-            BagError: Recording has stopped.
-        """
-        with self._up_to_date():
-            if not self._is_paused:
-                self._pauses.append(_Pause(time.time_ns()))
-                self._remember()
-                self._logger.warning(
-                    "recording is paused: what arrives is not in the bag until the service "
-                    "resume_recording is called"
-                )
-        return f"recording to {self._directory} is paused"
-
-    def resume(self) -> str:
-        """Record again, and return a sentence on what was left out.
-
-        Raises:
-            BagError: Recording has stopped.
-        """
-        with self._up_to_date():
-            if not self._is_paused:
-                return f"recording to {self._directory} was not paused"
-            pause = self._end_pause()
-            self._logger.info(f"recording goes on; {pause.words}")
-        return f"recording to {self._directory} goes on; {pause.words}"
-
     def split(self) -> str:
         """Complete the current file, go on in another one, and return a sentence on both.
 
         Raises:
             BagError: Recording has stopped.
         """
-        with self._up_to_date() as bag:
+        with self._lock:
+            self._take_all()
+            if self._bag is None or self._failure:
+                raise BagError(f"recording has stopped: {self._failure}")
             try:
-                complete, current = bag.split()
+                complete, current = self._bag.split()
             except BagError as error:
                 self._fail(str(error))
                 raise
@@ -162,21 +132,10 @@ class Recorder:
         self._thread.join()
         with self._lock:
             self._take_all()
-            if self._is_paused:
-                self._end_pause()
             if self._bag is not None:
                 with self._ending_on_failure():
                     self._bag.close()
         self._node.destroy_node()
-
-    @contextmanager
-    def _up_to_date(self) -> Iterator[BagWriter]:
-        """Hold the lock, with everything that has arrived in the bag."""
-        with self._lock:
-            self._take_all()
-            if self._bag is None or self._failure:
-                raise BagError(f"recording has stopped: {self._failure}")
-            yield self._bag
 
     @contextmanager
     def _ending_on_failure(self) -> Iterator[None]:
@@ -185,12 +144,6 @@ class Recorder:
             yield
         except BagError as error:
             self._fail(str(error))
-
-    def _end_pause(self) -> _Pause:
-        pause = self._pauses[-1]
-        pause.end_ns = time.time_ns()
-        self._remember()
-        return pause
 
     def _run(self) -> None:
         while not self._stopped.wait(self._period):
@@ -201,10 +154,6 @@ class Recorder:
                 self._logger.error(in_log(traceback.format_exc()))
                 self._fail(f"{type(error).__name__}: {error}")
                 return
-
-    @property
-    def _is_paused(self) -> bool:
-        return bool(self._pauses) and self._pauses[-1].end_ns is None
 
     def _take_all(self) -> None:
         """Bring everything that has arrived to the disk."""
@@ -226,9 +175,6 @@ class Recorder:
                     self._bag.flush()
 
     def _drop(self, counts: Mapping[str, int]) -> None:
-        if self._is_paused:
-            self._pauses[-1].left_out += sum(counts.values())
-            return
         self._dropped.update(counts)
         if counts and not self._failure:
             self._remember()
@@ -240,8 +186,6 @@ class Recorder:
     def _keep(self, topic: str, message: bytes, received_ns: int, published_ns: int) -> None:
         if self._bag is None or self._failure:
             self._dropped[topic] += 1
-        elif self._is_paused:
-            self._pauses[-1].left_out += 1
         else:
             try:
                 self._bag.write(topic, message, received_ns, published_ns)
@@ -262,24 +206,7 @@ class Recorder:
         if self._bag is None:
             return
         counts = {f"dropped {topic}": str(count) for topic, count in sorted(self._dropped.items())}
-        gaps = {f"pause {number}": pause.words for number, pause in enumerate(self._pauses, 1)}
-        self._bag.custom_data |= {"dropped": str(self._dropped.total()), **counts, **gaps}
-
-
-@dataclass
-class _Pause:
-    start_ns: int
-    end_ns: int | None = None
-    left_out: int = 0
-
-    @property
-    def words(self) -> str:
-        if self.end_ns is None:
-            return f"from {_utc(self.start_ns)}"
-        return (
-            f"from {_utc(self.start_ns)} to {_utc(self.end_ns)} {self.left_out} messages were "
-            "left out"
-        )
+        self._bag.custom_data |= {"dropped": str(self._dropped.total()), **counts}
 
 
 def offered_qos(qos: QoSProfile) -> QualityOfService:
@@ -297,9 +224,3 @@ def _is_volatile(topic: RecordedTopic) -> bool:
 
 def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} of {topic}" for topic, count in sorted(counts.items()))
-
-
-def _utc(time_ns: int) -> str:
-    seconds, nanoseconds = divmod(time_ns, 10**9)
-    whole = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds))
-    return f"{whole}.{nanoseconds // 10**6:03d}Z"
