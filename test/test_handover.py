@@ -17,18 +17,17 @@ from test_takeover import state_on
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import NoPlanFound, Retry, Status
-from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
-from ff_planner_ros.ros.requests.lead_times import Deadline, LeadTimes
+from ff_planner_ros.ros.requests.deadline import Deadline
 from ff_planner_ros.ros.requests.planning_service import PlanningService
 
 NOW = 1_000 * NANOSECONDS
 ALLOWANCE, HANDOVER = 0.2, 0.05  # [s]
-WHEN = {"replanning__allowance": ALLOWANCE, "replanning__handover": HANDOVER}
+WHEN = {"replanning__lead_time": ALLOWANCE, "replanning__handover": HANDOVER}
 
 
 class Clock:
@@ -181,50 +180,6 @@ def test_what_was_asked_for_a_time_of_its_own_is_told_to_ask_for_a_later_one(
     )
     assert found.status.message.endswith("; ask for a later start_time first")
     assert found.status.retry == Retry.CHANGED
-
-
-@pytest.mark.law("NODE-13")
-def test_where_answers_take_longer_than_the_lead_time_requests_are_answered_all_the_same(
-    lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As on a machine that does something else, too: each of nine was late."""
-    codes, delays = [], []
-    with service(lemur_capture, monkeypatch, **WHEN) as (answering, worker, _):
-        clock = Clock(answering)
-        begun_ns = NOW - 4 * NANOSECONDS
-        answering._output.published = PublishedPlan("run.0", lemur_plan.trajectory, begun_ns)
-        request = request_at(lemur_capture, lemur_plan, continues=True)
-        for seconds in (0.16, 0.19, 0.17, 0.18, 0.16, 0.19, 0.17, 0.18, 0.16):
-            clock.after(0.0)
-            worker.solve.side_effect = solving(clock, lemur_plan, seconds, asks=True)
-            found = answer(answering, request)
-            codes.append(found.status.code)
-            delays.append(found.inputs.handover_delay)
-    assert codes == [Status.TOO_LATE] + 8 * [Status.SOLVED]
-    assert delays[0] == ALLOWANCE
-    assert max(delays) < 0.6
-
-
-def test_the_lead_time_follows_the_share_of_answers_within_its_bounds() -> None:
-    allowed, lead = load_parameters().replanning, LeadTimes()
-    assert lead.lead_time(allowed) == allowed.lead_time
-    lead.add(0.01, Status.SOLVED)
-    assert lead.lead_time(allowed) == allowed.lead_time
-    for _ in range(20):
-        lead.add(0.4, Status.COLLISION)
-    assert lead.lead_time(allowed) == pytest.approx(1.25 * 0.4 + allowed.handover)
-    for status in (Status.CANCELLED, Status.PREEMPTED, Status.SOLVER_DIED):
-        lead.add(30.0, status)
-    assert lead.lead_time(allowed) == pytest.approx(1.25 * 0.4 + allowed.handover)
-    for _ in range(20):
-        lead.add(0.9, Status.TOO_LATE)
-    assert lead.lead_time(allowed) == allowed.longest_lead_time
-    for _ in range(20):
-        lead.add(0.05, Status.SOLVED)
-    assert lead.lead_time(allowed) == allowed.lead_time
-    strict = replace(allowed, longest_lead_time=0.0)
-    lead.add(0.9, Status.SOLVED)
-    assert lead.lead_time(strict) == allowed.lead_time
 
 
 @pytest.mark.parametrize("continues", [True, False])

@@ -129,12 +129,6 @@ class ReplanningParameters:
         maximum=3600.0,
         unit="s",
     )
-    longest_lead_time: float = tunable(
-        "Largest time from a request to the handover, if answers have taken longer than lead_time",
-        minimum=0.0,
-        maximum=3600.0,
-        unit="s",
-    )
     handover: float = tunable(
         "A plan that is not ready this long before the handover is refused: it must reach the "
         "controller by then",

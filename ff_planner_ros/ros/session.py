@@ -272,8 +272,6 @@ class Session:
             solve_times=tuple(self._service.solve_times),
             most_waiting=self._service.most_waiting,
             waiting_allowed=MOST_REQUESTS,
-            handover_lead=self._service.lead_times.lead_time(now.replanning),
-            handover_lead_asked=now.replanning.lead_time,
             solver_is_warm=self._worker.is_warm,
             namesakes=self._other_planners(),
             recorder=self._recorder.health,

@@ -114,10 +114,7 @@ def recorded_run(bag: Bag) -> RecordedRun:
                         keep[name](as_installed(bag.decode(message), kind))
                 published = _published(found[:i], exchange)
                 guess = KnownGuess(np.array(_first_guess(exchange), dtype=np.float64))
-                lead = _handover_lead(exchange)
-                inputs = Knowledge(
-                    robot, parameters, states, scenes, published, now_ns, guess, lead
-                )
+                inputs = Knowledge(robot, parameters, states, scenes, published, now_ns, guess)
         except BagError as error:
             missing = str(error)
         plan_id = exchange.response.plan_id if exchange.response is not None else ""
@@ -212,11 +209,6 @@ def _with_those_before(
     if now_ns < plan.start_ns:
         return replace(plan, before=_with_those_before(before, by_id, now_ns))
     return replace(plan, before=_plan_in(before))
-
-
-def _handover_lead(exchange: PlanExchange) -> float:
-    """Return the time from a request to its plan's handover [s]; zero: no handover."""
-    return 0.0 if exchange.response is None else exchange.response.inputs.handover_delay
 
 
 def _first_guess(exchange: PlanExchange) -> Sequence[float]:

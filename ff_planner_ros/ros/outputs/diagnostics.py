@@ -53,8 +53,6 @@ class NodeHealth:
     target_refusal: str  # why the newest one cannot be used; empty if it can
     last: LastRequest | None  # None before the first request
     solve_times: Sequence[float]  # of the last answers [s]
-    handover_lead: float  # from a request to where its plan takes over from a running one [s]
-    handover_lead_asked: float  # parameter replanning.lead_time, the lower bound of that [s]
     solver_is_warm: bool  # whether a plan can begin at once
     namesakes: Sequence[str]  # nodes that answer requests under the same name
     recorder: RecorderHealth
@@ -226,14 +224,7 @@ def _solve_time(health: NodeHealth) -> _Part:
         "answers": str(answers),
     }
     of = f"the last {answers} answers" if answers > 1 else "the only answer"
-    words = f"median {median:.2f} s, 95 % within {most:.2f} s, of {of}"
-    if health.handover_lead > health.handover_lead_asked:
-        values["replanning.lead_time [s]"] = f"{health.handover_lead:.3f}"
-        words += (
-            f"; answers take longer than replanning.lead_time, {health.handover_lead_asked:g} s: a "
-            f"plan that takes over does so {health.handover_lead:.2f} s after its request"
-        )
-    return OK, words, values
+    return OK, f"median {median:.2f} s, 95 % within {most:.2f} s, of {of}", values
 
 
 def _solver(health: NodeHealth) -> _Part:

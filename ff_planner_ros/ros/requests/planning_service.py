@@ -20,7 +20,6 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.shown import in_log
-from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.node import PREEMPT
@@ -45,9 +44,9 @@ from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
+from ff_planner_ros.ros.requests.deadline import Deadline, Stages, deadline_of
 from ff_planner_ros.ros.requests.in_words import clearances_in_words, solved_in_words
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
-from ff_planner_ros.ros.requests.lead_times import Deadline, LeadTimes, Stages, deadline_of
 from ff_planner_ros.ros.requests.plan_action import PlanAction
 from ff_planner_ros.ros.requests.publication import Publication
 from ff_planner_ros.ros.requests.reading import (
@@ -103,7 +102,6 @@ class PlanningService:
         self.last: LastRequest | None = None  # None before the first
         # From request to answer, of the last requests that were searched for [s].
         self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
-        self.lead_times = LeadTimes()
         self._queue = RequestQueue()
         self._answered = -math.inf  # when, by the monotonic clock [s]
         self._writers = ThreadPoolExecutor(_WRITERS, "writer")
@@ -213,9 +211,6 @@ class PlanningService:
         provenance.tell(answer)
         if asked is not None:
             answer.task_digest = asked.task.ended_at(*efforts_of(answer)).digest
-            if asked.task.running_goal is not None:
-                took_ns = self._clock.now().nanoseconds - provenance.received_stamp_ns
-                self.lead_times.add(took_ns / NANOSECONDS, Status(answer.status.code))
         self._tell_last(answer)
         return answer
 
@@ -264,7 +259,6 @@ class PlanningService:
             self._output.published,
             self._clock.now().nanoseconds,
             self._guesses,
-            self.lead_times.lead_time(self._parameters.current.replanning),
         )
 
     def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanAnswer:

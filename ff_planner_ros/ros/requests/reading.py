@@ -52,7 +52,6 @@ class Knowledge:
     published: PublishedPlan | None  # the last plan, which the arm may be following
     now_ns: int  # [ns]
     guesses: Guesses | None = None  # warm-start library; None: none
-    handover_lead: float = 0.0  # lead time by past response times, see `LeadTimes` [s]
 
     def followed(self, measured: Snapshot, start_ns: int) -> list[PublishedPlan]:
         """Return the published plans that the joints follow until start_ns [ns], in their order."""
@@ -301,7 +300,7 @@ def _start_time(request: PlanRequest, knowledge: Knowledge, continues: bool) -> 
     asked_ns = time_in_ns("start_time", request.start_time)
     parameters, now_ns = knowledge.parameters, knowledge.now_ns
     if not asked_ns:
-        of_handover = max(parameters.replanning.lead_time, knowledge.handover_lead)
+        of_handover = parameters.replanning.lead_time
         kept_free = of_handover if continues else parameters.planning_lead_time
         return now_ns + round(kept_free * NANOSECONDS)
     lead = (asked_ns - now_ns) / NANOSECONDS

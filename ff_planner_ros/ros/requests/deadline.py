@@ -1,28 +1,20 @@
-"""Deadlines of plans, and the lead time of plans that take over from a running one."""
+"""Deadlines of plans: when they begin, or take over from a running one."""
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
 from ff_planner_msgs.msg import PlanRequest
 from rclpy.clock import Clock, ROSClock
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import NoPlanFound, Retry, Status
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.parameters.published_plans import ReplanningParameters
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.ros.requests.reading import ReadRequest
 
-# The lead time is this percentile of the last response times, times a margin.
-_ANSWERS, _SHARE, _SPARE = 20, 95, 1.25
-# A search that was given up would have taken longer, nobody knows how much: assumed factor.
-_OF_GIVEN_UP = 2.0
 # Time that a search leaves for writing the plan: part of the time until the deadline, and at most
 # [s].
 _FOR_ANSWER, _MOST_FOR_ANSWER = 0.1, 0.5
@@ -32,31 +24,6 @@ _FOR_ANSWER_WITH_PLAN = 0.5
 # The rest of the running plan, unchanged, is what the joints do anyway: it can take over at any
 # time, and counts as an answer until so long after the handover [s].
 _LATE_REMAINDER = 1.0
-
-
-class LeadTimes:
-    """Response times of requests that replace a running plan; they set its lead time."""
-
-    def __init__(self) -> None:
-        """Begin without response times."""
-        self._took = deque[float](maxlen=_ANSWERS)
-        self._lock = threading.Lock()
-
-    def add(self, seconds: float, status: Status) -> None:
-        """Add the response time of an answer with this status [s]."""
-        if status >= Status.INTERNAL_ERROR:
-            return  # what was called off, or failed, tells nothing of others
-        with self._lock:
-            late = status is Status.TOO_LATE
-            self._took.append(_OF_GIVEN_UP * seconds if late else seconds)
-
-    def lead_time(self, parameters: ReplanningParameters) -> float:
-        """Return the time from a request without a `start_time` to its plan's handover [s]."""
-        with self._lock:
-            if not self._took:
-                return parameters.lead_time
-            needed = _SPARE * float(np.percentile(self._took, _SHARE)) + parameters.handover
-        return max(parameters.lead_time, min(needed, parameters.longest_lead_time))
 
 
 class Stages:
