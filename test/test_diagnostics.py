@@ -22,7 +22,7 @@ from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PARTS = (
-    *("chaser state", "obstacles", "target body", "last request", "requests", "solver"),
+    *("chaser state", "obstacles", "target body", "last request", "solver"),
     *("solve time", "other planners", "recorder", "tracking", "controller", "clock"),
 )
 
@@ -40,8 +40,6 @@ WELL = NodeHealth(
     target_refusal="",
     last=LastRequest("run.7", Status.SOLVED, "converged"),
     solve_times=(0.5, 0.25, 1.5),
-    most_waiting={"plan_trajectory": 3, "ff_planner/publish_plan": 0},
-    waiting_allowed=1000,
     solver_is_warm=True,
     namesakes=(),
     recorder=RECORDING,
@@ -155,13 +153,6 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             {"recorder": replace(RECORDING, dropped={"/a": 3, "/b": 20})},
             WARN,
             "but was too slow for 23 messages, 20 of them of /b",
-        ),
-        ("requests", {}, OK, "3 at most waited at once, 1000 may at each service"),
-        (
-            "requests",
-            {"most_waiting": {"plan_trajectory": 12, "~/publish_plan": 1000}},
-            WARN,
-            "1000 waited at once at ~/publish_plan, and 1000 may: the middleware drops the oldest",
         ),
         ("solver", {"solver_is_warm": False}, WARN, "a request waits for it"),
         (

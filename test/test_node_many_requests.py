@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
@@ -82,13 +81,6 @@ def all_at_once(
     return [future.result() for future in futures]
 
 
-def most_waiting(heard: list[DiagnosticArray]) -> int:
-    """How many requests waited at once, as the node tells."""
-    parts = {status.name.partition(": ")[2]: status for status in heard[-1].status} if heard else {}
-    values = parts["requests"].values if parts else ()
-    return max((int(one.value) for one in values if one.key.startswith("waited at")), default=0)
-
-
 @pytest.mark.law("NODE-01")
 def test_every_one_of_many_requests_at_once_is_answered(
     planner: PlannerProcess,
@@ -97,7 +89,6 @@ def test_every_one_of_many_requests_at_once_is_answered(
     request = Scene(resting_capture()).complete_request()
     request.search.points = 1000
     with connected_client() as client:
-        heard = client.hear(DiagnosticArray, "/diagnostics")
         client.wait_for_planner()
         client.wait_for_an_answer()
         asked = PlanTrajectory.Request(request=request)
@@ -106,7 +97,6 @@ def test_every_one_of_many_requests_at_once_is_answered(
         assert codes[Status.SOLVED] + codes[Status.TOO_LATE] >= 1
         assert codes[Status.BUSY] > many // 2
         assert len({one.answer.plan_id for one in answers}) == many
-        client.wait_until(lambda: most_waiting(heard) > many // 2, "most of them are counted")
     assert "a callback failed" not in planner.log
 
 

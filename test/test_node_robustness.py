@@ -115,12 +115,8 @@ def test_a_node_that_is_stopped_while_planning_answers_and_completes_its_bag(
     ):
         _ready(client, scene)
         answer = _ask_frozen(client, planner, scene.request())
-        # On their way when the signal comes.
-        others = [client.send(scene.request()) for _ in range(20)]
         assert planner.stop(signal.SIGTERM) == 0
         assert answer().status.code == Status.SHUT_DOWN
-        for other in others:
-            assert other().status.code in (Status.BUSY, Status.SHUT_DOWN)
     last = read_bag(planner.bag)[EVENT_TOPIC][-1]
     assert last.info.event_type == RESPONSE_SENT
     told = last.response[0].answer.status

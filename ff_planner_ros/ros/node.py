@@ -62,7 +62,6 @@ def _run(stop: StopRequest, arguments: list[str]) -> int:
             stop.wait()
             # The request in progress is answered, and the answer recorded.
             node.stop_planning(Status.SHUT_DOWN, "the planner was shut down")
-            node.linger()
             stop_spinning()
         finally:
             node.close()

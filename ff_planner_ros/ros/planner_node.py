@@ -85,11 +85,6 @@ class PlannerNode(LifecycleNode):
         if self._session is not None:
             self._session.stop_planning(status, message)
 
-    def linger(self) -> None:
-        """Wait until requests that are already on their way have been answered."""
-        if self._session is not None:
-            self._session.linger()
-
     def close(
         self, status: Status = Status.SHUT_DOWN, message: str = "the planner was shut down"
     ) -> None:

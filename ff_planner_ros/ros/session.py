@@ -32,7 +32,7 @@ from ff_planner_ros.ros.outputs.controller_health import controller_health
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.qos import MOST_REQUESTS, STREAM_QOS, qos_profile
+from ff_planner_ros.ros.qos import STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorded_topics import recording
 from ff_planner_ros.ros.recorder.split_service import split_service
 from ff_planner_ros.ros.requests.description import description_service
@@ -143,10 +143,6 @@ class Session:
         """Refuse new requests, give up the current one, and abort plans not yet handed over."""
         self._service.deactivate(status, message, _LAST_ANSWER)
         self._output.execution.withdraw(message)
-
-    def linger(self) -> None:
-        """Wait until requests that are already on their way have been answered."""
-        self._service.linger()
 
     def close(self) -> None:
         """Disconnect, then close the bag."""
@@ -270,8 +266,6 @@ class Session:
             controller=controller_health(self._output.execution, self._robot),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
-            most_waiting=self._service.most_waiting,
-            waiting_allowed=MOST_REQUESTS,
             solver_is_warm=self._worker.is_warm,
             namesakes=self._other_planners(),
             recorder=self._recorder.health,

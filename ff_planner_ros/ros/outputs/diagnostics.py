@@ -65,9 +65,6 @@ class NodeHealth:
     target_clock_offset: float | None = None
     # A phrase for each publisher that the node cannot hear, by topic
     unheard: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    # Most requests that waited at once, by service, and how many may
-    most_waiting: Mapping[str, int] = field(default_factory=dict)
-    waiting_allowed: int = 0
     obstacle_bodies: int = 0  # in the scene, beside the spheres
     # Whether a publisher of the obstacles exists
     obstacles_are_published: bool = True
@@ -84,7 +81,6 @@ def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
         "obstacles": _with_unheard(_obstacles(health), health, _SCENES),
         "target body": _with_unheard(_target_body(health), health, _TARGETS),
         "last request": _last(health),
-        "requests": _requests(health),
         "solver": _solver(health),
         "solve time": _solve_time(health),
         "other planners": _other_planners(health),
@@ -195,21 +191,6 @@ def _last(health: NodeHealth) -> _Part:
         return OK, f"{last.plan_id} solved", values
     level = ERROR if last.status >= Status.INTERNAL_ERROR else WARN
     return level, f"{last.plan_id} got no plan, {last.status.name}: {last.message}", values
-
-
-def _requests(health: NodeHealth) -> _Part:
-    """Return how many requests waited at once: the middleware drops more without a word."""
-    allowed = health.waiting_allowed
-    values = {"may wait": str(allowed)}
-    values |= {f"waited at {name}": str(most) for name, most in health.most_waiting.items()}
-    name, most = max(health.most_waiting.items(), key=itemgetter(1), default=("", 0))
-    if most < allowed:
-        return OK, f"{most} at most waited at once, {allowed} may at each service", values
-    message = (
-        f"{most} waited at once at {name}, and {allowed} may: the middleware drops the oldest of "
-        "more, nobody answers them, and their clients wait until they give up"
-    )
-    return WARN, message, values
 
 
 def _solve_time(health: NodeHealth) -> _Part:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import secrets
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
 
@@ -32,7 +31,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN, SERVICE
+from ff_planner_ros.ros.messages.interfaces import SERVICE
 from ff_planner_ros.ros.messages.phases import (
     bodies_of,
     efforts_of,
@@ -56,15 +55,9 @@ from ff_planner_ros.ros.requests.reading import (
     RequestRefused,
     read_request,
 )
-from ff_planner_ros.ros.requests.request_queue import RequestQueue
 from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.ros.requests.worker import Worker
 
-# A response that a client reads after it has heard that the service is gone is lost, and rclpy
-# cannot tell when a response has arrived. So the service stays so long after the last one [s].
-_DELIVERY = 1.0
-# Requests that arrive while the node ends are answered, and keep it alive for at most so long [s].
-_ON_THE_WAY, _MOST_LINGERING = 0.2, 3.0
 # Period of the check whether a request is still wanted, while its response is written or obstacles
 # are waited for [s]; a response that is not wanted is written to its end beside the next one.
 _POLL, _WRITERS = 0.02, 2
@@ -102,8 +95,6 @@ class PlanningService:
         self.last: LastRequest | None = None  # None before the first
         # From request to answer, of the last requests that were searched for [s].
         self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
-        self._queue = RequestQueue()
-        self._answered = -math.inf  # when, by the monotonic clock [s]
         self._writers = ThreadPoolExecutor(_WRITERS, "writer")
 
         group = ReentrantCallbackGroup()
@@ -113,16 +104,10 @@ class PlanningService:
         self._service.configure_introspection(
             self._clock, EVENT_QOS, ServiceIntrospectionState.CONTENTS
         )
-        self._queue.watch(self._service)
         self._action = PlanAction(
             node, group, self._jobs, self._job, self._preempts, self._answer, self._refuse
         )
         self._publication = Publication(node, output, self._knowledge)
-
-    @property
-    def most_waiting(self) -> Mapping[str, int]:
-        """Most requests that waited at once, by service."""
-        return {SERVICE: self._queue.most, PUBLISH_PLAN: self._publication.queue.most}
 
     @property
     def is_active(self) -> bool:
@@ -149,23 +134,12 @@ class PlanningService:
         self._jobs.give_up_all(status, message)
         self._publication.forget()
 
-    def linger(self) -> None:
-        """Wait until requests that are already on their way have been answered."""
-        first, most = (time.monotonic() + seconds for seconds in (_ON_THE_WAY, _MOST_LINGERING))
-        while time.monotonic() < min(most, max(first, self._delivered)):
-            time.sleep(_POLL)
-
     def close(self) -> None:
-        """Close service and action, once the last response has had time to arrive."""
-        time.sleep(max(0.0, self._delivered - time.monotonic()))
+        """Close service and action."""
         self._action.destroy()
         self._node.destroy_service(self._service)
         self._publication.destroy()
         self._writers.shutdown()
-
-    @property
-    def _delivered(self) -> float:
-        return max(self._answered, self._publication.answered) + _DELIVERY
 
     def _serve(
         self, request: PlanTrajectory.Request, response: PlanTrajectory.Response
@@ -224,7 +198,6 @@ class PlanningService:
         status = Status(answer.status.code)
         clearances = clearances_in_words(answer) if status is Status.SOLVED else {}
         self.last = LastRequest(answer.plan_id, status, answer.status.message, clearances)
-        self._answered = time.monotonic()
 
     def _preempts(self) -> bool:
         return self._parameters.current.when_busy == PREEMPT

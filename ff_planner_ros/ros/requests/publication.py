@@ -6,9 +6,7 @@ the system will be at its first point, and no rule that it was checked by has be
 
 from __future__ import annotations
 
-import math
 import threading
-import time
 import traceback
 from collections.abc import Callable
 from hmac import compare_digest
@@ -34,7 +32,6 @@ from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
 from ff_planner_ros.ros.requests.reading import Knowledge, requester_named
-from ff_planner_ros.ros.requests.request_queue import RequestQueue
 from ff_planner_ros.ros.requests.waiting_plan import (
     MadePlan,
     require_same_rules,
@@ -62,8 +59,6 @@ class Publication:
         self._lock = threading.RLock()
         self._waiting: dict[str, MadePlan] = {}  # the oldest first
         self._refusal: tuple[Status, str] | None = None
-        self.queue = RequestQueue()
-        self.answered = -math.inf  # when, last of all, by the monotonic clock [s]
         self.close(Status.NOT_ACTIVE, "the planner is not active yet")
         self._service = node.create_service(
             PublishPlan,
@@ -75,7 +70,6 @@ class Publication:
         self._service.configure_introspection(
             node.get_clock(), EVENT_QOS, ServiceIntrospectionState.CONTENTS
         )
-        self.queue.watch(self._service)
 
     def open(self) -> None:
         """Publish from now on."""
@@ -166,7 +160,6 @@ class Publication:
             self._logger.error(in_log(f"{PUBLISH_PLAN}: INTERNAL_ERROR\n{traceback.format_exc()}"))
             unforeseen = f"{type(error).__name__}: {error}"
             response.status = status_message(FfPlannerError(Status.INTERNAL_ERROR, unforeseen))
-        self.answered = time.monotonic()
         return response
 
     def _rejected(self, request: PublishPlan.Request) -> str:
