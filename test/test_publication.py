@@ -374,25 +374,6 @@ def test_a_refusal_names_each_joint_that_is_off_and_by_how_much(world: World) ->
     assert status.message.count("'s position") == 2
 
 
-@pytest.mark.parametrize(("what", "unit"), [("positions", "rad"), ("velocities", "rad/s")])
-def test_a_joint_may_have_a_tolerance_of_its_own(world: World, what: str, unit: str) -> None:
-    name, sound = world.problem.robot.joint_names[3], world.state
-    others = np.eye(7)[2]
-
-    def ask(joint: Any, off: float, most: float) -> PlanStatus:
-        parameter = f"publication.joint_{what}"
-        world.parameters = replaced(load_parameters(), parameter, f"{name}: {most}")
-        world.state = _moved(f"joint_{what}", off * joint)(sound)
-        return world.ask()
-
-    refused = ask(JOINT, 0.006, 0.005)
-    assert refused.code == Status.STATE_MOVED
-    assert f"more than publication.joint_{what}, 0.005 {unit}" in refused.message
-    assert f"{name}'s" in refused.message
-    assert ask(others, 0.03, 0.1).code == Status.STATE_MOVED  # the usual one holds for others
-    assert ask(JOINT, 0.03, 0.1).code == Status.SOLVED
-
-
 def test_a_continuous_joint_is_where_it_was_a_turn_ago(world: World) -> None:
     """Its encoder may have counted another turn; a joint with limits is elsewhere then."""
     sound, robot = world.state, world.problem.robot

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters.robot import of_joints
 from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW, tunable
 
 
@@ -32,11 +29,7 @@ class TrackingParameters:
 
 @dataclass(frozen=True)
 class PublicationParameters:
-    """Allowed deviations from a plan's first point at its start, if it is published on request.
-
-    Raises:
-        InvalidInput: The tolerances of single joints are malformed or negative.
-    """
+    """Allowed deviations from a plan's first point at its start, if it is published on request."""
 
     max_position: float = tunable(
         "At ~/publish_plan: allowed distance of the chaser, carried forward from the latest state "
@@ -84,38 +77,9 @@ class PublicationParameters:
         "rad/s",
         STRICT_IF_LOW,
     )
-    joint_positions: str = tunable(
-        "Joints with another tolerance than max_joint_position [rad]: `wrist: 0.005`"
-    )
-    joint_velocities: str = tunable("Joints with another tolerance than max_joint_velocity [rad/s]")
     max_age: float = tunable(
         "Age above which a waiting plan is not published", 0.0, None, "s", STRICT_IF_LOW
     )
-
-    def __post_init__(self) -> None:
-        """Check the texts."""
-        for name in ("joint_positions", "joint_velocities"):
-            for joint, most in self.of_joints(name).items():
-                if most < 0.0:
-                    allowed = f"it must not be negative ({joint})"
-                    value = getattr(self, name)
-                    raise InvalidInput(Status.OUT_OF_RANGE, f"publication.{name}", value, allowed)
-
-    def of_joints(self, name: str) -> dict[str, float]:
-        """Return the tolerances by joint name in `joint_positions` or `joint_velocities`."""
-        return of_joints(f"publication.{name}", getattr(self, name))
-
-    def require_joints(self, joints: Sequence[str]) -> None:
-        """Refuse tolerances of joints that the robot does not have.
-
-        Raises:
-            InvalidInput: There is such a joint; the error names it.
-        """
-        for name in ("joint_positions", "joint_velocities"):
-            for joint in self.of_joints(name):
-                if joint not in joints:
-                    allowed = f"the joints are {', '.join(joints)}"
-                    raise InvalidInput(Status.UNKNOWN_JOINT, f"publication.{name}", joint, allowed)
 
 
 @dataclass(frozen=True)

@@ -144,16 +144,7 @@ def locked_joints_of(text: str) -> dict[str, float]:
     Raises:
         InvalidInput: The text is malformed.
     """
-    return of_joints("robot.locked_joints", text)
-
-
-def of_joints(field: str, text: str) -> dict[str, float]:
-    """Return the numbers by joint name in a text: `rail: 0.2, hand: -1.0`.
-
-    Raises:
-        InvalidInput: The text is malformed; the error names the field.
-    """
-    found: dict[str, float] = {}
+    field, found = "robot.locked_joints", dict[str, float]()
     for word in filter(None, map(str.strip, text.split(","))):
         name, _, at = (part.strip() for part in word.partition(":"))
         if name in found:

@@ -36,7 +36,7 @@ from ff_planner_ros.parameters.values import (
 _WHILE_CONFIGURED = (
     *("robot.", "bag.", "qos.", "odometry.", "rates.", "tf."),
     *("controller.hand_over", "controller.action", "controller.path_tolerance"),
-    *("controller.goal_t", "publication.joint_"),
+    "controller.goal_t",
     *("inertial_frame", "state_source", "planner.library", "planner.plugins"),
 )
 # Their time is over when the node is there.

@@ -61,7 +61,6 @@ class Session:
         self._description = read_urdf(urdf)
         robot = now.robot.load(self._description, urdf.parent)
         self._robot, self._urdf = robot, urdf
-        now.publication.require_joints(robot.joint_names)
         for note in robot.notes:
             node.get_logger().warning(f"robot.urdf: {in_log(note)}")
         library = None

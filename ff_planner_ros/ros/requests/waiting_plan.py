@@ -186,12 +186,10 @@ def _differences(
     yield "its angular velocity", "max_angular_velocity", turning, most, "rad/s"
     aside = without_turns(state.joint_positions - motion.joint_positions[0], robot.continuous)
     rates = state.joint_velocities - motion.joint_velocities[0]
-    for what, single, general, off, unit in (
-        ("position", "joint_positions", "max_joint_position", aside, "rad"),
-        ("rate", "joint_velocities", "max_joint_velocity", rates, "rad/s"),
+    for what, parameter, off, unit in (
+        ("position", "max_joint_position", aside, "rad"),
+        ("rate", "max_joint_velocity", rates, "rad/s"),
     ):
-        own = allowed.of_joints(single)
+        most = getattr(allowed, parameter)
         for name, found in zip(robot.joint_names, np.abs(robot.joint_weights * off), strict=True):
-            parameter = single if name in own else general
-            most = own.get(name, getattr(allowed, general))
             yield f"{name}'s {what}", parameter, float(found), most, unit
