@@ -416,15 +416,13 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
             ),
         ),
         (
-            InvalidInput(
-                Status.STATE_TOO_OLD, "chaser_state.header.stamp", "9 s ago", "newer"
-            ),
+            InvalidInput(Status.STATE_TOO_OLD, "chaser_state.header.stamp", "9 s ago", "newer"),
             PlanStatus(
                 code=101,
-                message="chaser_state.header.stamp is 9 s ago: not so old",
+                message="chaser_state.header.stamp is 9 s ago: newer",
                 field="chaser_state.header.stamp",
                 value="9 s ago",
-                allowed="not so old",
+                allowed="newer",
                 retry=PlanStatus.LATER,
             ),
         ),
