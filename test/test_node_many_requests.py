@@ -14,7 +14,6 @@ import pytest
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
-from lifecycle_msgs.srv import ChangeState, GetState
 from quick_capture import resting_capture
 from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
@@ -106,8 +105,6 @@ def test_every_one_of_many_requests_at_once_is_answered(
     [
         (PublishPlan, "ff_planner/publish_plan"),
         (Trigger, "ff_planner/split_bag"),
-        (GetState, "ff_planner/get_state"),
-        pytest.param(ChangeState, "ff_planner/change_state", marks=pytest.mark.ci),
     ],
 )
 def test_so_is_every_one_at_the_other_services(

@@ -12,7 +12,6 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.qos import MOST_REQUESTS, REQUEST_QOS
 from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.ros.session import Session
 
@@ -28,7 +27,6 @@ class PlannerNode(LifecycleNode):
         """
         super().__init__("ff_planner")
         self._answer_illegal_transitions()
-        self._answer_as_many_as_others()
         self.parameters = LiveParameters(self)
         self.refusal: FfPlannerError | None = None  # why the last transition failed
         self._worker = worker
@@ -137,21 +135,3 @@ class PlannerNode(LifecycleNode):
                 return response
 
         service.callback = guarded
-
-    def _answer_as_many_as_others(self) -> None:
-        """Let ROS's own services answer as many requests at once as ours: rcl has them keep ten.
-
-        rcl made them, and its state machine keeps them: nobody listens to them any more.
-        """
-        for theirs in list(self.services):
-            if theirs.qos_profile.depth >= MOST_REQUESTS:
-                continue
-            group = theirs.callback_group
-            self._services.remove(theirs)
-            self.create_service(
-                theirs.srv_type,
-                theirs.srv_name,
-                theirs.callback,
-                qos_profile=REQUEST_QOS,
-                callback_group=group,
-            )

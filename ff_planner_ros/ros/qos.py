@@ -14,8 +14,9 @@ EVENT_QOS = QoSProfile(depth=100)
 TF_QOS = QoSProfile(depth=100)
 # Those who come late hear what became of the last plans.
 PLAN_EVENTS_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Requests that wait at each service and at the action; the middleware drops the oldest of more, and
-# nobody answers those. More than a fleet's executives ask at once, and little where none wait.
+# Requests that wait at each of our services and at the action; the middleware drops the oldest of
+# more, and nobody answers those. More than a fleet's executives ask at once, and little where none
+# wait.
 MOST_REQUESTS = 1000
 REQUEST_QOS = QoSProfile(depth=MOST_REQUESTS)
 
