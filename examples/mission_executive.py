@@ -77,8 +77,8 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
                 f"{options.max_attitude_deg:g} deg: try --objective attitude",
             )
 
-        # 3. Commit. The planner publishes the plan by its id and token, if it still fits the state
-        #    and the clock. From here on the controller has it, and nothing moves before its stamp.
+        # 3. Commit. The planner publishes the plan by its id, if it still fits the state and the
+        #    clock. From here on the controller has it, and nothing moves before its stamp.
         executive.commit(answer)
         print("committed  the controller has it", flush=True)
 

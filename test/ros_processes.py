@@ -263,8 +263,7 @@ class Client:
     def publish_plan(self, answer: PlanAnswer, **fields: Any) -> PlanStatus:
         """Ask for a plan that waits to be published, as its answer says unless a field is given."""
         assert self._publish_plan.wait_for_service(DEADLINE)
-        told = {"plan_id": answer.plan_id, "publish_token": answer.publish_token}
-        request = PublishPlan.Request(**told | fields)
+        request = PublishPlan.Request(**{"plan_id": answer.plan_id} | fields)
         return (
             ask(self.executor, lambda: self._publish_plan.call_async(request))
             .result(DEADLINE)

@@ -95,23 +95,14 @@ def test_a_plan_waits_until_it_is_released_by_two_clicks_and_all_consoles_see_it
     place = entry.plan.trajectory.ee_positions[goal]
     assert place == pytest.approx(SCENE.problem.target.position, abs=1e-3)
     wait_for(lambda: console.shows("the node would publish it now"), "the plan's fit")
-    # The other sees the plan, with the same name, and has no token: who asked, publishes.
     wait_for(lambda: other.status(entry.name) == WAITS, "the plan in the other console")
-    wait_for(lambda: other.shows("who asked, publishes"), "words on the token")
     same = other.entry(entry.name)
     assert same is not None
     assert same.plan is not None
     assert np.array_equal(
         same.plan.trajectory.joint_positions, entry.plan.trajectory.joint_positions
     )
-    made = other.live._plans.waiting(same)
-    assert made is not None
-    assert made.token == ""
-    assert other.panel._release.disabled
-    other.page.choose(entry.name)
-    other.panel.first_click("release")
-    other.panel.second_click()
-    wait_for(lambda: other.shows("UNKNOWN_PLAN: publish_token is empty"), "the node's refusal")
+    assert other.live._plans.waiting(same) is not None
     # One click alone does nothing, and another plan disarms the second.
     console.panel.first_click("release")
     console.page.choose("goal")
@@ -145,7 +136,7 @@ def test_a_plan_whose_start_the_system_has_left_is_refused_in_the_nodes_words(
         wait_for(lambda: stamp_of_state(console) > moved_ns + NANOSECONDS, "ten more states")
         refusal = fit_of(made, console.live._link.knowledge).refusal
         assert "position by 0.05 m, more than publication.max_position, 0.02 m" in refusal
-        status, words = console.live._link.release(made.plan_id, made.token)
+        status, words = console.live._link.release(made.plan_id)
         assert status is Status.STATE_MOVED
         assert refusal == f"{status.name}: {words}"
         console.panel.first_click("release")
@@ -169,7 +160,7 @@ def test_a_joint_that_is_measured_elsewhere_than_the_model_fixes_it_is_told_as_t
         assert not console.panel._measured._above.visible
         moved_ns = world.client.now_ns()
         wait_for(lambda: world.client.now_ns() > moved_ns + NANOSECONDS, "ten more states")
-        status, words = console.live._link.release(made.plan_id, made.token)
+        status, words = console.live._link.release(made.plan_id)
         assert status is Status.START_OUTSIDE_LIMITS
         assert elsewhere in words
     finally:
@@ -187,12 +178,12 @@ def test_a_rejected_plan_cannot_be_released_any_more(console: Console, world: Wo
     console.panel.first_click("release")
     console.panel.second_click()
     assert console.live._plans.waiting(console.page.chosen) is None
-    status, _ = console.live._link.release(made.plan_id, made.token)
+    status, _ = console.live._link.release(made.plan_id)
     assert status is Status.UNKNOWN_PLAN, "the node has dropped it"
     assert not heard(world, entry.plan_id)
 
 
-def test_a_plan_that_another_client_asks_for_is_released_with_its_token(
+def test_a_plan_that_another_client_asks_for_is_released_here_too(
     console: Console, world: World
 ) -> None:
     request = SCENE.request()
@@ -202,11 +193,6 @@ def test_a_plan_that_another_client_asks_for_is_released_with_its_token(
     name = f"plan {answer.plan_id.rpartition('.')[2]}"
     wait_for(lambda: console.status(name) == WAITS, "the plan of another")
     console.page.choose(name)
-    console.panel.look()
-    assert console.panel._release.disabled
-    assert console.panel._token.visible
-    console.panel._token.value = answer.publish_token
-    console.panel._take_token()
     console.panel.look()
     assert not console.panel._release.disabled
     console.panel.first_click("release")
@@ -286,7 +272,7 @@ def test_a_lost_node_is_told_and_found_again(
     made = console.live._plans.waiting(entry)
     assert made is not None
     with pytest.raises(FfPlannerError, match="LOST"):
-        console.live._link.release(made.plan_id, made.token)
+        console.live._link.release(made.plan_id)
     lost = console.plan()
     assert lost.status == "refused, NOT_ACTIVE"
     with running_planner(tmp_path_factory.mktemp("again"), *ARGUMENTS):
@@ -295,7 +281,7 @@ def test_a_lost_node_is_told_and_found_again(
         console.page.choose(entry.name)
         console.panel.look()
         # The new node knows nothing of the plan.
-        status, words = console.live._link.release(made.plan_id, made.token)
+        status, words = console.live._link.release(made.plan_id)
         assert status is Status.UNKNOWN_PLAN, words
         tried = [console.plan()]
         while tried[-1].status == "refused, NO_STATE":  # which the new node has not heard yet

@@ -57,7 +57,6 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
         client, controller = at.client, at.controller
         transforms = client.hear(TFMessage, "/tf")
         markers = client.hear(MarkerArray, "markers", LATCHED)
-        client.wait_until(lambda: at.figure("constraints.goal_time"), "its parameters")
         # 3. what it can do
         told = client.call(Describe, "/ff_planner/describe", Describe.Request())
         assert list(controller.joints) == told.robot.joint_names
@@ -69,8 +68,8 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
         client.wait_until(
             lambda: waiting(markers) == [f"{made.plan_id} waits to be released"], "it"
         )
-        wrong = client.publish_plan(made, publish_token="guessed")
-        assert (wrong.field, wrong.retry) == ("publish_token", PlanStatus.CHANGED)
+        wrong = client.publish_plan(made, plan_id="guessed")
+        assert (wrong.field, wrong.retry) == ("plan_id", PlanStatus.CHANGED)
         client.publish_state(SCENE.state(client.now_ns()))
         approved = client.publish_plan(made, start_state=[SCENE.state(client.now_ns())])
         assert approved.code == Status.SOLVED, approved

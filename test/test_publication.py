@@ -37,11 +37,6 @@ AHEAD = 0.5  # of the plan's start from now [s]
 START = NOW + round(AHEAD * NANOSECONDS)
 
 
-def token(plan_id: str) -> str:
-    """Return what opens the service for a plan: no two plans have the same."""
-    return f"token of {plan_id}"
-
-
 class World:
     """A publication without a node: what it knows can be changed, what it publishes is kept."""
 
@@ -69,13 +64,10 @@ class World:
         return MadePlan(
             *(plan_id, self.plan, start_ns, "none", self.problem.robot, scene, self.parameters),
             made_ns=self.now_ns,
-            token=token(plan_id),
         )
 
     def ask(self, plan_id: str = "run.1", **fields: Any) -> PlanStatus:
-        request = PublishPlan.Request(
-            **{"plan_id": plan_id, "publish_token": token(plan_id)} | fields
-        )
+        request = PublishPlan.Request(plan_id=plan_id, **fields)
         return self.publication._serve(request, PublishPlan.Response()).status
 
     @property
@@ -93,6 +85,7 @@ def world(lemur_capture: PlanningProblem, lemur_plan: Plan) -> World:
     return world
 
 
+@pytest.mark.law("NODE-08")
 def test_a_plan_that_still_fits_goes_out_once_as_it_was_answered(world: World) -> None:
     status = world.ask(requester="flight director")
     assert status.code == Status.SOLVED, status
@@ -123,37 +116,11 @@ def test_an_unknown_id_is_refused_by_name_and_the_known_ones_are_not_told(
     world: World, plan_id: str
 ) -> None:
     world.publication.keep(world.made("known.7"))
-    status = world.ask(plan_id, publish_token=token("known.7"))
+    status = world.ask(plan_id)
     assert (status.code, status.field) == (Status.UNKNOWN_PLAN, "plan_id")
     assert f"plan_id is {plan_id!r}" in status.message
     assert "known.7" not in f"{status}"
     assert world.out == []
-
-
-@pytest.mark.law("NODE-08")
-@pytest.mark.parametrize(
-    ("given", "value"),
-    [
-        *(("", "empty"), ("token of run.2", "another one"), ("token of run.1 ", "another one")),
-        *(("token of run", "another one"), ("t\u00f6ken", "another one")),
-    ],
-)
-def test_who_does_not_know_a_plans_token_does_not_publish_it(
-    world: World, given: str, value: str
-) -> None:
-    """Neither the token nor the one that was tried is told: both are in a bag, and in the log."""
-    world.publication.keep(world.made("run.2"))
-    status = world.ask(publish_token=given)
-    assert status == PlanStatus(
-        code=Status.UNKNOWN_PLAN,
-        message=f"publish_token is {value}: it must be the one in the answer that holds the plan",
-        field="publish_token",
-        value=value,
-        allowed="it must be the one in the answer that holds the plan",
-        retry=PlanStatus.CHANGED,
-    )
-    assert world.out == []
-    assert world.ask().code == Status.SOLVED, "and it waits on"
 
 
 def test_a_plan_that_is_published_already_is_refused_as_such(world: World) -> None:
@@ -291,7 +258,7 @@ def test_a_plan_that_cannot_go_out_any_more_is_not_shown(world: World) -> None:
 
 
 def test_a_plan_that_is_rejected_is_shown_no_more_and_never_goes_out(world: World) -> None:
-    unknown = world.ask(reject=True, publish_token="guessed")
+    unknown = world.ask("run.7", reject=True)
     assert unknown.code == Status.UNKNOWN_PLAN
     assert waits(world) == "run.1"
     status = world.ask(reject=True, requester="flight director")

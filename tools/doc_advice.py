@@ -43,7 +43,7 @@ ADVICE = {
     "it, or the robot does not have it.",
     Status.BAD_ROBOT: "Run `ff-planner robot FILE`: it lists every fault of the URDF.",
     Status.START_IN_PAST: "Ask for a later `start_time`, or leave it at zero.",
-    Status.UNKNOWN_PLAN: "Compare `plan_id` and `publish_token` with those of the answer. The "
+    Status.UNKNOWN_PLAN: "Compare `plan_id` with that of the answer. The "
     "newest 10 plans wait; a deactivated node forgets them. For a plan that is gone, ask again.",
     Status.NO_ACTIVE_PLAN: "Ask again when the published plan has begun, or ask without "
     "`replan_active`.",

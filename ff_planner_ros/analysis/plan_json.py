@@ -97,19 +97,17 @@ def _requirements(problem: PlanningProblem) -> dict[str, Any]:
 
 
 def received_dictionary(
-    plan: Plan, plan_id: str, publish_token: str, digest: str, start: float, solve_time: float
+    plan: Plan, plan_id: str, digest: str, start: float, solve_time: float
 ) -> dict[str, Any]:
     """Return a plan received from a node: as `plan_dictionary`, without robot and problem.
 
     Args:
-        publish_token: Token with which `~/publish_plan` publishes the plan; empty: not needed.
         start: ROS time of the plan's first point [s].
     """
     return {
         "status": Status.SOLVED.name.lower(),
         "message": plan.message,
         "plan_id": plan_id,
-        "publish_token": publish_token,
         "digest": digest,
         "start": start,
         **_of_plan(plan, solve_time),

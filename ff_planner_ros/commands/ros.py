@@ -94,15 +94,11 @@ def ask_node(options: Namespace) -> int:
         raise error
     plan, digest = plan_from_answer(answer), answer.task_digest
     start = nanoseconds(answer.plans[0].joint_trajectory.header.stamp) / NANOSECONDS
-    token = answer.publish_token
-    write_json(
-        options.json, received_dictionary(plan, answer.plan_id, token, digest, start, solve_time)
-    )
+    write_json(options.json, received_dictionary(plan, answer.plan_id, digest, start, solve_time))
     chosen = request.duration_max > 0.0
     print_table(
         [
             ("plan", f"{answer.plan_id}, {'not published' if request.plan_only else 'published'}"),
-            *((("publish token", token),) if token else ()),
             ("starts at", f"{start:.3f} s"),
             *plan_rows(None, plan, solve_time, digest, chosen, limits=None),
         ]

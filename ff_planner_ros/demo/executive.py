@@ -160,9 +160,7 @@ class MissionExecutive:
             time.sleep(_CHECK_INTERVAL)
         while not self._publication.wait_for_service(timeout_sec=_CHECK_INTERVAL):
             self._go_on_until(deadline, "the service ff_planner/publish_plan")
-        request = PublishPlan.Request(
-            plan_id=answer.plan_id, publish_token=answer.publish_token, requester=NAME
-        )
+        request = PublishPlan.Request(plan_id=answer.plan_id, requester=NAME)
         self._once_it_can(
             lambda: self._asked(lambda: self._publication.call_async(request), deadline), deadline
         )

@@ -158,7 +158,7 @@ class Link:
             words = "the node plans for another robot by now: end this console and begin anew"
             self.other_robot = words
 
-    def release(self, plan_id: str, token: str, reject: bool = False) -> tuple[Status, str]:
+    def release(self, plan_id: str, reject: bool = False) -> tuple[Status, str]:
         """Ask the node to publish or drop a waiting plan; return its status and message.
 
         Raises:
@@ -166,9 +166,7 @@ class Link:
         """
         if lost := self.lost:
             raise FfPlannerError(Status.NOT_ACTIVE, lost)
-        request = PublishPlan.Request(
-            plan_id=plan_id, publish_token=token, requester=REQUESTER, reject=reject
-        )
+        request = PublishPlan.Request(plan_id=plan_id, requester=REQUESTER, reject=reject)
         status = self._called(self._publish, request, _ANSWER).status
         return Status(status.code), status.message
 

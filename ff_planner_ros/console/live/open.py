@@ -103,7 +103,7 @@ class LivePage:
 
     def _look(self) -> None:
         while not self._of_others.empty():
-            self._page.put(self._plans.answered(*self._of_others.get(), None, is_own=False))
+            self._page.put(self._plans.answered(*self._of_others.get(), None))
         while not self._link.happened.empty():
             message = self._link.happened.get()
             if isinstance(message, PublishedPlan):

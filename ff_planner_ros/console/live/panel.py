@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import threading
-from typing import Any
 
 import numpy as np
 import viser
@@ -23,10 +22,6 @@ from ff_planner_ros.ros.outputs.prediction import tracking_error
 from ff_planner_ros.ros.requests.reading import measured_state
 
 _RELEASE, _REJECT = "release", "reject"
-_NO_TOKEN = (
-    "Another client asked for this plan, and who asked, publishes: this console has no token of "
-    "it. Release it there, or enter the publish token of its answer here."
-)
 _MEANS = {
     _RELEASE: "The node sends {} to the controller, and the arm will move.",
     _REJECT: "The node drops {}: nobody can release it any more.",
@@ -59,7 +54,6 @@ class NodePanel:
             )
             self._follow = gui.add_checkbox("follow the plan that runs", True)
             self._fit = gui.add_html("")
-            self._token = gui.add_text("publish token", "", visible=False)
             self._release = gui.add_button(_RELEASE, disabled=True)
             self._reject = gui.add_button(_REJECT, disabled=True)
             self._means = gui.add_html("", visible=False)
@@ -71,7 +65,6 @@ class NodePanel:
         self._reject.on_click(lambda _: self.first_click(_REJECT))
         self._yes.on_click(lambda _: self.second_click())
         self._no.on_click(lambda _: self._ask_twice(None))
-        self._token.on_update(lambda _: self._take_token())
 
     def first_click(self, what: str) -> None:
         """Ask to confirm the release, or the rejection, of the plan that is shown."""
@@ -90,7 +83,7 @@ class NodePanel:
             what, entry = asked
             rejects = what == _REJECT
             try:
-                status, words = self._link.release(made.plan_id, made.token, rejects)
+                status, words = self._link.release(made.plan_id, rejects)
             except FfPlannerError as error:
                 status, words = error.status, str(error)
             if status is not Status.SOLVED:
@@ -163,16 +156,15 @@ class NodePanel:
 
     def _show_waiting(self, entry: Entry, is_lost: bool) -> None:
         made = self._plans.waiting(entry)
-        self._release.disabled = made is None or is_lost or not made.token
-        self._reject.disabled = made is None or not made.token
-        self._token.visible = made is not None and not made.token
+        self._release.disabled = made is None or is_lost
+        self._reject.disabled = made is None
         if made is None:
             _show(self._fit, "")
             _show(self._differences, "")
             return
         most = self._link.parameters.publication.max_age
         fit = fit_of(made, self._link.knowledge)
-        _show(self._fit, _of_fit(entry.name, fit, most, bool(made.token)))
+        _show(self._fit, _of_fit(entry.name, fit, most))
         _show(self._differences, _of_differences(fit))
 
     def _ask_twice(self, what: tuple[str, Entry] | None) -> None:
@@ -184,18 +176,11 @@ class NodePanel:
             self._yes.label = f"yes, {doing} {entry.name}"
             _show(self._means, _line(_MEANS[doing].format(entry.name), "bad"))
 
-    def _take_token(self) -> None:
-        with self._lock:
-            made, token = self._plans.waiting(self._page.chosen), self._token.value.strip()
-            if made is not None and token:
-                self._plans.know_token(made.plan_id, token)
-                _set(self._token, "")
-
     def _say(self, words: str, kind: str = "good") -> None:
         _show(self._said, _line(words, kind))
 
 
-def _of_fit(name: str, fit: Fit, most: float, has_token: bool) -> str:
+def _of_fit(name: str, fit: Fit, most: float) -> str:
     """Return in HTML whether the node would publish a waiting plan now."""
     words = [
         _line(
@@ -207,8 +192,6 @@ def _of_fit(name: str, fit: Fit, most: float, has_token: bool) -> str:
             )
         )
     ]
-    if not has_token:
-        words.append(_line(_NO_TOKEN, "bad"))
     if fit.refusal:
         words.append(_line(f"The node would refuse it now. {fit.refusal}", "bad"))
     else:
@@ -238,8 +221,3 @@ def _show(handle: viser.GuiHtmlHandle, words: str) -> None:
     content = f"{STYLE}<div class='ff'>{words}</div>" if words else ""
     if handle.content != content:
         handle.content = content
-
-
-def _set(handle: Any, value: Any) -> None:
-    """Set a control to a value: viser's types know such an attribute as read-only."""
-    handle.value = value

@@ -71,14 +71,12 @@ class Plans:
         self._runs: list[str] = []  # runs of the node, by the prefixes of its plan ids
 
     def answered(
-        self, request: PlanRequest, answer: PlanAnswer, asked: PlanningTask | None, is_own: bool
+        self, request: PlanRequest, answer: PlanAnswer, asked: PlanningTask | None
     ) -> Entry:
         """Add an answer, and return its entry; an answer that is known already stays as it is.
 
         Args:
             asked: Task of the request, if the console made it; None: not known.
-            is_own: Whether the console made the request. It keeps no tokens of other clients, even
-                if the middleware passes them on.
         """
         with self._lock:
             before = self._known.get(answer.plan_id)
@@ -99,7 +97,6 @@ class Plans:
                     self._link.parameters,
                     answer.inputs.previous_plan_id,
                     self._link.now_ns(),
-                    answer.publish_token if is_own else "",
                 )
                 if request.plan_only:
                     entry = replace(entry, status=WAITS)
@@ -116,17 +113,8 @@ class Plans:
         known = self._known.get(plan_id)
         return plan_id if known is None else known.entry.name
 
-    def know_token(self, plan_id: str, token: str) -> None:
-        """Set the publish token of a plan; empty: forget the token."""
-        with self._lock:
-            known = self._known[plan_id]
-            if known.made is not None:
-                made = replace(known.made, token=token)
-                self._known[plan_id] = replace(known, made=made)
-
     def reject(self, plan_id: str) -> None:
         """Mark a plan as rejected, because the node has dropped it."""
-        self.know_token(plan_id, "")
         self._becomes(plan_id, "rejected")
 
     def published(self, message: PublishedPlan) -> None:

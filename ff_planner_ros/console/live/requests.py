@@ -86,7 +86,7 @@ class Requests:
         self._own.add(key)
 
         def answered(answer: PlanAnswer) -> None:
-            done(self._plans.answered(request, answer, task, is_own=True))
+            done(self._plans.answered(request, answer, task))
 
         def failed(error: FfPlannerError) -> None:
             status = f"refused, {error.status.name}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import time
 import traceback
 from collections import deque
@@ -61,7 +60,6 @@ from ff_planner_ros.ros.requests.worker import Worker
 # Period of the check whether a request is still wanted, while its response is written or obstacles
 # are waited for [s]; a response that is not wanted is written to its end beside the next one.
 _POLL, _WRITERS = 0.02, 2
-_TOKEN_BYTES = 16  # of what opens ~/publish_plan: not to be guessed
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
 
@@ -303,9 +301,7 @@ class PlanningService:
             parameters,
             asked.provenance.previous_plan_id,
             self._clock.now().nanoseconds,
-            secrets.token_hex(_TOKEN_BYTES) if asked.plan_only else "",
         )
-        answer.publish_token = made.token
         requester = asked.requester or door
         job.seal()
         if asked.plan_only:

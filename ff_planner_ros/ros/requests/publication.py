@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Callable
-from hmac import compare_digest
 from typing import Any
 
 from ff_planner_msgs.msg import Plan as PlanMessage
@@ -167,7 +166,7 @@ class Publication:
         with self._lock:
             self._require_open()
             requester = requester_named(request.requester, PUBLISH_PLAN)
-            made = self._waiting_plan(request)
+            made = self._waiting_plan(request.plan_id)
             del self._waiting[made.plan_id]
         return f"{made.plan_id} is dropped, {requester} rejected it"
 
@@ -176,7 +175,7 @@ class Publication:
         with self._lock:
             self._require_open()
             requester = requester_named(request.requester, PUBLISH_PLAN)
-            made, knowledge = self._waiting_plan(request), self._knowledge()
+            made, knowledge = self._waiting_plan(request.plan_id), self._knowledge()
             self._require_in_time(made, knowledge.now_ns)
             require_young(made, knowledge)
             require_same_rules(made, knowledge.parameters)
@@ -188,7 +187,7 @@ class Publication:
         for_controller = controller_message(written.joint_trajectory, takes_torques)
         with self._lock:
             self._require_open()
-            self._waiting_plan(request)
+            self._waiting_plan(request.plan_id)
             self._require_in_time(made, self._node.get_clock().now().nanoseconds)
             self.publish(made, written, for_controller, requester)
             del self._waiting[made.plan_id]
@@ -202,26 +201,19 @@ class Publication:
         if self._refusal is not None:
             raise FfPlannerError(*self._refusal)
 
-    def _waiting_plan(self, request: PublishPlan.Request) -> MadePlan:
-        """Return the plan that a request names, if its token is right; errors reveal neither."""
-        plan_id, last = request.plan_id, self._output.published
-        made = self._waiting.get(plan_id)
-        if made is not None:
-            given, token = request.publish_token.encode(), made.token.encode()
-            if compare_digest(given, token):
-                return made
-            field, value = "publish_token", "another one" if given else "empty"
-            allowed = "it must be the one in the answer that holds the plan"
-        else:
-            field, value = "plan_id", repr(plan_id)
-            allowed = (
-                "it is published already"
-                if last is not None and last.plan_id == plan_id
-                else "no plan of this id waits to be published (plans asked for with plan_only "
-                f"wait, the newest {MOST_WAITING}, until they are published, rejected, or their "
-                "start is over)"
-            )
-        raise InvalidInput(Status.UNKNOWN_PLAN, field, value, allowed)
+    def _waiting_plan(self, plan_id: str) -> MadePlan:
+        """Return the plan of an id; an error does not tell the ids of others."""
+        if plan_id in self._waiting:
+            return self._waiting[plan_id]
+        last = self._output.published
+        allowed = (
+            "it is published already"
+            if last is not None and last.plan_id == plan_id
+            else "no plan of this id waits to be published (plans asked for with plan_only "
+            f"wait, the newest {MOST_WAITING}, until they are published, rejected, or their "
+            "start is over)"
+        )
+        raise InvalidInput(Status.UNKNOWN_PLAN, "plan_id", repr(plan_id), allowed)
 
     def _require_in_time(self, made: MadePlan, now_ns: int) -> None:
         """Refuse a plan whose start is over; it waits no longer."""

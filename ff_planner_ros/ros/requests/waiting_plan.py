@@ -44,7 +44,6 @@ class MadePlan:
     parameters: NodeParameters  # that the plan was checked by
     previous_plan_id: str = ""  # plan that the joints follow until the start; empty: none
     made_ns: int = 0  # when the plan was ready [ns]
-    token: str = ""  # needed to publish the plan; empty: it is published at once
 
     @cached_property
     def drawn(self) -> Drawn:
