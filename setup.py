@@ -276,7 +276,7 @@ setup(
     entry_points={
         "console_scripts": [
             f"ff-planner = {NAME}.cli:main",
-            f"planner_node = {NAME}.ros.node:main",
+            f"planner_node = {NAME}.cli:planner_node",
         ],
     },
 )

@@ -7,7 +7,7 @@ import re
 import select
 import sys
 import warnings
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
 from pathlib import Path
@@ -48,37 +48,50 @@ def main(
     parser = make_parser()
     options, rest = parser.parse_known_args(arguments)
     joins = options.verb == "ask" or (options.verb == "console" and options.node is not None)
-    of_ros = options.verb == "node" or (joins and rest[:1] == ["--ros-args"])
-    if rest and not of_ros:
+    if rest and not (joins and rest[:1] == ["--ros-args"]):
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
-    try:
-        return _run(parser, options)
-    except KeyboardInterrupt:
-        return _fail(parser.prog, "interrupted", INTERRUPTED)
 
-
-def _run(parser: ArgumentParser, options: Namespace) -> int:
-    """Run the command of the options; what it raises is an answer."""
-    try:
+    def work() -> int:
         require_outputs(options)
-        code = int(options.function(options))
+        return int(options.function(options))
+
+    return _answered(parser.prog, work)
+
+
+def planner_node() -> int:
+    """Run the node `ff_planner` with the ROS arguments of the process; return its exit code."""
+
+    def work() -> int:
+        from ff_planner_ros.ros.node import main as run
+
+        return run()
+
+    return _answered("planner_node", work)
+
+
+def _answered(program: str, work: Callable[[], int]) -> int:
+    """Do the work of a program and return its exit code; what it raises is an answer."""
+    try:
+        code = work()
         sys.stdout.flush()
         return code
+    except KeyboardInterrupt:
+        return _fail(program, "interrupted", INTERRUPTED)
     except NoPlanFound as error:
-        return _fail(parser.prog, error, NO_PLAN)
+        return _fail(program, error, NO_PLAN)
     except (FfPlannerError, OSError) as error:
-        return 0 if _is_of_reader(error) else _fail(parser.prog, error, BAD_INPUT)
+        return 0 if _is_of_reader(error) else _fail(program, error, BAD_INPUT)
     except ImportError as error:
         module = _module_at_fault(error)
         if not module or module.partition(".")[0] == __package__:
             raise  # it is no file's fault
-        return _fail(parser.prog, _why_not_loaded(module, error), BAD_INPUT)
+        return _fail(program, _why_not_loaded(module, error), BAD_INPUT)
     except Exception as error:  # unexpected: a script can still go on
         if sys.flags.dev_mode:
             raise
         defect = f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}"
-        return _fail(parser.prog, defect, BAD_INPUT)
+        return _fail(program, defect, BAD_INPUT)
 
 
 def _module_at_fault(error: ImportError) -> str:

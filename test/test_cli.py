@@ -226,7 +226,7 @@ def test_an_unknown_command_or_option_ends_with_2(capsys):
     assert "--fast" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [["schema"], ["robot", str(LEMUR)]], ids=["long", "short"])
+@pytest.mark.parametrize("command", [["check", "--schema", "scenario"], ["robot", str(LEMUR)]])
 def test_who_reads_no_more_is_no_fault(command):
     """As `| head` does: no message, and no exit code of bad input."""
     reader, writer = os.pipe()
@@ -261,7 +261,6 @@ OUTPUTS = [
     ("report", BAG, "--output"),
     ("robot", str(LEMUR), "--draw"),
     ("robot", str(LEMUR), "--srdf"),
-    ("scene", str(CAPTURE), "--output"),
     ("verify", str(CAPTURE), "--json"),
 ]
 
@@ -518,7 +517,7 @@ def test_its_commands_plan_with_one_thread_of_linear_algebra_unless_told_otherwi
 def test_the_command_is_installed():
     command = Path(sys.executable).with_name("ff-planner")
     done = subprocess.run([command, "--help"], capture_output=True, text=True, check=True)
-    for name in ("demo", "node", "plan", "robot", "verify"):
+    for name in ("demo", "plan", "robot", "verify"):
         assert f"\n    {name}" in done.stdout
 
 
@@ -534,8 +533,8 @@ class NoRos(MetaPathFinder):
             raise ModuleNotFoundError(name, name=name)
 
 sys.meta_path.insert(0, NoRos())
-from ff_planner_ros.cli import main
-code = main(sys.argv[1:])
+from ff_planner_ros.cli import main, planner_node
+code = main(sys.argv[1:]) if sys.argv[1:] else planner_node()
 assert not [name for name in sys.modules if name.startswith("ff_planner_ros.ros.")], sys.modules
 sys.exit(code)
 """
@@ -556,7 +555,7 @@ def test_planning_and_verifying_need_no_ros(tmp_path):
         assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("arguments", [["node"], ["plan", CAPTURE, "--bag", "bag"]])
+@pytest.mark.parametrize("arguments", [[], ["plan", CAPTURE, "--bag", "bag"]])
 def test_a_command_that_needs_ros_says_so_where_there_is_none(arguments):
     done = without_ros(*arguments)
     assert done.returncode == 2

@@ -104,7 +104,7 @@ def test_the_node_is_the_installed_one_under_its_own_name(described: list[Call])
     (node,) = of(described, "Node")
     assert node.kwargs["package"] == "ff_planner_ros"
     scripts = entry_points(group="console_scripts", name=node.kwargs["executable"])
-    assert [script.value for script in scripts] == ["ff_planner_ros.ros.node:main"]
+    assert [script.value for script in scripts] == ["ff_planner_ros.cli:planner_node"]
     assert node.kwargs["name"] == "ff_planner"
 
 

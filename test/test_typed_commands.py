@@ -23,7 +23,7 @@ NOT_TYPED = {
     r"(\.venv/bin/)?pip ": "`make without-ros` installs like this",
     r"ros2 |export ROS_SECURITY": "no wheel has ROS's command line and its security",
     "dask |.*HOST": "a cluster is needed",
-    r".*(ff-planner |ff_planner_ros\.ros\.)node|.*examples/(simulated|mission|follower)": (
+    r".*(planner_node|ff_planner_ros\.ros\.node)|.*examples/(simulated|mission|follower)": (
         "they run until they are stopped: test_examples.py, test_launch.py and test_demo.py"
     ),
     ".*ff-planner demo": "test_demo.py, test_whole_flight.py",

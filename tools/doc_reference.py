@@ -164,7 +164,7 @@ def _option(action: Action) -> str:
             [action.metavar] if isinstance(action.metavar, str) else action.metavar or ()
         )
     value = f"[{value}]" if action.nargs == "?" else value
-    value = f"{value} ..." if action.nargs == "+" else value
+    value = f"{value} ..." if action.nargs in ("+", "*") else value
     words = ", ".join(action.option_strings)
     shown = " ".join(filter(None, [words, value if action.nargs != 0 else ""]))
     return f"`{_cell(shown)}`"

@@ -37,7 +37,7 @@ from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
-STUDY_SCHEMA = SOURCE_TREE / "config" / "schemas" / "study.json"  # `ff-planner schema study`
+STUDY_SCHEMA = SOURCE_TREE / "config" / "schemas" / "study.json"
 BLOCK = re.compile(
     r"(<!-- (table|example|figures|bench): ([\w, ]+) -->\n?)(.*?)(<!-- end -->)", re.DOTALL
 )

@@ -19,13 +19,10 @@ ADDERS = (
     bags.add_export,
     bags.add_info,
     bags.add_recover,
-    ros.add_node,
     planning.add_plan,
     bags.add_replay,
     bags.add_report,
     robot.add_robot,
-    robot.add_scene,
-    files.add_schema,
     planning.add_verify,
 )
 

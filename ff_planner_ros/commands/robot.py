@@ -1,10 +1,9 @@
-"""The commands `robot`, `scene`, `console`: a URDF, a scenario or a bag to look at."""
+"""The commands `robot` and `console`: a URDF, a scenario or a bag to look at."""
 
 from __future__ import annotations
 
 import time
 from argparse import Namespace
-from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,13 +15,10 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
 
 if TYPE_CHECKING:
-    from ff_planner_ros.analysis.scene_distances import Gap
     from ff_planner_ros.console.entries import Entry
     from ff_planner_ros.console.serve import Served
     from ff_planner_ros.robot.model import Robot
 
-# Distances that are printed, the smallest first.
-_PRINTED = 10
 _DAY = 86_400.0
 _PORTS = 65_535
 _PATIENCE = 10.0  # [s]
@@ -98,66 +94,6 @@ def _write_srdf(file: Path, robot: Robot) -> None:
     pairs = moveit_pairs(tree, robot.model, robot.bodies)
     file.write_text(srdf_text(tree.get("name", ""), pairs), encoding="utf-8")
     print(f"\n{file}: {len(pairs)} pairs of links that may touch")
-
-
-def add_scene(add: Add) -> None:
-    """Add `scene`."""
-    scene = add(
-        "scene",
-        show_scene,
-        "show robot, obstacles and target of a scenario, and how far apart they are",
-        description="Draw what a scenario is made of as a page for a browser, and print the "
-        "distances at the start and, where the goal fixes the tool, at the goal. Nothing is "
-        "planned.",
-    )
-    scene.add_argument("scenario", type=Path, metavar="SCENARIO")
-    output_help = "the page (default: the scenario's name, here)"
-    add_output(scene, "--output", "FILE.html", output_help, require_file)
-
-
-def show_scene(options: Namespace) -> int:
-    """Draw a scenario, and print the distances at start and goal."""
-    from ff_planner_ros.analysis.drawing.before_plan import save_before_plan
-    from ff_planner_ros.analysis.scene_distances import gaps_at_goal, gaps_at_start
-    from ff_planner_ros.planning.scenario.scenario import load_scenario
-    from ff_planner_ros.planning.task.notes import notes_on_scene
-
-    path = options.output or Path(f"{options.scenario.stem}.html")
-    require_file("--output", path)
-    problem = load_scenario(options.scenario)
-    print_notes([*problem.robot.notes, *notes_on_scene(problem)])
-    start, goal = gaps_at_start(problem), gaps_at_goal(problem)
-    _print_gaps("At the start", start)
-    if goal is None:
-        print("\nAt the goal: not known, it leaves open how the tool is turned there")
-    elif problem.obstacles and not goal:
-        print("\nAt the goal: not known, the tool has no shape")
-    else:
-        _print_gaps(f"Of the tool at the goal, after {problem.duration:g} s", goal)
-    save_before_plan(problem, start, goal or (), path)
-    print(f"\n{path}  {path.stat().st_size / 1e6:.1f} MB")
-    return SOLVED
-
-
-def _print_gaps(title: str, gaps: Sequence[Gap]) -> None:
-    from ff_planner_ros.common.text_table import print_table
-
-    if not gaps:
-        print(f"\n{title}: nothing is in the way")
-        return
-    rows = [
-        (
-            f"{gap.body}/{gap.other}",
-            f"{gap.distance:.4f}",
-            ("may touch near the goal" if gap.allowed else "in contact")
-            if gap.allowed or gap.distance <= 0.0
-            else "",
-        )
-        for gap in gaps[:_PRINTED]
-    ]
-    print_table(title, ("nearest", "distance [m]", ""), rows)
-    if len(gaps) > _PRINTED:
-        print(f"and {len(gaps) - _PRINTED} more, further away")
 
 
 def add_console(add: Add) -> None:

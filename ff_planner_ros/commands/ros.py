@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -166,16 +165,3 @@ def show_demo(options: Namespace) -> int:
     from ff_planner_ros.demo.run import run_demo
 
     return run_demo(options.output, testbed=options.testbed)
-
-
-def add_node(add: Add) -> None:
-    """Add `node`."""
-    epilog = "Everything else goes to ROS (--ros-args ...)."
-    add("node", run_node, "run the planner node", epilog=epilog)
-
-
-def run_node(options: Namespace) -> int:
-    """Run the planner node."""
-    from ff_planner_ros.ros.node import main as node_main
-
-    return node_main([sys.argv[0], *options.rest])

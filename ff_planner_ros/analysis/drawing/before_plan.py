@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import plotly.graph_objects as go
 
-from ff_planner_ros.analysis.drawing.scene_layout import add_controls, lay_out, save_page
+from ff_planner_ros.analysis.drawing.scene_layout import add_controls, lay_out
 from ff_planner_ros.analysis.drawing.solids import Triangles, robot_surface, surface_at, surface_of
 from ff_planner_ros.analysis.drawing.surroundings import (
     drawn_goal,
@@ -32,13 +31,6 @@ _FRAMES = 25
 _ROBOT, _TOOL, _NEAREST = "#0072b2", "#009e73", "#d40000"
 # Length of drawn axes beside the arm's, and corners of a circle.
 _AXIS_LENGTH, _AROUND = 0.1, 12
-
-
-def save_before_plan(
-    problem: PlanningProblem, start: Sequence[Gap], goal: Sequence[Gap], path: Path
-) -> None:
-    """Write the scene of `figure_before_plan` as one HTML file that needs nothing else."""
-    save_page(figure_before_plan(problem, start, goal), path.stem, path)
 
 
 def figure_before_plan(

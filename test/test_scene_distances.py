@@ -1,9 +1,8 @@
-"""`ff-planner scene`: what a scenario is made of, and how far apart it is, before it is planned."""
+"""How far apart a scenario is before it is planned, as `ff-planner check` tells and pages draw."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -15,9 +14,10 @@ from shaped_problems import SOLIDS
 from ff_planner_ros.analysis.drawing.before_plan import figure_before_plan
 from ff_planner_ros.analysis.scene_distances import gaps_at_goal, gaps_at_start
 from ff_planner_ros.cli import main
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
-from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.robot.configuration import configuration
 
 SCENARIOS = CONFIG / "scenarios"
@@ -89,34 +89,31 @@ def test_the_page_shows_robot_obstacles_goal_and_how_they_move(problem: Planning
     assert np.linalg.norm(middle - problem.target.position) == pytest.approx(0.15, abs=1e-3)
 
 
-@pytest.mark.parametrize("name", ["panel_capture", "lemur_capture", "planar_capture"])
-def test_the_command_prints_distances_and_writes_a_page(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("panel_capture", "link_7/ring_0         -0.0250  may touch near the goal"),
+        ("lemur_capture", "At the goal: not known, the tool has no shape"),
+        ("planar_capture", "Of the tool at the goal, after 12 s\nnearest"),
+    ],
+)
+def test_a_check_prints_the_distances(
+    name: str, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = tmp_path / "page.html"
-    assert main(["scene", str(SCENARIOS / f"{name}.yaml"), "--output", str(page)]) == 0
+    assert main(["check", str(SCENARIOS / f"{name}.yaml")]) == 0
     printed = capsys.readouterr().out
-    text = page.read_text(encoding="utf-8")
-    assert "plotly" in text
-    assert "http-equiv" not in text
     assert "At the start\nnearest" in printed
-    told = {
-        "panel_capture": "link_7/ring_0         -0.0250  may touch near the goal",
-        "lemur_capture": "At the goal: not known, the tool has no shape",
-        "planar_capture": "Of the tool at the goal, after 12 s\nnearest",
-    }
-    assert told[name] in printed
-    assert str(page) in printed
+    assert told in printed
 
 
-def test_the_command_tells_of_meshes_whose_hulls_are_larger(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_a_check_tells_of_meshes_whose_hulls_are_larger(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    problem = load_scenario(SCENARIOS / "panel_capture.yaml")
+    task = load_task(SCENARIOS / "panel_capture.yaml", Defaults(load_parameters().planner))
     solid = replace(SOLIDS["mesh"], hull_added=0.5)
     dish = ObstacleBody("dish", solid, np.full(3, 9.0))
-    changed = replace(problem, obstacles=(*problem.obstacles, dish))
-    name = "ff_planner_ros.planning.scenario.scenario.load_scenario"
-    monkeypatch.setattr(name, lambda _: changed)
-    assert main(["scene", "panel_capture.yaml", "--output", str(tmp_path / "page.html")]) == 0
+    problem = replace(task.problem, obstacles=(*task.problem.obstacles, dish))
+    name = "ff_planner_ros.planning.scenario.scenario.load_task"
+    monkeypatch.setattr(name, lambda *_: replace(task, problem=problem))
+    assert main(["check", str(SCENARIOS / "panel_capture.yaml")]) == 0
     assert "which have more volume: dish by 50 %" in capsys.readouterr().err
