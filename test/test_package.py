@@ -75,7 +75,6 @@ WITH_ROS = (
     "runs",
     "report.from_bag",
     "report.received_scenes",
-    "report.from_changes",
     "demo",
     "console.answers",
     "console.from_bag",

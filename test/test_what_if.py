@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from read_page import Page
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -122,67 +120,3 @@ def test_every_setting_of_the_planner_may_be_changed() -> None:
     settings, robust = vars(SETTINGS).keys() - {"robust"}, vars(SETTINGS.robust)
     names = {*settings, *(f"robust.{name}" for name in robust)}
     assert {f"planner.{name}" for name in names} <= set(allowed_keys())
-
-
-def test_the_report_lays_the_changed_plan_over_the_recorded_one(
-    bag: Path, lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
-) -> None:
-    file = tmp_path / "changed.html"
-    changes = ["--set", "duration=15", "--set", "points=30"]
-    assert main(["replay", str(bag), *changes, "--report", str(file)]) == 0
-    page = Page(file.read_text(encoding="utf-8"))
-    changed = perform(PlanningTask(replace(lemur_capture, duration=15.0, points=30), SETTINGS))
-    assert [page.row(f"bag, {name}")[3:7] for name in ("recorded", "changed")] == [
-        ["0 SOLVED", "1, 0, 0, 0", "10", "50"],
-        ["0 SOLVED", "1, 0, 0, 0", "15", "30"],
-    ]
-    for method, plan in (("recorded", lemur_plan), ("changed", changed)):
-        joints = page.curves("plan-0-joints", method)
-        np.testing.assert_allclose(joints[0][0], plan.trajectory.time, atol=1e-9)
-        for k, field in enumerate(("joint_positions", "joint_velocities")):
-            values = np.rad2deg(getattr(plan.trajectory, field).T)
-            np.testing.assert_allclose([y for _, y in joints[k::3]], values, atol=1e-9)
-        torques = [y for _, y in joints[2::3]]
-        np.testing.assert_allclose(torques, plan.trajectory.joint_torques.T, atol=1e-12)
-        assert f"At its worst, as {method}" in page.words
-        assert f"{1e3 * plan.metrics.min_clearance:.1f} mm" in page.words
-    assert page.row("changed") == ["changed", "duration=15.0, points=30"]
-
-
-def test_a_changed_request_without_a_plan_is_reported_beside_the_recorded_plan(
-    bag: Path, tmp_path: Path
-) -> None:
-    file = tmp_path / "changed.html"
-    changes = ["duration=1.5", "planner.starts=1", "limits.velocity=from_urdf"]
-    options = [word for change in changes for word in ("--set", change)]
-    assert main(["replay", str(bag), *options, "--report", str(file)]) == 0
-    page = Page(file.read_text(encoding="utf-8"))
-    assert page.row("bag, changed")[3] == "301 COLLISION"
-    assert page.curves("plan-0-joints", "changed") == []
-    assert len(page.curves("plan-0-joints", "recorded")) == 21
-    assert "At its worst, as changed" not in page.words
-
-
-def test_a_refused_request_that_a_change_makes_possible_is_reported(
-    lemur_capture: PlanningProblem, tmp_path: Path
-) -> None:
-    task = PlanningTask(lemur_capture, SETTINGS)
-    record_answer(tmp_path / "bag", task, NoPlanFound(Status.COLLISION, "in the way"), 0.5)
-    file = tmp_path / "changed.html"
-    options = ["--set", "planner.starts=7", "--report", str(file)]
-    assert main(["replay", str(tmp_path / "bag"), *options]) == 0
-    page = Page(file.read_text(encoding="utf-8"))
-    assert page.row("bag, recorded")[3] == "301 COLLISION"
-    assert page.row("bag, changed")[3] == "0 SOLVED"
-    assert page.curves("plan-0-joints", "recorded") == []
-    assert len(page.curves("plan-0-joints", "changed")) == 21
-    assert "in the way" in page.words
-
-
-def test_a_report_goes_with_changes_only(
-    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "report.html"
-    assert main(["replay", str(bag), "--report", str(file)]) == 2
-    assert "it goes with --set" in capsys.readouterr().err
-    assert not file.exists()

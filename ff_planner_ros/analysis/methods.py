@@ -51,7 +51,3 @@ SPLINES = (SHORTEST_SPLINE, STEADIEST_SPLINE)
 PLANNED = Method("planned", "#0072b2", "solid")
 MEASURED = Method("measured", "#d55e00", "dashed")
 DEVIATION = Method("deviation", "#d55e00", "solid")
-
-# The recorded plan, and the plan of the same request with changes.
-RECORDED = Method("recorded", "#0072b2", "solid")
-CHANGED = Method("changed", "#d55e00", "dashed")

@@ -43,8 +43,6 @@ def add_replay(add: Add) -> None:
         "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...; an unknown "
         "key gets the list)",
     )
-    report_help = "with --set: write a page that lays the changed plans over the recorded ones"
-    add_output(replay, "--report", "FILE", report_help, require_file)
 
 
 def replay_bag(options: Namespace) -> int:
@@ -52,16 +50,8 @@ def replay_bag(options: Namespace) -> int:
     if options.changes:
         from ff_planner_ros.runs.what_if import print_what_if
 
-        found = print_what_if(options.bag, options.changes)
-        if options.report is not None:
-            from ff_planner_ros.report.from_changes import report_of_changes
-            from ff_planner_ros.report.run_page import save_page
-
-            save_page(report_of_changes(found), options.report)
-            print(f"{options.report}  {options.report.stat().st_size / 1e6:.1f} MB")
+        print_what_if(options.bag, options.changes)
         return SOLVED
-    allowed = "it goes with --set: `ff-planner report` shows a bag as it is"
-    refuse_given(options, {"report": None}, allowed)
     from ff_planner_ros.runs.replay import print_replay
 
     return print_replay(options.bag)

@@ -12,7 +12,6 @@ from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.analysis.drawing.tracking import deviations, measured_motion
-from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.publications import publications
 from ff_planner_ros.bag.reader import Bag, open_bag
@@ -248,7 +247,7 @@ def _phases(
     for message, (motion, holding, scene) in zip(answer.plans, of_phases, strict=True):
         known = None if obstacles is None else tuple(scene.obstacles)
         wheels = wheels_in(message)
-        drawn.append(reported_plan(holding, {PLANNED: motion}, known, scene, wheels))
+        drawn.append(reported_plan(holding, motion, known, scene, wheels))
     return drawn
 
 

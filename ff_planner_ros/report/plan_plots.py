@@ -24,7 +24,7 @@ from ff_planner_ros.analysis.drawing.plots import (
 from ff_planner_ros.analysis.drawing.scene import scene_figure
 from ff_planner_ros.analysis.drawing.surroundings import drawn_constraints
 from ff_planner_ros.analysis.drawing.tracking import Deviations, deviation_panels, in_shown_units
-from ff_planner_ros.analysis.methods import MEASURED
+from ff_planner_ros.analysis.methods import MEASURED, PLANNED
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.report.run_report import ReportedPlan
 from ff_planner_ros.report.statistics_plots import evenly_spaced
@@ -33,7 +33,7 @@ from ff_planner_ros.report.statistics_plots import evenly_spaced
 def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     """Yield name, caption and figure of each plot of a plan."""
     robot, obstacles = plan.robot, plan.obstacles or ()
-    motions = dict(plan.motions)
+    motions = {PLANNED: plan.motion}
     if plan.measured is not None and plan.deviations is not None:
         motions[MEASURED] = _rows_of(plan.measured, shown_rows(plan.deviations))
     allowed = plan.scene.allowed_collisions

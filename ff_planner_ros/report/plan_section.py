@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
 from ff_planner_ros.analysis.drawing.tracking import Deviations, in_shown_units
-from ff_planner_ros.analysis.methods import RECORDED, Method
-from ff_planner_ros.planning.motion.metrics import METRICS, Metrics
+from ff_planner_ros.analysis.methods import PLANNED
+from ff_planner_ros.planning.motion.metrics import METRICS
 from ff_planner_ros.report.html import bullets, element, pairs, plot, row, table
 from ff_planner_ros.report.plan_plots import plan_plots
 from ff_planner_ros.report.plan_words import joint_table, obstacle_table, task_words, worst
@@ -22,7 +22,6 @@ def plan_part(name: str, request: ReportedRequest, plan: ReportedPlan, opened: b
         opened: Whether the part is expanded at first.
     """
     attributes = {"id": f"plan-{name}"} | ({"open": "open"} if opened else {})
-    answers = _answers(request, plan)
     picture, *plots = (
         plot(f"plan-{name}-{what}", figure, caption) for what, caption, figure in plan_plots(plan)
     )
@@ -30,51 +29,36 @@ def plan_part(name: str, request: ReportedRequest, plan: ReportedPlan, opened: b
         "details",
         element("summary", request.plan_id or "(no id)"),
         *([bullets(plan.remarks, "remarks")] if plan.remarks else []),
-        _clock(max(float(motion.time[-1]) for motion in plan.motions.values())),
-        element("div", picture, element("div", *_at_worst(plan, answers)), {"class": "picture"}),
+        _clock(float(plan.motion.time[-1])),
+        element("div", picture, element("div", *_at_worst(request, plan)), {"class": "picture"}),
         *plots,
         element("div", element("h3", "Asked"), pairs(task_words(plan))),
-        element("div", *_in_numbers(plan, answers), {"class": "beside"}),
-        *_joints_and_obstacles(plan, answers),
+        element("div", *_in_numbers(request, plan), {"class": "beside"}),
+        *_joints_and_obstacles(request, plan),
         attributes,
     )
 
 
-def _answers(request: ReportedRequest, plan: ReportedPlan) -> dict[Method, ReportedRequest]:
-    """Return the answers that a plan's motions come from."""
-    before = request.before or request
-    return {method: before if method is RECORDED else request for method in plan.motions}
-
-
-def _at_worst(plan: ReportedPlan, answers: dict[Method, ReportedRequest]) -> Iterator[Element]:
-    for method, motion in plan.all_motions.items():
+def _at_worst(request: ReportedRequest, plan: ReportedPlan) -> Iterator[Element]:
+    for method, motion in plan.motions.items():
         heading = element("h3", f"At its worst, as {method.label}")
-        metrics = _metrics_of(method, answers)
+        metrics = request.metrics if method is PLANNED else None
         yield element("div", heading, pairs(worst(plan, motion, metrics)))
 
 
-def _in_numbers(plan: ReportedPlan, answers: dict[Method, ReportedRequest]) -> Iterator[Element]:
-    for method, answer in answers.items():
-        heading = element("h3", f"Metrics, as {method.label}")
-        yield element("div", heading, pairs(_metrics(answer)))
+def _in_numbers(request: ReportedRequest, plan: ReportedPlan) -> Iterator[Element]:
+    yield element("div", element("h3", "Metrics, as planned"), pairs(_metrics(request)))
     if plan.deviations is not None:
         heading = element("h3", "Measured against planned, at worst")
         yield element("div", heading, _deviations(plan.deviations))
 
 
-def _joints_and_obstacles(
-    plan: ReportedPlan, answers: dict[Method, ReportedRequest]
-) -> Iterator[Element]:
-    for method, motion in plan.motions.items():
-        yield element("h3", f"Joints, as {method.label}")
-        yield joint_table(plan.robot, motion, _metrics_of(method, answers))
-        if plan.obstacles:
-            yield element("h3", f"Obstacles, as {method.label}")
-            yield obstacle_table(plan.robot, plan.obstacles, motion, plan.scene)
-
-
-def _metrics_of(method: Method, answers: dict[Method, ReportedRequest]) -> Metrics | None:
-    return answers[method].metrics if method in answers else None
+def _joints_and_obstacles(request: ReportedRequest, plan: ReportedPlan) -> Iterator[Element]:
+    yield element("h3", "Joints, as planned")
+    yield joint_table(plan.robot, plan.motion, request.metrics)
+    if plan.obstacles:
+        yield element("h3", "Obstacles, as planned")
+        yield obstacle_table(plan.robot, plan.obstacles, plan.motion, plan.scene)
 
 
 def _metrics(request: ReportedRequest) -> Iterator[tuple[str, str]]:

@@ -147,8 +147,7 @@ def _all_requests(report: Report) -> Iterator[Element]:
 
 def _requests(requests: Sequence[ReportedRequest]) -> Element:
     rows: list[Element] = []
-    both = [(k, one) for k, now in enumerate(requests) for one in (now.before, now) if one]
-    for number, request in both:
+    for number, request in enumerate(requests):
         rows.append(row(_cells(number, request)))
         if request.code != Status.SOLVED:
             reason = element("td", request.message, colspan=str(len(_COLUMNS)))

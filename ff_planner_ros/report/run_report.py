@@ -32,7 +32,7 @@ class ReportedPlan:
     """A plan with the data of its plots and tables."""
 
     robot: Robot
-    motions: Mapping[Method, Trajectory]  # as planned; or as recorded, as changed, or both
+    motion: Trajectory  # as planned
     obstacles: tuple[Obstacle, ...] | None  # None: not known
     scene: Scene  # as far as it is known
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
@@ -49,15 +49,10 @@ class ReportedPlan:
         return self.scene.goal or end
 
     @property
-    def motion(self) -> Trajectory:
-        """The planned motion; of two, the recorded one."""
-        return next(iter(self.motions.values()))
-
-    @property
-    def all_motions(self) -> dict[Method, Trajectory]:
-        """Planned and measured motions."""
+    def motions(self) -> dict[Method, Trajectory]:
+        """Planned and measured motion."""
         measured = {} if self.measured is None else {MEASURED: self.measured}
-        return {**self.motions, **measured}
+        return {PLANNED: self.motion, **measured}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +81,6 @@ class ReportedRequest:
     asked: go.Figure | None = None
     # Plans of a sequence's later phases; `plan` is that of the first
     then: tuple[ReportedPlan, ...] = ()
-    # In a what-if, the request as it was recorded
-    before: ReportedRequest | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +124,7 @@ def report_of_answer(file: Path) -> Report:
     first, *others = found
     plan = replace(first.plan, then=tuple(one.plan for one in others))
     drawn = [
-        reported_plan(
-            one.robot, {PLANNED: one.plan.trajectory}, one.obstacles, one.scene, one.plan.wheels
-        )
+        reported_plan(one.robot, one.plan.trajectory, one.obstacles, one.scene, one.plan.wheels)
         for one in found
     ]
     took = sum(one.solve_time for one in found)
@@ -167,7 +158,7 @@ def solved(
 
 def reported_plan(
     robot: Robot,
-    motions: Mapping[Method, Trajectory],
+    motion: Trajectory,
     obstacles: tuple[Obstacle, ...] | None,
     scene: Scene,
     wheels: WheelMotion | None = None,
@@ -175,7 +166,7 @@ def reported_plan(
     """Return a plan without measured motion; obstacles are None where they are not known."""
     remarks = () if obstacles is not None else ("Which obstacles it avoids is not known.",)
     stored = None if wheels is None else wheels.momenta[0]
-    return ReportedPlan(robot, motions, obstacles, scene, remarks=remarks, stored=stored)
+    return ReportedPlan(robot, motion, obstacles, scene, remarks=remarks, stored=stored)
 
 
 def robot_facts(robot: Robot) -> list[tuple[str, str]]:

@@ -18,7 +18,6 @@ from ff_planner_ros.errors import BagError
 from ff_planner_ros.parameters import DECLARATIONS
 from ff_planner_ros.parameters.values import checked, replaced
 from ff_planner_ros.planning.scenario.library_file import load_library
-from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.request_values import (
     REQUEST_KEYS,
     request_value,
@@ -94,27 +93,7 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
     return replace(recorded, request=request, inputs=inputs)
 
 
-@dataclass(frozen=True, eq=False)
-class ChangedAnswer:
-    """A request that was planned with changes."""
-
-    recorded: RecordedRequest
-    changed: RecordedRequest
-    answer: PlanAnswer  # to the changed request
-
-
-@dataclass(frozen=True, eq=False)
-class WhatIf:
-    """The planner's answers to the requests of a bag with changes."""
-
-    bag: Path
-    robot: Robot
-    changes: str  # in words
-    answers: tuple[ChangedAnswer, ...]
-    notes: tuple[str, ...]  # on the bag, and on requests that are left out
-
-
-def print_what_if(bag: Path, settings: Sequence[str]) -> WhatIf:
+def print_what_if(bag: Path, settings: Sequence[str]) -> None:
     """Plan the requests of a bag with changes, each a `key=value`, and print both answers.
 
     Raises:
@@ -124,7 +103,7 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> WhatIf:
     changes = [parsed(setting) for setting in settings]
     with open_bag(bag) as opened:
         run = recorded_run(opened)
-    rows, left_out, answers = [], list[str](), list[ChangedAnswer]()
+    rows, left_out = [], list[str]()
     for recorded in one_by_one(run.requests):
         try:
             changed = changed_request(recorded, changes)
@@ -133,7 +112,6 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> WhatIf:
             continue
         answer, _ = answer_again(changed)
         rows.append((recorded.name, *_compared(recorded.response, answer)))
-        answers.append(ChangedAnswer(recorded, changed, answer))
     words = ", ".join(f"{change.key}={change.value}" for change in changes)
     header = (
         *("request", "status", "joint path [rad]", "Euler angle [deg]", "rotation [deg]"),
@@ -142,7 +120,6 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> WhatIf:
     print_table(f"{bag} as recorded > with {words}", header, rows)
     for note in [*left_out, *run.notes]:
         print(f"note: {note}")
-    return WhatIf(bag, run.robot, words, tuple(answers), (*run.notes, *left_out))
 
 
 def _compared(before: PlanAnswer | None, now: PlanAnswer) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ from dataclasses import astuple, replace
 from pathlib import Path
 
 from ff_planner_ros.analysis.drawing.before_plan import figure_before_plan
-from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.analysis.scene_distances import gaps_at_goal, gaps_at_start
 from ff_planner_ros.campaign.again import (
     case_directory,
@@ -147,10 +146,5 @@ def _answered(
 
 def _drawn(task: PlanningTask, found: Plan) -> ReportedPlan:
     problem = lasting(task.problem, found.duration)
-    return reported_plan(
-        problem.robot,
-        {PLANNED: found.trajectory},
-        problem.obstacles,
-        scene_of(problem),
-        found.wheels,
-    )
+    scene = scene_of(problem)
+    return reported_plan(problem.robot, found.trajectory, problem.obstacles, scene, found.wheels)
