@@ -23,7 +23,7 @@ NOT_TYPED = {
     r"(\.venv/bin/)?pip ": "`make without-ros` installs like this",
     r"ros2 |export ROS_SECURITY": "no wheel has ROS's command line and its security",
     "dask |.*HOST": "a cluster is needed",
-    r".*(planner_node|ff_planner_ros\.ros\.node)|.*examples/(simulated|mission|follower)": (
+    r"\.venv/bin/planner_node|.*examples/(simulated|mission|follower)": (
         "they run until they are stopped: test_examples.py, test_launch.py and test_demo.py"
     ),
     ".*ff-planner demo": "test_demo.py, test_whole_flight.py",
@@ -125,23 +125,24 @@ def have_what_the_page_takes_for_granted(page: Path, directory: Path) -> None:
 
 
 def files_of(page: Path) -> Iterator[tuple[str, str]]:
-    """Yield the files that the reader of a tutorial writes: blocks that begin with their name."""
-    if page.parent.name == "tutorials":
-        block = r"^```\w+\n((?:# |<!-- )([\w.]+\.\w+)(?: -->)?\n.*?)^```$"
-        for content, name in re.findall(block, text_of(page), re.DOTALL | re.MULTILINE):
-            yield name, content
+    """Yield the files that the reader of a page writes: blocks that begin with their name."""
+    block = r"^```\w+\n((?:# |<!-- )([\w.]+\.\w+)(?: -->)?\n.*?)^```$"
+    for content, name in re.findall(block, text_of(page), re.DOTALL | re.MULTILINE):
+        yield name, content
 
 
 def pictures_made(page: Path, directory: Path) -> None:
     """Look for the pictures of a tutorial, `DIR_NAME.png`, where its commands draw `DIR/NAME.png`.
 
-    With PICTURES=1 they are put into docs/pictures.
+    With PICTURES=1 they are put into docs/pictures. Of a page, `DIR/NAME.html`, a browser takes
+    them.
     """
     if page.parent.name == "tutorials":
         for name in re.findall(r"\]\(\.\./pictures/(\w+\.png)\)", text_of(page)):
             drawn = {f"{one.parent.name}_{one.name}": one for one in directory.glob("*/*.png")}
-            assert name in drawn, f"no command draws {name}: {sorted(drawn)}"
-            if os.environ.get("PICTURES"):
+            pages = {f"{one.parent.name}_{one.stem}.png" for one in directory.glob("*/*.html")}
+            assert name in drawn.keys() | pages, f"no command draws {name}: {sorted(drawn)}"
+            if os.environ.get("PICTURES") and name in drawn:
                 shutil.copy(drawn[name], SOURCE_TREE / "docs" / "pictures" / name)
 
 

@@ -24,6 +24,12 @@ ROS = {"rclpy", "rpyutils", "launch", "launch_ros"} | {
     for package in (prefix / "share/ament_index/resource_index/packages").glob("*")
 } - {"ff_planner_ros"}
 
+# Without arguments, that of the node.
+COMMAND = """
+from ff_planner_ros.cli import main, planner_node
+sys.exit(main(sys.argv[1:]) if sys.argv[1:] else planner_node())
+"""
+
 
 def python(
     code: str, *arguments: str, cwd: Path, hidden: Collection[str] = ROS
@@ -37,8 +43,7 @@ def python(
 def ff_planner(
     *arguments: str, cwd: Path, hidden: Collection[str] = ROS
 ) -> subprocess.CompletedProcess[str]:
-    code = "from ff_planner_ros.cli import main; sys.exit(main(sys.argv[1:]))"
-    return python(code, *arguments, cwd=cwd, hidden=hidden)
+    return python(COMMAND, *arguments, cwd=cwd, hidden=hidden)
 
 
 @pytest.fixture(scope="module")
@@ -82,13 +87,14 @@ def test_a_command_runs(answer: Path, arguments: tuple[str, ...], printed: str) 
     assert printed in done.stdout
 
 
-@pytest.mark.parametrize("command", ["node", "demo"])
+@pytest.mark.parametrize("arguments", [(), ("demo",)])
 def test_a_command_that_needs_ros_says_in_one_line_what_to_install(
-    tmp_path: Path, command: str
+    tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
-    done = ff_planner(command, cwd=tmp_path)
+    done = ff_planner(*arguments, cwd=tmp_path)
     assert done.returncode == 2
-    assert re.fullmatch(r"ff-planner: this command needs ROS 2, .*pip install .*\n", done.stderr)
+    program = "ff-planner" if arguments else "planner_node"
+    assert re.fullmatch(f"{program}: this command needs ROS 2, .*pip install .*\n", done.stderr)
 
 
 # As rclpy raises where its libraries are not on the path, as of a ROS that is not sourced.
@@ -101,7 +107,7 @@ raise ImportError(
 """
 
 
-@pytest.mark.parametrize("arguments", [("node",), ("demo",), ("replay", GOLDEN_BAG)])
+@pytest.mark.parametrize("arguments", [(), ("demo",), ("replay", GOLDEN_BAG)])
 @pytest.mark.parametrize("fault", ["absent", "broken"])
 def test_a_ros_that_is_broken_is_told_as_one_that_is_absent(
     tmp_path: Path, arguments: tuple[str, ...], fault: str
@@ -111,15 +117,14 @@ def test_a_ros_that_is_broken_is_told_as_one_that_is_absent(
     (broken.parent / "__init__.py").write_text("from rclpy.impl import implementation_singleton")
     (broken / "__init__.py").write_text("")
     (broken / "implementation_singleton.py").write_text(BROKEN)
-    code = "from ff_planner_ros.cli import main; sys.exit(main(sys.argv[1:]))"
     first = f"sys.path.insert(0, {str(tmp_path)!r})\n" if fault == "broken" else ""
     hidden = ROS - {"rclpy"} if fault == "broken" else ROS
-    if arguments[0] == "replay":
+    if "replay" in arguments:
         hidden = hidden & {"rclpy"}
-    done = python(first + code, *arguments, cwd=tmp_path, hidden=hidden)
+    done = python(first + COMMAND, *arguments, cwd=tmp_path, hidden=hidden)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert line.startswith("ff-planner: this command needs ROS 2, and ")
+    assert ": this command needs ROS 2, and " in line
     assert "source a ROS workspace" in line
     assert "rclpy cannot be loaded: librcl_action.so" in line or fault == "absent"
 

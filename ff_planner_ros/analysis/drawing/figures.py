@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from ff_planner_ros.analysis.drawing.capture_view import capture_figure
 from ff_planner_ros.analysis.drawing.from_above import view_from_above
-from ff_planner_ros.analysis.drawing.lit_scene import lit_scene
 from ff_planner_ros.analysis.drawing.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
@@ -45,13 +44,13 @@ _DOTS_PER_INCH = 150
 def plot_plan(problem: PlanningProblem, plan: Plan, directory: AnyPath) -> list[Path]:
     """Draw a plan: figures over time, each as PNG and PDF, and its scene.
 
-    The scene is an interactive page; a robot with bodies also gets a still picture of it.
+    The scene is an interactive page.
 
     Args:
         directory: Created if it is missing; files of the same name in it are replaced.
 
     Returns:
-        The PNG files, `scene.png` among them, and `scene.html`.
+        The PNG files, and `scene.html`.
 
     Raises:
         InvalidInput: An argument is of another kind, or `directory` is a file.
@@ -66,10 +65,6 @@ def plot_plan(problem: PlanningProblem, plan: Plan, directory: AnyPath) -> list[
     motions, scene = {PLANNED: plan.trajectory}, place / "scene.html"
     pictures = save_figures(problem, motions, place)
     save_scene(problem, motions, motions, scene)
-    if problem.robot.bodies:
-        pictures.append(place / "scene.png")
-        seen = lit_scene(problem, plan.trajectory)
-        seen.savefig(pictures[-1], dpi=_DOTS_PER_INCH, bbox_inches="tight")
     return [*pictures, scene]
 
 
