@@ -1,12 +1,9 @@
-"""Reading a file of the table of plans from untrusted sources: bounded, and whole or refused."""
+"""Reading a file of the table of plans: bounded, and whole or refused."""
 
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -54,11 +51,8 @@ _ALWAYS_THERE = (
     *("id", "number", "source", "method", "planned_by", "settings", "changes"),
     *("status", "solved"),
 )
-# A file of ours has 1,000 rows of 1 kB or so. Whatever is larger, or becomes so, would take all
-# memory, which a file of 1 MB can be made to do.
+# A file of ours has 1,000 rows of 1 kB or so.
 _MOST_BYTES, _MOST_ROWS, _MOST_COLUMNS = 32_000_000, 20_000, 1000
-_MOST_VALUES = 4_000_000  # of a list of numbers, in all rows
-_LIMITS = {"thrift_string_size_limit": 1_000_000, "thrift_container_size_limit": 100_000}
 
 
 def metric_columns() -> dict[str, pyarrow.DataType]:
@@ -73,31 +67,13 @@ def metric_columns() -> dict[str, pyarrow.DataType]:
     return metrics
 
 
-def require_no_crash(paths: Sequence[Path]) -> None:
-    """Refuse a file of the table whose columns Arrow cannot describe without a crash.
-
-    Statistics of a column that contradict each other end the whole process: one of its own looks at
-    all files first. What can be refused in words is left to who reads the file.
-
-    Raises:
-        InvalidInput: It is damaged.
-    """
-    if not paths:
-        return
-    command = [sys.executable, "-P", "-m", __name__]
-    names = "\0".join(map(str, paths))  # more than a command line may hold
-    done = subprocess.run(command, input=names, capture_output=True, text=True, check=False)
-    if done.returncode < 0:
-        raise _damaged(paths[len(done.stdout)], ValueError("it crashes what reads it"))
-
-
 def part_schema(path: Path) -> pyarrow.Schema:
     """Return the columns of a file of the table.
 
     Raises:
         InvalidInput: It is damaged, too large, or no file of a campaign.
     """
-    return _opened(path, _content(path)).schema_arrow
+    return _opened(path).schema_arrow
 
 
 def read_part(path: Path, columns: Sequence[str] | None = None) -> pyarrow.Table:
@@ -106,20 +82,9 @@ def read_part(path: Path, columns: Sequence[str] | None = None) -> pyarrow.Table
     Raises:
         InvalidInput: It is damaged, too large, or no file of a campaign.
     """
-    data = _content(path)
-    schema = _opened(path, data).schema_arrow
-    texts = [item.name for item in schema if item.type == TEXT]
+    file = _opened(path)
     try:
-        # As a dictionary a text that is in every row takes no more memory than in the file.
-        file = pyarrow.parquet.ParquetFile(
-            pyarrow.BufferReader(data),
-            read_dictionary=texts,
-            page_checksum_verification=True,
-            **_LIMITS,
-        )
         table = file.read(list(columns) if columns else None)
-        table.validate(full=True)
-        table = _without_dictionaries(table)
         table.validate(full=True)
         _require_values(table)
     except Exception as error:  # whatever Arrow trips over in a damaged file
@@ -127,14 +92,11 @@ def read_part(path: Path, columns: Sequence[str] | None = None) -> pyarrow.Table
     return table
 
 
-def _content(path: Path) -> bytes:
-    return read_bytes(path, _MOST_BYTES)
-
-
-def _opened(path: Path, data: bytes) -> pyarrow.parquet.ParquetFile:
+def _opened(path: Path) -> pyarrow.parquet.ParquetFile:
     """Return an open file, which has the columns of a campaign and is not too large."""
+    source = pyarrow.BufferReader(read_bytes(path, _MOST_BYTES))
     try:
-        file = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(data), **_LIMITS)
+        file = pyarrow.parquet.ParquetFile(source, page_checksum_verification=True)
         _require_moderate(file.metadata)
         _require_columns(file.schema_arrow)
     except Exception as error:  # whatever Arrow trips over in a damaged file
@@ -146,15 +108,9 @@ def _require_moderate(told: pyarrow.parquet.FileMetaData) -> None:
     """Refuse a file that would become too large in memory."""
     if told.num_rows > _MOST_ROWS or told.num_columns > _MOST_COLUMNS:
         raise ValueError(f"it has {told.num_rows} rows and {told.num_columns} columns")
-    chunks = [
-        told.row_group(group).column(column)
-        for group in range(told.num_row_groups)
-        for column in range(told.num_columns)
-    ]
-    if sum(chunk.total_uncompressed_size for chunk in chunks) > _MOST_BYTES:
+    groups = map(told.row_group, range(told.num_row_groups))
+    if sum(group.total_byte_size for group in groups) > _MOST_BYTES:
         raise ValueError(f"it becomes more than {_MOST_BYTES / 1e6:g} MB")
-    if sum(max(0, chunk.num_values - told.num_rows) for chunk in chunks) > _MOST_VALUES:
-        raise ValueError(f"its lists hold more than {_MOST_VALUES} numbers")
 
 
 def _require_columns(schema: pyarrow.Schema) -> None:
@@ -171,25 +127,6 @@ def _require_columns(schema: pyarrow.Schema) -> None:
             *(WHOLE, pyarrow.bool_()),
         ):
             raise ValueError(f"its column {item.name} is of type {item.type}")
-
-
-def _without_dictionaries(table: pyarrow.Table) -> pyarrow.Table:
-    """Return a table with its texts in plain columns; refuse if they are too large."""
-    size = 0
-    for column in filter(_is_dictionary, table.columns):
-        for chunk in column.chunks:
-            lengths = pyarrow.compute.binary_length(chunk.dictionary).take(chunk.indices)
-            size += pyarrow.compute.sum(lengths).as_py() or 0
-    if size > _MOST_BYTES:
-        raise ValueError(f"its texts have more than {_MOST_BYTES / 1e6:g} MB")
-    for place, name in enumerate(table.column_names):
-        if _is_dictionary(table.column(place)):
-            table = table.set_column(place, name, table.column(place).cast(TEXT))
-    return table
-
-
-def _is_dictionary(column: pyarrow.ChunkedArray) -> bool:
-    return bool(pyarrow.types.is_dictionary(column.type))
 
 
 def _require_values(table: pyarrow.Table) -> None:
@@ -223,10 +160,3 @@ def _damaged(path: Path, error: Exception) -> InvalidInput:
     reason = printable(words, LONGEST_VALUE)
     allowed = f"it is damaged ({reason}): without it, its cases are planned again"
     return InvalidInput(Status.OUT_OF_RANGE, "file", path, allowed)
-
-
-if __name__ == "__main__":  # in a process of its own: a mark for each file that did not end it
-    for argument in sys.stdin.read().split("\0"):
-        with suppress(InvalidInput):
-            _opened(Path(argument), _content(Path(argument)))
-        print(end=".", flush=True)

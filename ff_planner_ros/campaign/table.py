@@ -29,7 +29,6 @@ from ff_planner_ros.campaign.part_file import (
     metric_columns,
     part_schema,
     read_part,
-    require_no_crash,
 )
 from ff_planner_ros.campaign.work import Outcome
 from ff_planner_ros.common.shown import printable
@@ -80,7 +79,6 @@ class Writer:
             for unfinished in below(directory, name).glob(f"*{_UNFINISHED}"):
                 unfinished.unlink()
         parts = part_files(directory)
-        require_no_crash(parts)
         _require_same_kinds([*map(part_schema, parts), schema], directory)
         # Trajectories are written before the rows that make their cases count as done.
         of_plans = {path.name for path in parts}
@@ -224,7 +222,6 @@ def read_plans(directory: Path) -> pyarrow.Table:
     if not parts:
         allowed = "there is no campaign, or it has planned nothing yet"
         raise InvalidInput(Status.OUT_OF_RANGE, "directory", directory, allowed)
-    require_no_crash(parts)
     tables, size = [], 0
     for path in parts:
         tables.append(read_part(path))
