@@ -151,7 +151,10 @@ def test_a_joint_that_is_measured_elsewhere_than_the_model_fixes_it_is_told_as_t
     console: Console, world: World
 ) -> None:
     elsewhere = "chaser_state.joint_positions[end_effector_mount] is 0.4 rad"
+    back_ns = world.client.now_ns()  # from where the test before had the chaser
+    wait_for(lambda: stamp_of_state(console) > back_ns + NANOSECONDS, "ten more states")
     entry = console.plan()
+    assert entry.status == WAITS, entry.words
     made = console.live._plans.waiting(entry)
     assert made is not None
     world.mount = 0.4

@@ -251,7 +251,7 @@ def test_a_damaged_table_is_refused_in_words_or_read(
     writer.flush()
     (path,) = part_files(tmp_path)
     whole, chance = path.read_bytes(), random.Random(SEED)
-    for number in range(times(20, 200)):
+    for number in range(times(20, 500)):
         path.write_bytes(bytes_mutated(whole, chance))
         code, said = main(["campaign", "report", str(tmp_path)]), capsys.readouterr().err
         assert code in (0, 2), f"mutant {number}: {said}"

@@ -19,7 +19,7 @@ from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 # From min(L) to min(Theta). A radian of attitude is worth about ten of joint path where the two
 # pull at a plan alike.
-WEIGHTS = (
+_WEIGHTS = (
     *(Objective(1.0, attitude) for attitude in (0.0, 2.0, 5.0, 10.0, 20.0, 50.0)),
     Objective(0.0, 1.0),
 )
@@ -48,7 +48,7 @@ class Point:
 
 
 def pareto_front(task: PlanningTask, watch: Watch, clock: Callable[[], float]) -> list[Point]:
-    """Return the Pareto-optimal plans of a task over `WEIGHTS`, the shortest joint path first.
+    """Return the Pareto-optimal plans of a task over `_WEIGHTS`, the shortest joint path first.
 
     Each plan is the one that its weights give by themselves. Weights without a plan are left out.
 
@@ -61,7 +61,7 @@ def pareto_front(task: PlanningTask, watch: Watch, clock: Callable[[], float]) -
         NoPlanFound: The time is over, or no weights give a plan.
     """
     points, refused = [], []
-    for weights in WEIGHTS:
+    for weights in _WEIGHTS:
         asked = replace(task, problem=replace(task.problem, objective=weights))
         begun = clock()
         try:

@@ -13,7 +13,7 @@ LINE = (40, 40, 40)
 CURVES = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK)
 
 # Of words, each on the white of the panels and on the rows that are chosen.
-PAPER, CHOSEN_ROW = "#ffffff", "#e6eef5"
+CHOSEN_ROW = "#e6eef5"
 TEXT, GOOD, BAD = "#212529", "#00543d", "#963f00"
 PALE, BUTTON, HOVER = "#495057", "#0064a0", "#00507f"
 STYLE = (

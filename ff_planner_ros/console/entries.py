@@ -15,6 +15,7 @@ from ff_planner_ros.console.stages import Stage, stages_of
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.optimisation.objectives import weighted_sum
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.planning.task.whole import whole
 
@@ -69,18 +70,12 @@ class Entry:
 
     @property
     def objective(self) -> str:
-        """Value of the objective, with the weights of the task, as text."""
+        """Value of the plan's objective, with the weights of the task, as text."""
         metrics = self.metrics
-        if self.task is None or metrics is None:
+        if self.task is None or self.plan is None or metrics is None:
             return "-"
-        weights = self.task.problem.objective
-        value = weights.joint_path_length * metrics.joint_path_length
-        value += weights.chaser_attitude * metrics.max_chaser_euler
-        if self.plan is not None and self.plan.duration is not None:
-            value += weights.duration * self.plan.duration
-        if metrics.peak_wheel_momenta:
-            value += weights.wheel_momentum * max(metrics.peak_wheel_momenta)
-        return f"{value:.4f}"
+        weights, seconds = self.task.problem.objective, self.plan.duration or 0.0
+        return f"{weighted_sum(weights, metrics) + weights.duration * seconds:.4f}"
 
 
 def entry_of(name: str, answer: Answer) -> Entry:
@@ -140,7 +135,7 @@ def _row(entry: Entry, is_chosen: bool) -> str:
         for name in _COLUMNS.values()
     ]
     name = entry.name if entry.status == PLANNED else f"{entry.name}: {entry.status}"
-    cells = ["-" if entry.plan is None else entry.objective, *values]
+    cells = [entry.objective, *values]
     of_row = " class='chosen'" if is_chosen else ""
     told = (f"<td>{html.escape(cell)}</td>" for cell in (name, *cells))
     return f"<tr{of_row}>{''.join(told)}</tr>"

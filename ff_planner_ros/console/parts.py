@@ -79,6 +79,11 @@ def obstacle_parts(stage: Stage) -> Iterator[Part]:
         yield Part(one.id, kind, corners, triangles, origins, wxyz(rotations))
 
 
+def joined(points: Array) -> NDArray[np.float32]:
+    """Return the lines between points that follow each other. Shape (points - 1, 2, 3)."""
+    return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+
+
 def wxyz(rotations: NDArray[np.float64]) -> Array:
     """Return rotation matrices, shape (points, 3, 3), as quaternions, shape (points, 4)."""
     return np.roll(quaternion_from_rotation(rotations), 1, axis=-1)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from ff_planner_ros.analysis.drawing.solids import Triangles
 from ff_planner_ros.common.arrays import Array
@@ -29,6 +30,7 @@ from ff_planner_ros.console.parts import (
     OBSTACLE,
     TARGET,
     Part,
+    joined,
     obstacle_parts,
     robot_parts,
 )
@@ -121,7 +123,7 @@ class SceneView:
                 if part.turns:
                     handle.wxyz = part.quaternions_wxyz[point]
             if drawn.arm is not None:
-                drawn.arm.points = _joined(_arm(drawn.stage, point)).astype(np.float32)
+                drawn.arm.points = joined(_arm(drawn.stage, point))
             self._near.visible = self._words.visible = near is not None
             if near is None:
                 return "the robot has centre lines, no shapes: the plan's table has the clearance"
@@ -142,8 +144,8 @@ class SceneView:
             handle = self._surface(name, *surface, color=KINDS[part.kind], **pose)
             drawn.parts.append((part, handle))
         if not robot.bodies:
-            drawn.arm = self._lines(f"{above}/arm", _joined(_arm(stage, 0)), 6.0)
-        self._lines(f"{above}/path", _joined(stage.tip))
+            drawn.arm = self._lines(f"{above}/arm", joined(_arm(stage, 0)), 6.0)
+        self._lines(f"{above}/path", joined(stage.tip))
         for name, lines in stage.constraints.items():
             self._lines(f"{above}/{name}", lines, 1.0)
         self._goal(above, stage)
@@ -194,7 +196,7 @@ class SceneView:
         )
 
     def _lines(
-        self, name: str, lines: Array, width: float = _WIDTH, colour: RGB = LINE
+        self, name: str, lines: NDArray[Any], width: float = _WIDTH, colour: RGB = LINE
     ) -> viser.LineSegmentsHandle:
         return self._server.scene.add_line_segments(
             name, lines.astype(np.float32), colour, thickness=width, thickness_units="screen"
@@ -215,11 +217,6 @@ class SceneView:
 def _arm(stage: Stage, point: int) -> Array:
     points: Array = arm_points(stage.problem.robot, stage.q[point][None])[0]
     return points
-
-
-def _joined(points: Array) -> Array:
-    """Return the lines between points that follow each other. Shape (points - 1, 2, 3)."""
-    return np.stack([points[:-1], points[1:]], axis=1)
 
 
 def _node_name(name: str) -> str:

@@ -7,7 +7,7 @@ import viser
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.console.colours import GREEN
-from ff_planner_ros.console.parts import Part, joint_places, robot_parts
+from ff_planner_ros.console.parts import Part, joined, joint_places, robot_parts
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.robot.model import Robot
 
@@ -35,7 +35,7 @@ class MeasuredRobot:
                 joint = self._robot.model.getJointId(part.name)
                 handle.position, handle.wxyz = positions[0, joint], quaternions[0, joint]
             if self._arm is not None:
-                self._arm.points = _lines(self._robot, q)
+                self._arm.points = joined(arm_points(self._robot, q[None])[0])
             self._above.visible = True
 
     def hide(self) -> None:
@@ -60,14 +60,9 @@ class MeasuredRobot:
         if not self._robot.bodies:
             self._arm = scene.add_line_segments(
                 f"{_ABOVE}/arm",
-                _lines(self._robot, q),
+                joined(arm_points(self._robot, q[None])[0]),
                 COLOUR,
                 thickness=_WIDTH,
                 thickness_units="screen",
             )
         return above
-
-
-def _lines(robot: Robot, q: Array) -> np.ndarray:
-    points = arm_points(robot, q[None])[0]
-    return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
