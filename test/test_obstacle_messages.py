@@ -134,25 +134,12 @@ def _mesh(points: Any = TETRAHEDRON, faces: Any = FACES) -> Mesh:
     )
 
 
-@pytest.mark.parametrize(
-    ("faces", "added"),
-    [
-        (FACES, 0.0),
-        ([], 0.0),  # without triangles nobody knows
-        ([*FACES, *(face[::-1] for face in FACES)], 0.0),  # nor if what they enclose cancels
-        ([*FACES, *FACES], 0.0),  # nor if they are there twice
-        # A dent from the slanted face down to a point of a third of its height.
-        ([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 4), (2, 3, 4), (3, 1, 4)], 1.0 / 0.3 - 1.0),
-    ],
-)
-def test_a_mesh_counts_by_its_hull_and_tells_by_how_much_that_is_larger(
-    faces: Any, added: float
-) -> None:
+@pytest.mark.parametrize("faces", [FACES, []])
+def test_a_mesh_counts_by_its_hull(faces: Any) -> None:
     points = [*TETRAHEDRON, (0.1, 0.1, 0.1)]
     (body,) = bodies_of(SceneMessage(bodies=[Obstacle(mesh=[_mesh(points, faces)])]), "scene")
     assert isinstance(body, ObstacleBody)
     assert sorted(map(tuple, body.solid.corners.tolist())) == sorted(TETRAHEDRON)
-    assert body.solid.hull_added == pytest.approx(added)
 
 
 def _spoil_dimensions(body: Obstacle) -> None:
@@ -211,18 +198,6 @@ def _many(body: Obstacle) -> None:
     body.primitive, body.mesh = [], [_mesh([*TETRAHEDRON, *TETRAHEDRON])]
 
 
-def _adds_no_number(body: Obstacle) -> None:
-    body.primitive, body.mesh, body.hull_added = [], [_mesh()], float("nan")
-
-
-def _takes_away(body: Obstacle) -> None:
-    body.primitive, body.mesh, body.hull_added = [], [_mesh()], -0.1
-
-
-def _of_a_box(body: Obstacle) -> None:
-    body.hull_added = 0.1
-
-
 SPOILT: dict[Callable[[Obstacle], None], tuple[Status, str, str]] = {
     _spoil_dimensions: (Status.WRONG_SIZE, "primitive.dimensions", "a box has 3: x, y, z"),
     _spoil_size: (Status.OUT_OF_RANGE, "primitive.dimensions", "from 1e-06 to 10000 m"),
@@ -238,9 +213,6 @@ SPOILT: dict[Callable[[Obstacle], None], tuple[Status, str, str]] = {
     _position: (Status.NOT_FINITE, "pose.position", ""),
     _id: (Status.OUT_OF_RANGE, "id", "every id must be given once"),
     _many: (Status.OUT_OF_RANGE, "mesh.vertices", "at most"),
-    _adds_no_number: (Status.NOT_FINITE, "hull_added", "finite"),
-    _takes_away: (Status.OUT_OF_RANGE, "hull_added", "it must not be negative"),
-    _of_a_box: (Status.UNSUPPORTED, "hull_added", "only a mesh has it"),
 }
 
 

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -30,7 +31,12 @@ from ff_planner_ros.planning.problem.uncertainty import Uncertainty
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.tail import EndBehaviour
-from ff_planner_ros.planning.task.task import PlanningTask, in_frame_of_user, perform
+from ff_planner_ros.planning.task.task import (
+    PlanningTask,
+    in_frame_of_user,
+    perform,
+    without_search,
+)
 from ff_planner_ros.simulation.monte_carlo import monte_carlo
 
 SCENARIOS = robots.CONFIG / "scenarios"
@@ -126,6 +132,12 @@ def test_limits_that_have_no_margin_are_told_in_the_answer() -> None:
     plan = perform(limited)
     assert plan.notes == (words,)
     assert words in plan.message
+
+    def refuse(*_: object) -> NoReturn:
+        raise NoPlanFound(Status.COLLISION, "link_2 is in c1")
+
+    with pytest.raises(NoPlanFound, match=rf"^link_2 is in c1; {words}$"):
+        perform(limited, method=without_search(refuse))
     assert perform(task).notes == perform(asking(limited, 0.0)).notes == ()
 
 

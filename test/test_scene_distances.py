@@ -9,15 +9,12 @@ import pinocchio as pin
 import pytest
 from bodied_robots import body_placements, coal_distance
 from robots import CONFIG
-from shaped_problems import SOLIDS
 
 from ff_planner_ros.analysis.drawing.before_plan import figure_before_plan
 from ff_planner_ros.analysis.scene_distances import gaps_at_goal, gaps_at_start
 from ff_planner_ros.cli import main
-from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
-from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.configuration import configuration
 
 SCENARIOS = CONFIG / "scenarios"
@@ -104,16 +101,3 @@ def test_a_check_prints_the_distances(
     printed = capsys.readouterr().out
     assert "At the start\nnearest" in printed
     assert told in printed
-
-
-def test_a_check_tells_of_meshes_whose_hulls_are_larger(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    task = load_task(SCENARIOS / "panel_capture.yaml", Defaults(load_parameters().planner))
-    solid = replace(SOLIDS["mesh"], hull_added=0.5)
-    dish = ObstacleBody("dish", solid, np.full(3, 9.0))
-    problem = replace(task.problem, obstacles=(*task.problem.obstacles, dish))
-    name = "ff_planner_ros.planning.scenario.scenario.load_task"
-    monkeypatch.setattr(name, lambda *_: replace(task, problem=problem))
-    assert main(["check", str(SCENARIOS / "panel_capture.yaml")]) == 0
-    assert "which have more volume: dish by 50 %" in capsys.readouterr().err

@@ -370,7 +370,7 @@ def otherwise(value: Any) -> Iterator[tuple[str, Any]]:
             yield "", value + 1
 
 
-NOT_DIGESTED = (".hull_added", ".threads", ".ee_at_rest")
+NOT_DIGESTED = (".threads", ".ee_at_rest")
 # Of an obstacle that is fixed to a body.
 FOLLOWS_FROM_BODY = (
     r"\.problem\.obstacles\[(\d)\]\.(body|center|position|quaternion|velocity|angular|place).*"
@@ -383,8 +383,7 @@ def test_nothing_that_a_plan_depends_on_is_left_out_of_the_digest(
 ) -> None:
     """Each number and word of a task alone; what is fixed to a body follows from the body.
 
-    The volume that a hull adds is a note, and the number of processes changes no plan. Why joint
-    velocities are what they are is for messages.
+    The number of processes changes no plan. Why joint velocities are what they are is for messages.
     """
     task = with_everything(settings, goal)
     fixed = {k for k, one in enumerate(task.problem.obstacles) if one.body is not None}

@@ -86,10 +86,10 @@ def _load(
         own = f"{path} is a study, which names its own parameters"
         return None, notes if parameters is None else (*notes, own)
     from ff_planner_ros.planning.scenario.scenario import load_task
-    from ff_planner_ros.planning.task.notes import hull_notes, notes_on_files
+    from ff_planner_ros.planning.task.notes import notes_on_files
 
     task = load_task(path, defaults)
-    return task.problem, (*notes_on_files(task), *hull_notes(task.problem.obstacle_bodies))
+    return task.problem, notes_on_files(task)
 
 
 def _print_scene(problem: PlanningProblem) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,11 @@ from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere, simplest
 from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.robot.collision.solids import (
-    ADDED_FIELD,
     MAX_MESH_VERTICES,
     SIZES,
     Solid,
     hull_of_vertices,
 )
-from ff_planner_ros.robot.urdf.convex_hull import enclosed_volume, hull_added
 
 BODIES = "bodies"  # field of a scene, of an array of a topic, and of a target body
 # Numbers of shape_msgs/SolidPrimitive for each kind, and of ff_planner_msgs/Obstacle for a capsule.
@@ -107,11 +104,8 @@ def solid_in(message: Any, field: str) -> Solid:
         found, allowed = "given twice" if len(primitives) else "missing", "give it or a mesh"
         raise InvalidInput(Status.WRONG_SIZE, f"{field}.primitive", found, allowed)
     if len(primitives):
-        solid = _primitive(primitives[0], f"{field}.primitive")
-    else:
-        solid = _mesh(meshes[0], f"{field}.mesh")
-    with fields_named({ADDED_FIELD: f"{field}.hull_added"}):
-        return replace(solid, hull_added=value_at(message, "hull_added", 0.0) or solid.hull_added)
+        return _primitive(primitives[0], f"{field}.primitive")
+    return _mesh(meshes[0], f"{field}.mesh")
 
 
 def primitive_sizes(solid: Solid) -> list[float]:
@@ -193,15 +187,12 @@ def _mesh(message: Any, field: str) -> Solid:
         worst = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         _vector(corners[worst], f"{field}.vertices[{worst}]")
     solid = hull_of_vertices(f"{field}.vertices", vertices)
-    if not len(message.triangles):
-        return solid
     rows = np.array([one.vertex_indices for one in message.triangles], np.int64).reshape(-1, 3)
-    if rows.max() >= len(vertices):
+    if rows.max(initial=0) >= len(vertices):
         index = int(np.flatnonzero(rows.max(axis=1) >= len(vertices))[0])
         told, allowed = f"{field}.triangles[{index}]", f"there are {len(vertices)} vertices"
         raise InvalidInput(Status.OUT_OF_RANGE, told, rows[index].tolist(), allowed)
-    added = hull_added(solid.corners, enclosed_volume(vertices[rows]))
-    return replace(solid, hull_added=added)
+    return solid
 
 
 def _require_few(field: str, count: int, most: int) -> None:

@@ -20,7 +20,6 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.robot.collision.bodies import defining_numbers
 from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -78,8 +77,6 @@ def _is_absent(value: Any, name: str) -> bool:
     match value:
         case Sphere() | ObstacleBody():
             return value.body is not None and name not in ("id", "radius", "shape")
-        case Solid():
-            return name == "hull_added"
         case SystemState():
             return name == "ee_at_rest"
         case PlanningProblem():

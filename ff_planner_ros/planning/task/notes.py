@@ -6,26 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ff_planner_ros.errors import InvalidInput, NoPlanFound
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.configuration import whole_turns
-
-# Of a hull's volume beyond its mesh's [%], and meshes that a note names.
-_MUCH, _MOST_TOLD = 10.0, 5
-
-
-def hull_notes(bodies: Sequence[ObstacleBody]) -> tuple[str, ...]:
-    """Return a note on meshes whose convex hulls have over 10 % more volume; empty: none has."""
-    larger = {one.id: 100.0 * one.solid.hull_added for one in bodies}
-    told = [f"{name} by {by:.0f} %" for name, by in larger.items() if by > _MUCH]
-    if not told:
-        return ()
-    more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
-    names = ", ".join(told[:_MOST_TOLD])
-    return (f"meshes count by their convex hulls, which have more volume: {names}{more}",)
 
 
 def notes_on_files(task: PlanningTask) -> tuple[str, ...]:
@@ -35,15 +20,10 @@ def notes_on_files(task: PlanningTask) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*task.problem.robot.notes, *of_bodies)))
 
 
-def notes_on_scene(problem: PlanningProblem) -> tuple[str, ...]:
-    """Return notes on the target body and on meshes."""
-    body = problem.target_body
-    return (*(() if body is None else body.notes), *hull_notes(problem.obstacle_bodies))
-
-
 def notes_on(problem: PlanningProblem, settings: PlannerSettings) -> tuple[str, ...]:
-    """Return notes on scene, postures a turn away, margins, and plug-ins that the core lacks."""
-    notes = (*notes_on_scene(problem), *_turn_notes(problem))
+    """Return notes on target body, postures a turn away, margins, and plug-ins beside the core."""
+    body = problem.target_body
+    notes = (*(() if body is None else body.notes), *_turn_notes(problem))
     if settings.robust.sigmas and (without := list(_without_margin(problem))):
         notes += (f"planner.robust keeps no margin on {', '.join(without)}",)
     slower = ", ".join(one.name for one in problem.requirements if one.concerns(problem))
@@ -85,12 +65,3 @@ def with_notes(refused: NoPlanFound, notes: Sequence[str]) -> NoPlanFound:
         return refused
     words = "; ".join([refused.constraint, *notes])
     return NoPlanFound(refused.status, words, refused.attempt, refused.failures, refused.effort)
-
-
-def with_hull_note(error: InvalidInput, bodies: Sequence[ObstacleBody]) -> InvalidInput:
-    """Return the refusal of a start, with the note on the obstacle at fault, if there is one."""
-    notes = hull_notes([one for one in bodies if error.field == f"obstacles[{one.id}]"])
-    if not notes:
-        return error
-    allowed = "; ".join([error.allowed, *notes])
-    return InvalidInput(error.status, error.field, error.value, allowed)

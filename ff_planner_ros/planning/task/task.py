@@ -32,7 +32,7 @@ from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
 from ff_planner_ros.planning.task.controller_rules import command_of, require_acceptable
 from ff_planner_ros.planning.task.following import following, require_askable_phases
-from ff_planner_ros.planning.task.notes import notes_on, with_hull_note, with_notes
+from ff_planner_ros.planning.task.notes import notes_on, with_notes
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
 from ff_planner_ros.robot.state import SystemState
@@ -217,7 +217,7 @@ def _perform(task: PlanningTask, watch: Watch, method: Method) -> Plan:
         rest = replace(running, time=running.time - task.ahead)
         guess = Remainder(rest, task.running_goal - task.ahead)
         frame, problem = _seen_from_system(problem, start)
-    steps, bodies = Steps(watch, task.effort), task.problem.obstacle_bodies
+    steps = Steps(watch, task.effort)
     notes = notes_on(problem, task.settings)
     try:
         found = _performed(task, problem, steps, method, guess)
@@ -226,8 +226,7 @@ def _perform(task: PlanningTask, watch: Watch, method: Method) -> Plan:
         refused = end.refusal or out_of_time(end)
     except NoPlanFound as found_none:
         refused = found_none
-    except InvalidInput as fault:
-        error = with_hull_note(fault, bodies)
+    except InvalidInput as error:
         raise as_measured(error, problem.robot, task.problem.start, task.ahead) from None
     refused = with_notes(refused, notes)
     refused.effort = steps.ended_at

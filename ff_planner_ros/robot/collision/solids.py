@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +22,7 @@ from ff_planner_ros.common.plain_values import (
     text,
 )
 from ff_planner_ros.common.shown import in_a_line, quoted
-from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.bodies import furthest, radius_around
 from ff_planner_ros.robot.urdf.convex_hull import (
     LARGEST_SIZE,
@@ -46,8 +46,7 @@ MESH = "mesh"
 KINDS = (*SIZES, MESH)
 # Of a mesh in a file or message, whose hull is computed in the calling process.
 MAX_MESH_VERTICES = 100_000
-ADDED_FIELD = "shape.mesh.hull_added"  # of a solid, in errors
-_HULL_ADDED = a_number(at_least=0.0)
+_GROWN = a_number(at_least=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +54,12 @@ class Solid:
     """A convex solid in its own frame.
 
     Raises:
-        InvalidInput: The kind is unknown, a size is missing, surplus or out of range, or
-            `hull_added` is negative or not that of a mesh.
+        InvalidInput: The kind is unknown, a size is missing, surplus or out of range.
     """
 
     kind: str  # of `KINDS`
     sizes: Array = field(default_factory=lambda: np.zeros(0))  # in the order of `SIZES` [m]
     corners: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of a mesh's hull [m]
-    # Volume that a mesh's hull adds, in parts of the mesh's; 0: none, or not known
-    hull_added: float = 0.0
     # Inflation in all directions, with rounded corners; in no file and no message [m]
     grown: float = 0.0
 
@@ -79,11 +75,7 @@ class Solid:
             allowed = f"it must be from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m"
             told = f"shape.{self.kind}"
             raise InvalidInput(Status.OUT_OF_RANGE, told, sizes.tolist(), allowed)
-        added = _HULL_ADDED.checked(ADDED_FIELD, self.hull_added)
-        if added and self.kind != MESH:
-            allowed = "it must be zero: only a mesh has it"
-            raise InvalidInput(Status.UNSUPPORTED, ADDED_FIELD, added, allowed)
-        _HULL_ADDED.checked("shape.grown", self.grown)
+        _GROWN.checked("shape.grown", self.grown)
         corners = finite_rows("shape.mesh", self.corners, 3)
         object.__setattr__(self, "sizes", sizes)
         object.__setattr__(self, "corners", corners)
@@ -159,12 +151,12 @@ class MeshFile:
         """
         scale = np.array(self.scale)
         try:
-            corners, _, added = meshes.convex(self.file, scale)
+            corners, _ = meshes.convex(self.file, scale)
         except NoSolid as fault:
             allowed = str(fault)
             raise InvalidInput(Status.OUT_OF_RANGE, f"{told}.file", self.file, allowed) from None
         # The same order of corners as after writing and reading them.
-        return replace(hull_of_vertices(f"{told}.file", corners * scale), hull_added=added)
+        return hull_of_vertices(f"{told}.file", corners * scale)
 
 
 def hull_of_vertices(told: str, vertices: Array) -> Solid:
@@ -225,12 +217,10 @@ def _read(told: str, value: object) -> Solid | MeshFile:
 def _mesh(told: str, value: object) -> Solid | MeshFile:
     """Return the mesh of a file, or the hull of vertices."""
     if isinstance(value, dict) and "vertices" in value:
-        entry = mapping(told, value, ("vertices",), ("hull_added",))
+        entry = mapping(told, value, ("vertices",))
         rows = ROWS.read(dotted(told, "vertices"), entry["vertices"])
         points = [finite_vector(f"{told}.vertices[{k}]", row, 3) for k, row in enumerate(rows)]
-        hull = hull_of_vertices(dotted(told, "vertices"), np.array(points).reshape(-1, 3))
-        with fields_named({ADDED_FIELD: dotted(told, "hull_added")}):
-            return replace(hull, hull_added=entry.get("hull_added", 0.0))
+        return hull_of_vertices(dotted(told, "vertices"), np.array(points).reshape(-1, 3))
     entry, scale = mapping(told, value, ("file",), ("scale",)), np.ones(3)
     if "scale" in entry:
         place = dotted(told, "scale")
@@ -245,8 +235,7 @@ def _written(given: Solid | MeshFile) -> dict[str, Any]:
     if isinstance(given, MeshFile):
         return {MESH: {"file": given.file, "scale": list(given.scale)}}
     if given.kind == MESH:
-        added = {"hull_added": given.hull_added} if given.hull_added else {}
-        return {MESH: {"vertices": given.corners.tolist()} | added}
+        return {MESH: {"vertices": given.corners.tolist()}}
     sizes, said = given.sizes.tolist(), dict[str, Any]()
     for word, count in SIZES[given.kind].items():
         said[word] = sizes[:count] if count > 1 else sizes[0]
@@ -271,7 +260,7 @@ def _schema() -> Schema:
     ]
     file = of_mapping({"file": {"type": "string", "minLength": 1}, "scale": of_numbers(3)})
     rows: Schema = {"type": "array", "items": of_numbers(3)}
-    vertices = of_mapping({"vertices": rows, "hull_added": _HULL_ADDED.schema()})
+    vertices = of_mapping({"vertices": rows})
     file["required"], vertices["required"] = ["file"], ["vertices"]
     meshes = of_mapping({MESH: {"anyOf": [file, vertices]}})
     return {"oneOf": [*choices, meshes]}

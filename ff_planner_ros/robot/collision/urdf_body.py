@@ -117,9 +117,7 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
                 if geometry is not None:
                     called = name if number == 1 else f"{name}#{number}"
                     place = center * places[name] * placement(collision.find("origin"))
-                    added = meshes.added.get(collision, 0.0)
-                    solid = replace(solid_of(geometry), hull_added=added)
-                    solids.append(PlacedSolid(called, solid, place))
+                    solids.append(PlacedSolid(called, solid_of(geometry), place))
     faults.refuse_if_any()
     reaches = [
         np.linalg.norm(one.place.act(one.solid.center)) + one.solid.radius for one in solids

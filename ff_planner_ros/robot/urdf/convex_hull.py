@@ -15,9 +15,6 @@ from ff_planner_ros.robot.collision.outermost import Boxes
 SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
 # Thickness over length below which points are flat but for rounding, and have no convex hull.
 _THINNEST = 1e-6
-# In parts of the hull's volume: triangles that enclose less are no closed surface, or not wound one
-# way, and cancel but for rounding.
-_LEAST_ENCLOSED = 1e-6
 # Hulls of robots have a few hundred corners; each costs time in every distance query.
 MAX_VERTICES = 1000
 # Directions in which a simplified hull touches the original: it has at most twice as many vertices.
@@ -64,26 +61,6 @@ def _convex(corners: Array) -> coal.Convex:
     rows = coal.StdVec_Vec3s()
     rows.extend(list(corners))
     return coal.Convex.convexHull(rows, True, "Qt")
-
-
-def hull_added(corners: Array, volume: float) -> float:
-    """Return the volume that a mesh's convex hull adds, in parts of the mesh's; 0: not known.
-
-    Args:
-        corners: Of the hull. Shape (corners, 3).
-        volume: That the mesh's triangles enclose.
-    """
-    of_hull = float(_hull(corners).volume)
-    if not volume > _LEAST_ENCLOSED * of_hull:
-        return 0.0
-    # Below zero by rounding, or where triangles enclose a space twice
-    return max(0.0, of_hull / volume - 1.0)
-
-
-def enclosed_volume(triangles: Array) -> float:
-    """Return the volume that triangles of one orientation enclose. Shape (triangles, 3, 3)."""
-    a, b, c = np.moveaxis(np.asarray(triangles, float), 1, 0)
-    return abs(float(np.einsum("ti,ti->", a, np.cross(b, c)))) / 6.0
 
 
 def once(points: Array) -> Array:

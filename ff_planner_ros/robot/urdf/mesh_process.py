@@ -40,7 +40,6 @@ class Hull(NamedTuple):
     growth: float  # by simplification, relative to its width
     vertices: int  # number of the mesh's vertices
     unit: float  # of the file's lengths [m]
-    added: float  # as `hull_added` returns it
 
 
 class MeshProcess:
@@ -70,9 +69,7 @@ class MeshProcess:
         if "fault" in said:
             raise NoSolid(said["fault"])
         corners = np.frombuffer(base64.b64decode(said["corners"]), "<f4").reshape(-1, 3)
-        return Hull(
-            corners.astype(float), said["growth"], said["vertices"], said["unit"], said["added"]
-        )
+        return Hull(corners.astype(float), said["growth"], said["vertices"], said["unit"])
 
     def close(self) -> None:
         """End the process."""

@@ -26,8 +26,6 @@ from ff_planner_ros.robot.urdf.convex_hull import (
     LARGEST_SIZE,
     NoSolid,
     convex_solid,
-    enclosed_volume,
-    hull_added,
     once,
 )
 
@@ -51,7 +49,7 @@ def main() -> None:
         _at_most(what, 0)
     for ends in (signal.SIGALRM, signal.SIGXCPU):
         signal.signal(ends, signal.SIG_DFL)
-    files: dict[str, tuple[Array, float, float]] = {}
+    files: dict[str, tuple[Array, float]] = {}
     for line in sys.stdin:
         _limit()
         answers.write(json.dumps(_answer(json.loads(line), files)) + "\n")
@@ -74,15 +72,14 @@ def _at_most(what: int, limit: int) -> None:
     resource.setrlimit(what, (lower, hard))
 
 
-def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float, float]]) -> dict[str, Any]:
+def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float]]) -> dict[str, Any]:
     """Return the answer to a request: the corners of a file's convex hull, or its fault."""
     try:
         path, scale = asked["path"], np.array(asked["scale"])
         if path not in files:
             files[path] = _vertices(Path(path))
-        points, unit, volume = files[path]
+        points, unit = files[path]
         corners, _, growth = convex_solid(points, scale)
-        added = hull_added(corners, volume)
     except NoSolid as fault:
         return {"fault": str(fault)}
     except MemoryError:
@@ -90,24 +87,23 @@ def _answer(asked: dict[str, Any], files: dict[str, tuple[Array, float, float]])
     except (RuntimeError, ValueError, OSError):  # of Coal, say
         return {"fault": "it cannot be read"}
     text = base64.b64encode(corners.astype("<f4").tobytes()).decode()
-    told = {"growth": growth, "vertices": len(points), "unit": unit, "added": added}
-    return {"corners": text} | told
+    return {"corners": text, "growth": growth, "vertices": len(points), "unit": unit}
 
 
-def _vertices(path: Path) -> tuple[Array, float, float]:
-    """Return the vertices of a file [m], its unit [m], and the volume that its triangles enclose.
+def _vertices(path: Path) -> tuple[Array, float]:
+    """Return the vertices of a file [m], and its unit [m].
 
-    Vertices are rounded to single precision, as in a recorded URDF. Volume zero: not known [m3].
+    Vertices are rounded to single precision, as in a recorded URDF.
     """
     suffix, unit = path.suffix.lower(), 1.0
     if suffix == ".stl" and (triangles := _binary_stl(path)) is not None:
-        return once(triangles.reshape(-1, 3).astype(float)), unit, enclosed_volume(triangles)
+        return once(triangles.reshape(-1, 3).astype(float)), unit
     if suffix == ".dae":
         unit = _unit(path)
     try:
         found = coal.MeshLoader(coal.BV_AABB).load(str(path), np.ones(3))
         points = (unit * np.array(found.vertices(), float)).astype(np.float32).astype(float)
-        return points, unit, unit**3 * abs(found.computeVolume())
+        return points, unit
     except MemoryError:
         raise
     except Exception as error:  # whatever Coal and Assimp throw

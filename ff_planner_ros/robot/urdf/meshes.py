@@ -34,8 +34,6 @@ class Meshes:
     def __init__(self, directory: Path | None) -> None:
         """Take the directory of the URDF; None: it is from elsewhere, and no file is read."""
         self.notes: list[str] = []  # on simplified hulls and units
-        # As `hull_added` returns it, by the mesh's `<collision>`
-        self.added: dict[Element, float] = {}
         self._directory = directory
         self._sizes: dict[Path, int] = {}  # of the files that were read [bytes]
         self._reader = MeshProcess()
@@ -56,7 +54,7 @@ class Meshes:
         name = mesh.get("filename", "")
         try:
             scale = _scale(mesh.get("scale"))
-            points, hull, self.added[collision] = self.convex(name, scale)
+            points, hull = self.convex(name, scale)
         except NoSolid as fault:
             value = "embedded" if name.startswith("data:") else name or "without a filename"
             faults.add("link", link, "collision mesh", value, str(fault))
@@ -65,8 +63,8 @@ class Meshes:
         mesh.set("scale", " ".join(repr(float(number)) for number in scale))
         return hull
 
-    def convex(self, name: str, scale: Array) -> tuple[Array, coal.Convex, float]:
-        """Return a hull's corners before scaling, the scaled hull, and what it adds as in `added`.
+    def convex(self, name: str, scale: Array) -> tuple[Array, coal.Convex]:
+        """Return a hull's corners before scaling, and the scaled hull.
 
         Args:
             name: Path of the mesh's file, or the embedded corners of a recorded URDF.
@@ -78,7 +76,7 @@ class Meshes:
         try:
             if name.startswith(EMBEDDED):
                 given = _decoded(name)
-                told = Hull(given, 0.0, len(given), 1.0, 0.0)
+                told = Hull(given, 0.0, len(given), 1.0)
             else:
                 told = self._of_file(name, scale)
             # The corners of a file's hull are their own hull's, to the last bit.
@@ -94,7 +92,7 @@ class Meshes:
                 f"mesh {file}: its hull is simplified, at most {growth:.2g} of its width larger, "
                 f"from a mesh of {told.vertices} vertices to a hull of {len(points)}"
             )
-        return points, hull, told.added
+        return points, hull
 
     def _of_file(self, name: str, scale: Array) -> Hull:
         """Return the hull of the mesh in a file, before `scale`."""

@@ -265,7 +265,6 @@ def _body_message(body: ObstacleBody | AttachedBody | HeldShape) -> ObstacleMess
     if shape.kind == MESH:
         corners = shape.corners.tolist()
         message.mesh = [Mesh(vertices=[Point(x=x, y=y, z=z) for x, y, z in corners])]
-        message.hull_added = shape.hull_added
     else:
         number, sizes = PRIMITIVES[shape.kind], primitive_sizes(shape)
         message.primitive = [SolidPrimitive(type=number, dimensions=sizes)]
