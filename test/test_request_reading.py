@@ -289,7 +289,7 @@ def test_a_state_that_a_request_brings_is_as_old_and_as_early_as_one_heard_may_b
     with pytest.raises(InvalidInput, match=r"start_state\.header\.stamp") as refusal:
         asked(lemur_capture, request)
     assert refusal.value.status is status
-    is_over = status is Status.STATE_TOO_OLD  # it only becomes older
+    is_over = status is Status.STATE_TOO_OLD  # its age only grows
     assert status_message(refusal.value).retry == (Retry.CHANGED if is_over else Retry.LATER)
 
 

@@ -207,7 +207,7 @@ def test_a_body_that_turns_needs_the_time_when_it_was_there_and_one_at_rest_may_
         scene_input.moving_scene(*asked)
     field = f"{'scene' if own else 'obstacle_bodies'}.header.stamp"
     assert (refused.value.status, refused.value.field) == (status, field)
-    # What a request brings only becomes older.
+    # The age of what a request brings only grows.
     is_over = own and status is Status.STATE_TOO_OLD
     assert status_message(refused.value).retry == (Retry.CHANGED if is_over else Retry.LATER)
 

@@ -46,7 +46,7 @@ def require_current(
         field: Field of the stamp, which the error names.
         told: Status if too old, status if too far ahead, and name of the parameter of max_age.
         came_ns: When the message arrived, by the node's clock; None: unknown [ns].
-        is_own: Whether a request brings it; it only becomes older.
+        is_own: Whether a request brings it; its age only grows.
 
     Raises:
         InvalidInput: The stamp is too old or too far ahead.
