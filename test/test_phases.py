@@ -644,7 +644,7 @@ def test_a_bag_holds_every_rule_that_the_plan_had_to_keep(
     three: PlanningTask, rules: tuple[bool, bool, float], tmp_path: Path
 ) -> None:
     """The controller's, and all others: what is read again is what was asked for."""
-    controller = Controller(three.problem.robot.joint_names, *rules)
+    controller = Controller(*rules)
     planner = replace(three.settings, clearance_margin=0.03, capture_turn_rate_tolerance=0.004)
     asked = replace(
         three,

@@ -100,7 +100,7 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
         else None,
         end_behaviour=list(EndBehaviour)[rng.integers(3)] if ends else EndBehaviour.NONE,
         tail=float(rng.uniform(1e-3, 0.9)) * duration,  # with so many points as there may be
-        controller=Controller(robot.joint_names, False, bool(rng.random() < 0.5))
+        controller=Controller(False, bool(rng.random() < 0.5))
         if rng.random() < 0.5
         else None,
         first_guess=vector(rng, 18) if rng.random() < 0.5 else None,
@@ -150,9 +150,6 @@ def test_what_a_file_cannot_hold_is_refused(lemur_capture: PlanningProblem, tmp_
     twice = replace(lemur_capture, obstacles=2 * lemur_capture.obstacles[:1])
     with pytest.raises(InvalidInput, match="unique"):
         write_scenario(PlanningTask(twice, SETTINGS), tmp_path / "twice.yaml")
-    others = PlanningTask(lemur_capture, SETTINGS, controller=Controller(("elbow",), False, False))
-    with pytest.raises(InvalidInput, match="robot or controller"):
-        write_scenario(others, tmp_path / "others.yaml")
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -239,4 +236,4 @@ def test_what_a_scenario_does_not_say_is_the_formats_default_or_the_parameters(
     assert task.problem.limits == Limits(True, 0.3)
     assert (task.end_behaviour, task.tail) == (EndBehaviour.STOP_JOINTS, 1.25)
     assert task.settings == replace(SETTINGS, starts=3, max_iterations=9)
-    assert task.controller == Controller(task.problem.robot.joint_names, False, False)
+    assert task.controller == Controller(False, False)

@@ -163,7 +163,7 @@ def test_equal_tasks_have_equal_digests_and_every_difference_counts(
     assert task.digest == again.digest
     assert len(task.digest) == 16
     start, target, sphere = lemur_capture.start, lemur_capture.target, lemur_capture.obstacles[0]
-    strict = Controller(lemur_capture.robot.joint_names, False, False)
+    strict = Controller(False, False)
     running = joint_motion(drawn_plan(lemur_capture.robot, seed=1).trajectory)
     less = np.nextafter(start.joint_positions, -9.0)
     problems = {
@@ -215,7 +215,7 @@ def test_a_digest_is_the_same_in_another_process(
 def test_a_controller_that_takes_every_sound_plan_changes_no_digest(
     lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    mild = Controller(lemur_capture.robot.joint_names, True, False)
+    mild = Controller(True, False)
     picky = replace(mild, stopped_velocity_tolerance=0.01)
     alone, taken, not_taken = (
         PlanningTask(lemur_capture, settings, controller=c) for c in (None, mild, picky)
@@ -227,7 +227,7 @@ def test_a_controller_that_takes_every_sound_plan_changes_no_digest(
 def test_the_controllers_rules_are_kept(
     lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    strict = Controller(lemur_capture.robot.joint_names, False, False)
+    strict = Controller(False, False)
     with pytest.raises(NoPlanFound, match="still moves at") as refusal:
         perform(PlanningTask(lemur_capture, settings, controller=strict))
     assert refusal.value.status is Status.CONTROLLER_CONSTRAINT
@@ -324,7 +324,7 @@ def with_everything(settings: PlannerSettings, goal: str) -> PlanningTask:
         running_goal=7.0,
         end_behaviour=EndBehaviour.STOP_JOINTS,
         tail=2.0,
-        controller=Controller(robot.joint_names, False, True, 0.01),
+        controller=Controller(False, True, 0.01),
         first_guess=np.arange(1.0, 19.0),
         effort=7,
         then=then,

@@ -94,9 +94,10 @@ class ControllerParameters:
                 allowed = "it must not be negative, but for -1.0, which leaves it out"
                 raise InvalidInput(Status.OUT_OF_RANGE, f"controller.{name}", given, allowed)
 
-    def of(self, joints: tuple[str, ...]) -> Controller:
-        """Return the controller's setup for plans of an arm's joints, as its rules need it."""
+    @property
+    def setup(self) -> Controller:
+        """The controller's setup, as its rules need it."""
         allowed = self.allow_nonzero_velocity_at_trajectory_end
         on_topic = self.hand_over == HandOver.TOPIC
         slowest = self.stopped_velocity_tolerance if on_topic else 0.0
-        return Controller(joints, allowed, self.effort_interface, slowest)
+        return Controller(allowed, self.effort_interface, slowest)

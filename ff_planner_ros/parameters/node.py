@@ -202,5 +202,5 @@ class NodeParameters:
             end_behaviour=EndBehaviour(self.end_behaviour),
             tail=self.post_goal_duration,
             points=self.points,
-            controller=self.controller.of(()),
+            controller=self.controller.setup,
         )

@@ -31,7 +31,7 @@ class Defaults:
     points: int = declare(
         a_whole_number(MIN_POINTS, MAX_POINTS), "number of points", default=USUAL_POINTS
     )
-    controller: Controller | None = None  # must accept the plan; its joints are the robot's
+    controller: Controller | None = None  # must accept the plan
 
     def __post_init__(self) -> None:
         """Check every value."""

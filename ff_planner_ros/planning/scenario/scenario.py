@@ -303,10 +303,8 @@ def _task(read: Mapping[str, Any], robot: Robot, defaults: Defaults) -> Planning
     elif given["tail"] is None:
         allowed = f"end_behaviour {given['end_behaviour']} needs it"
         raise InvalidInput(Status.OUT_OF_RANGE, "post_goal_duration", "missing", allowed)
-    if isinstance(given["controller"], Controller):
-        given["controller"] = replace(given["controller"], joints=robot.joint_names)
-    elif given["controller"] is not None:
-        given["controller"] = Controller(robot.joint_names, **given["controller"])
+    if isinstance(given["controller"], dict):
+        given["controller"] = Controller(**given["controller"])
     if "running" in given:
         given["running"] = _running(given["running"], robot.joints)
     changes, settings = given.pop("settings", {}), defaults.settings

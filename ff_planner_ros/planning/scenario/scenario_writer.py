@@ -49,8 +49,8 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     )
     path.write_text(document, encoding="utf-8", newline="")
     if load_task(path, Defaults(task.settings)).digest != task.digest:
-        allowed = "a scenario file holds robots that their URDF describes, and their own joints"
-        raise InvalidInput(Status.UNSUPPORTED, "robot or controller", "of another kind", allowed)
+        allowed = "a scenario file holds robots that their URDF describes"
+        raise InvalidInput(Status.UNSUPPORTED, "robot", "of another kind", allowed)
 
 
 def described_problem(problem: PlanningProblem) -> dict[str, Any]:

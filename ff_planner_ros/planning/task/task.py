@@ -30,7 +30,7 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.robust.robust import robust_plan
 from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
-from ff_planner_ros.planning.task.controller_rules import command_of, require_acceptable
+from ff_planner_ros.planning.task.controller_rules import require_acceptable
 from ff_planner_ros.planning.task.following import following, require_askable_phases
 from ff_planner_ros.planning.task.notes import notes_on, with_notes
 from ff_planner_ros.planning.task.planning_task import PlanningTask
@@ -291,7 +291,7 @@ def _performed(
         others = sorted(moments - {moment}, key=lambda other: (abs(other - moment), other))
         return _at_another_moment(task, problem, watch, method, others, undrivable)
     if task.controller is not None:
-        require_acceptable(task.controller, command_of(whole, task.controller))
+        require_acceptable(task.controller, whole)
     return whole
 
 

@@ -204,7 +204,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             running_goal=None if continued is None else ahead + continued.remaining,
             end_behaviour=end_behaviour,
             tail=tail,
-            controller=parameters.controller.of(knowledge.robot.joint_names),
+            controller=parameters.controller.setup,
             effort=request.search.effort,
             then=then,
         )
