@@ -37,7 +37,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     [
         (("info", NODE), "5 SOLVED"),
         (("verify", NODE), "verdict: passed"),
-        (("recover", NODE, "--output", "saved"), "182 messages were saved"),
+        (("recover", NODE, "--output", "saved"), "135 messages were saved"),
         (("export", NODE, "--csv", "tables"), ""),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
