@@ -59,7 +59,7 @@ $(VENV)/made_of: $(LOOKED_AT) ;
 $(VENV)/complete: $(VENV)/made_of
 	@$(MAKE) --no-print-directory prerequisites
 	@echo 'Setting up $(VENV) with ROS 2, Pinocchio and the compiled core: usually 1 to 3 minutes.'
-	@rm -rf $(VENV)
+	@rm -rf $(VENV) ff_planner_ros.egg-info
 	@$(PYTHON) -m venv $(VENV)
 	@touch $(VENV)/COLCON_IGNORE
 	@$(BIN)/python -c '$(BUILD_REQUIRES)' pyproject.toml > $(VENV)/core_requires.txt
