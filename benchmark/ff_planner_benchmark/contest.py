@@ -13,11 +13,11 @@ from pathlib import Path
 
 from ff_planner_benchmark.contest_results import Result
 from ff_planner_benchmark.dataset import end_with_parent, names
-from ff_planner_benchmark.method_process import TOO_LONG, require_known
+from ff_planner_benchmark.method_process import require_known
 from ff_planner_benchmark.own_copy import OwnCopy, own_copy
 from ff_planner_benchmark.processes import Family
 from ff_planner_benchmark.scorer.score import Score, judged
-from ff_planner_benchmark.watched import Asked, Method
+from ff_planner_benchmark.watched import TOO_LONG, Asked, Method
 from ff_planner_ros.errors import InvalidInput, Status
 
 # Scenarios that one process of a method plans in turn.

@@ -10,16 +10,13 @@ import ctypes
 import importlib
 import importlib.util
 import json
-import math
 import os
-import resource
 import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -30,9 +27,6 @@ from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.errors import InvalidInput, Status
 
 ENTRANTS = ("ours", "direct", "fixed_base", "zero_momentum", "rrt_connect")
-# Factors of the allowed processor time after which a method is ended: of processor time, and of
-# wall time, which ends only what waits, as the machine may have other work.
-TOO_LONG, _PATIENCE = 2.0, 20.0
 _SET_DEATH_SIGNAL = 1  # of prctl: a method ends with its judge
 # Characters that are kept of a method's error message; of a command, the last ones.
 MOST_WORDS = 200
@@ -89,19 +83,11 @@ def main(method: str, seconds: str) -> None:
     for line in sys.stdin:
         question = json.loads(line)
         try:
-            if method != "ours":
-                _limit_processor_time(TOO_LONG * float(seconds))
             given = answer(Path(question["scenario"]), float(seconds))
             tell(question=question["number"], answer=given)
         except Exception as error:  # whatever a foreign method raises
             words = f"{type(error).__name__}: {error}"[:MOST_WORDS]
             tell(question=question["number"], failed=words)
-
-
-def _limit_processor_time(seconds: float) -> None:
-    """Let the system end this process, or one that it starts, after more processor time [s]."""
-    _, most = resource.getrlimit(resource.RLIMIT_CPU)
-    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(time.process_time() + seconds), most))
 
 
 def _answers_of(method: str) -> Answers:
@@ -128,7 +114,7 @@ def _answers_of(method: str) -> Answers:
 
 
 def _by_command(method: str, scenario: Path, seconds: float) -> Any:
-    """Return the answer that a command writes; on a time-out, end its process group."""
+    """Return the answer that a command writes; its judge ends what takes too long."""
     with tempfile.TemporaryDirectory() as directory, tempfile.TemporaryFile() as said:
         file = Path(directory) / "answer.json"
         words = shlex.split(method)
@@ -136,17 +122,7 @@ def _by_command(method: str, scenario: Path, seconds: float) -> Any:
         for name, value in told.items():
             words = [word.replace(name, value) for word in words]
         quiet = subprocess.DEVNULL
-        process = subprocess.Popen(
-            words, stdin=quiet, stdout=quiet, stderr=said, start_new_session=True
-        )
-        try:
-            code = process.wait(_PATIENCE * seconds)
-        except subprocess.TimeoutExpired:
-            return {"status": "no answer", "message": "it did not end in time"}
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+        code = subprocess.run(words, stdin=quiet, stdout=quiet, stderr=said).returncode
         if code == 0 and file.exists():
             return read_json(file)
         said.seek(0)
@@ -157,8 +133,6 @@ def _by_command(method: str, scenario: Path, seconds: float) -> Any:
 
 def ended_with(code: int) -> str:
     """Return how a process ended, in words."""
-    if code == -signal.SIGXCPU:
-        return f"{TOO_LONG:g} times its processor time were over"
     return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ff_planner_benchmark import method_process
-from ff_planner_benchmark.method_process import TOO_LONG, ended_with
+from ff_planner_benchmark.method_process import ended_with
 from ff_planner_benchmark.processes import Family
 from ff_planner_ros.analysis.json_file import json_document
 from ff_planner_ros.errors import InvalidInput, Status
@@ -25,7 +25,9 @@ from ff_planner_ros.errors import InvalidInput, Status
 # Wall time for a method to load, and to end after its standard output has ended [s].
 _TO_LOAD, _TO_END = 120.0, 1.0
 _FREE_TO_LOAD = 10.0  # processor time of loading that is not counted [s]
-# Wall time ends only what waits, after so many times the processor time and so much more [s].
+# A method is ended after so many times its processor time. Wall time ends only what waits, after so
+# many times the processor time and so much more [s].
+TOO_LONG = 2.0
 _PATIENCE, _MORE_PATIENCE = 20.0, 10.0
 _LOOK_AFTER = 0.1  # [s] between two looks at how much time has been taken
 # [bytes] of an answer: ten thousand points of fourteen joints are 8 MB.
@@ -77,8 +79,6 @@ class Method:
         """
         number = secrets.token_hex(8)  # so that nothing said before is an answer
         question = json.dumps({"scenario": str(scenario), "number": number}) + "\n"
-        line: bytes | None = None
-        failed: str | None = None
         with suppress(OSError):
             os.write(self._pipe("stdin"), question.encode())
         wait = _PATIENCE * self._seconds + _MORE_PATIENCE
@@ -127,7 +127,7 @@ class Method:
 
     def _line(self, wait: float, most_seconds: float | None) -> tuple[bytes | None, str | None]:
         """Return a line of the process, or None and why there is none (None: the process ended)."""
-        until, begun = time.monotonic() + wait, self._taken_so_far()
+        until, begun = time.monotonic() + wait, self._family.seconds()
         found = bytearray(self._rest)
         with selectors.DefaultSelector() as selector:
             selector.register(self._pipe("stdout"), selectors.EVENT_READ)
@@ -136,9 +136,8 @@ class Method:
                     return None, f"its answer has more than {_LONGEST / 1e6:g} MB"
                 if time.monotonic() > until:
                     return None, "no answer in time"
-                if most_seconds is not None and self._taken_so_far() - begun > most_seconds:
-                    times = f"{TOO_LONG:g} times its processor time were over"
-                    return None, f"the process ended: {times}"
+                if most_seconds is not None and self._family.seconds() - begun > most_seconds:
+                    return None, f"{TOO_LONG:g} times its processor time were over"
                 if not selector.select(_LOOK_AFTER):
                     if self.has_ended:  # others may hold its end of the pipe
                         return None, None
@@ -149,9 +148,6 @@ class Method:
                 found += chunk
         line, _, self._rest = bytes(found).partition(b"\n")
         return line, None
-
-    def _taken_so_far(self) -> float:
-        return self._family.seconds()
 
 
 def _member(line: bytes, name: str) -> Any:

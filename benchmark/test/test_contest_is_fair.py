@@ -301,6 +301,12 @@ def test_a_method_that_burns_more_than_twice_its_time_in_another_process_is_ende
     assert one.seconds >= 1.0
 
 
+def test_a_command_that_never_ends_is_ended(small, monkeypatch):
+    monkeypatch.setattr(watched, "_MORE_PATIENCE", 0.0)
+    (one,) = asked(small, "sh -c 'sleep 1000' {scenario} {answer}", seconds=0.1)
+    assert one.score.faults == ("no answer in time",)
+
+
 LOADS = """
     burn({seconds})
 

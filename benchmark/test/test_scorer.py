@@ -362,12 +362,6 @@ def test_a_file_that_is_no_method_is_refused_before_anything_is_planned(tmp_path
         list(contest.results([str(tmp_path / name)], tmp_path, 1, 1.0, 1))
 
 
-def test_a_command_that_never_ends_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr(method_process, "_PATIENCE", 1.0)
-    given = method_process._by_command("sleep 1000", tmp_path, 0.2)
-    assert given == {"status": "no answer", "message": "it did not end in time"}
-
-
 def test_a_foreign_method_may_be_a_command_line(plans, tmp_path):
     by_command, (file, _, answer) = method_process._by_command, plans["planar"]
     (tmp_path / "kept.json").write_text(json.dumps(answer))
