@@ -162,5 +162,5 @@ def test_a_bar_is_shown_where_it_takes_long_and_somebody_watches(
     if seconds < 2.0 or not is_terminal:
         assert shown == ""
     else:
-        assert f"reading [{'#' * 10}{'.' * 30}] 1 of 4 MB" in shown
+        assert f"reading [{'#' * 10}{'.' * 30}] 1 of 4 MB, 0 min 09 s left" in shown
         assert shown.endswith("\r\033[K")  # what comes after stands on a clean line

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.campaign.cases import (
     Case,
     cases,
@@ -19,7 +20,6 @@ from ff_planner_ros.campaign.cases import (
 )
 from ff_planner_ros.campaign.cluster import local_cluster, outcomes
 from ff_planner_ros.campaign.environment import environment
-from ff_planner_ros.campaign.progress import progress
 from ff_planner_ros.campaign.sources import SCENARIO, URDF, Written, require_unique, write
 from ff_planner_ros.campaign.study import Study
 from ff_planner_ros.campaign.table import (
@@ -120,7 +120,7 @@ def _write_down(results: Iterator[list[Outcome] | Case], writer: Writer, missing
     given_up = []
     written = time.monotonic()
     try:
-        with progress(missing) as advance:
+        with progress_bar("planning", missing, "plans", per_unit=1) as advance:
             for result in results:
                 if isinstance(result, Case):
                     given_up.append(result.id)
