@@ -35,7 +35,7 @@ def export_csv(bag: Path, directory: Path) -> Sequence[str]:
             cannot be written.
     """
     plans, published, notes = _plans(bag)
-    with _written(directory):
+    with written_new(directory):
         directory.mkdir(parents=True)
         answers, asked = [plan.row() for plan in plans], [one.row() for one in published]
         for table, rows in ((ANSWERS, answers), (PUBLICATIONS, asked)):
@@ -65,13 +65,18 @@ def export_npz(bag: Path, file: Path) -> Sequence[str]:
         arrays[f"{name}/joint_names"] = np.array(plan.joint_names)
         arrays[f"{name}/start_ns"] = np.array(plan.start_ns)
         arrays |= {f"{name}/metrics/{key}": np.array(value) for key, value in plan.metrics.items()}
-    with _written(file), file.open("xb") as stream:
+    with written_new(file), file.open("xb") as stream:
         np.savez_compressed(stream, **arrays)
     return notes
 
 
 @contextmanager
-def _written(path: Path) -> Iterator[None]:
+def written_new(path: Path) -> Iterator[None]:
+    """Say which file or directory is in the way, or cannot be written, while it is written.
+
+    Raises:
+        BagError: It is there, or cannot be written.
+    """
     try:
         yield
     except FileExistsError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -225,11 +225,9 @@ def of_bag(bag: Path, defaults: Defaults) -> tuple[list[Written], tuple[str, ...
     with TemporaryDirectory(prefix="ff_planner_") as directory:
         place = Path(directory, "requests")
         notes = export_scenarios(bag, place)
-        return [written(p, f"{bag.name}/{p.stem}", defaults) for p in _scenarios(place)], notes
-
-
-def _scenarios(directory: Path) -> Iterator[Path]:
-    yield from sorted(directory.glob("*.yaml"))
+        return [
+            written(p, f"{bag.name}/{p.stem}", defaults) for p in sorted(place.glob("*.yaml"))
+        ], notes
 
 
 def require_robot(field: str, name: str) -> None:

@@ -138,7 +138,8 @@ class SceneView:
         drawn = _Drawn(stage, scene.add_frame(above, show_axes=False, visible=number == 0))
         robot = stage.problem.robot
         for k, part in enumerate([*robot_parts(robot, stage.q), *obstacle_parts(stage)]):
-            name, place = f"{above}/{k}_{_node_name(part.name)}", part.positions[0]
+            # A slash would begin a child of the node.
+            name, place = f"{above}/{k}_{part.name.replace('/', '_')}", part.positions[0]
             pose = {"position": place, "wxyz": part.quaternions_wxyz[0]}
             surface = part.corners, part.triangles
             handle = self._surface(name, *surface, color=KINDS[part.kind], **pose)
@@ -217,8 +218,3 @@ class SceneView:
 def _arm(stage: Stage, point: int) -> Array:
     points: Array = arm_points(stage.problem.robot, stage.q[point][None])[0]
     return points
-
-
-def _node_name(name: str) -> str:
-    """Return a name as a node of the scene: a slash there would begin a child."""
-    return name.replace("/", "_")

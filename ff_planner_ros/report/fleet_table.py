@@ -8,6 +8,7 @@ from pathlib import Path
 import pyarrow
 import pyarrow.parquet
 
+from ff_planner_ros.bag.export import written_new
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.report.fleet import Fleet
 from ff_planner_ros.report.statistics import Row
@@ -37,13 +38,8 @@ def _save(rows: Sequence[Row], file: Path) -> None:
     columns = list(dict.fromkeys(name for row in rows for name in row))
     by_column = {name: [row.get(name) for row in rows] for name in columns}
     made = pyarrow.table({name: _column(values) for name, values in by_column.items()})
-    try:
-        with file.open("xb") as stream:
-            pyarrow.parquet.write_table(made, stream, compression="zstd")
-    except FileExistsError:
-        raise BagError(f"{file} exists already, and is not overwritten") from None
-    except OSError as error:
-        raise BagError(f"{file} cannot be written: {error}") from None
+    with written_new(file), file.open("xb") as stream:
+        pyarrow.parquet.write_table(made, stream, compression="zstd")
 
 
 def _column(values: list[object]) -> pyarrow.Array:

@@ -111,7 +111,8 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> None:
             left_out.append(f"{recorded.name} is left out: {error}")
             continue
         answer, _ = answer_again(changed)
-        rows.append((recorded.name, *_compared(recorded.response, answer)))
+        both = zip(_cells(recorded.response), _cells(answer), strict=True)
+        rows.append((recorded.name, *(f"{before} > {now}" for before, now in both)))
     words = ", ".join(f"{change.key}={change.value}" for change in changes)
     header = (
         *("request", "status", "joint path [rad]", "Euler angle [deg]", "rotation [deg]"),
@@ -120,14 +121,6 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> None:
     print_table(f"{bag} as recorded > with {words}", header, rows)
     for note in [*left_out, *run.notes]:
         print(f"note: {note}")
-
-
-def _compared(before: PlanAnswer | None, now: PlanAnswer) -> tuple[str, ...]:
-    """Return the cells of a table: as recorded > as changed."""
-    return tuple(
-        f"{before_cell} > {now_cell}"
-        for before_cell, now_cell in zip(_cells(before), _cells(now), strict=True)
-    )
 
 
 def _cells(answer: PlanAnswer | None) -> tuple[str, ...]:

@@ -79,9 +79,9 @@ class Recorder:
                 self._bag.add_topic(
                     topic.name, type_name(topic.message_type), [offered_qos(topic.qos)]
                 )
-            self._queues = [
-                TopicQueue(self._node, topic) for topic in sorted(topics, key=_is_volatile)
-            ]
+            latched = DurabilityPolicy.TRANSIENT_LOCAL
+            latched_first = sorted(topics, key=lambda topic: topic.qos.durability != latched)
+            self._queues = [TopicQueue(self._node, topic) for topic in latched_first]
         # Twice as often as promised, so that taking and writing may take time, too.
         self._period = flush_interval / 2
         self._stopped = threading.Event()
@@ -216,10 +216,6 @@ def offered_qos(qos: QoSProfile) -> QualityOfService:
         reliability=qos.reliability.name.lower(),
         durability=qos.durability.name.lower(),
     )
-
-
-def _is_volatile(topic: RecordedTopic) -> bool:
-    return bool(topic.qos.durability != DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def _listed(counts: Mapping[str, int]) -> str:
