@@ -122,7 +122,6 @@ def test_a_bag_tells_of_its_topics_and_documents(bag: Path) -> None:
             "/state": (STATE, 1),
         }
         assert opened.topics["/here"].type_hash.startswith("RIHS01_")
-        assert opened.topics["/here"].offered_qos_profiles == "[]\n"
         assert opened.attachments == {"robot.urdf": b"<robot/>", "parameters.yaml": b"a: 1"}
         assert yaml.safe_load(opened.metadata["rosbag2"]["serialized_metadata"])["version"] == 9
         assert (opened.start_ns, opened.end_ns, opened.message_count) == (10, 13, 4)

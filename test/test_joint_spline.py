@@ -13,8 +13,8 @@ from robots import CONFIG, random_state, random_urdf
 
 from ff_planner_benchmark.problems import joint_goals
 from ff_planner_benchmark.problems.joint_goals import ROBOTS
+from ff_planner_benchmark.problems.witnessed import drawn as witnessed
 from ff_planner_benchmark.problems.witnessed import drawn_problem
-from ff_planner_benchmark.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.forward import driven
@@ -80,7 +80,7 @@ def drawn_splines(
 
 
 def planar_splines() -> tuple[JointSplines, Array]:
-    family = joint_splines(witnessed_problem("planar", 1), SETTINGS)
+    family = joint_splines(witnessed("planar", 1).problem, SETTINGS)
     return family, np.random.default_rng(2).normal(scale=0.5, size=family.variables)
 
 

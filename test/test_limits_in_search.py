@@ -18,7 +18,7 @@ from reference_program import rows_of
 from robots import CANADARM2_SCENARIO, ROBOTS, random_state
 from shared_plans import planned
 
-from ff_planner_benchmark.problems.witnessed import problem as witnessed_problem
+from ff_planner_benchmark.problems.witnessed import drawn as witnessed
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -54,7 +54,7 @@ def canadarm2() -> PlanningProblem:
 
 def robot_named(name: str) -> Robot:
     if name == "planar":
-        return witnessed_problem("planar", 1).robot
+        return witnessed("planar", 1).problem.robot
     return robot_from_urdf_text(*ROBOTS[name])
 
 

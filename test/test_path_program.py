@@ -167,7 +167,7 @@ def drawings() -> Iterator[tuple[str, Drawing]]:
     for kind in tumbling.KINDS:
         yield f"tumbling {kind}", partial(tumbling.problem, kind, 1)
     for kind in witnessed.KINDS:
-        yield f"witnessed {kind}", partial(witnessed.problem, kind, 1)
+        yield f"witnessed {kind}", lambda kind=kind: witnessed.drawn(kind, 1).problem
     for kind in joint_goals.KINDS:
         yield f"joint goal, {kind}", lambda kind=kind: joint_goals.problem(kind, 1).problem
     for kind in captured.KINDS:

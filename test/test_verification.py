@@ -362,7 +362,7 @@ def _robot_and_motion() -> tuple[Robot, Trajectory]:
 
 def test_steps_are_as_fine_as_it_takes_an_arm_of_fourteen_joints_to_keep_the_momentum() -> None:
     """Eight steps a point let this one run away from its plan by 4 mm."""
-    problem = witnessed.problem("many joints", 1009)
+    problem = witnessed.drawn("many joints", 1009).problem
     found = verify(problem.robot, plan(problem, load_parameters().planner).trajectory)
     assert found.momentum_drift <= MOMENTUM_TOLERANCE
     assert found.passed, found.deviation

@@ -39,7 +39,6 @@ class Topic:
     type_name: str  # of its messages
     message_count: int  # in the whole bag
     type_hash: str  # RIHS01; empty: not in the bag
-    offered_qos_profiles: str  # YAML, as rosbag2 has it in the channel
 
 
 class Bag:
@@ -182,13 +181,8 @@ class Bag:
                 count, type_name = file.counts[number], _type_name(file, channel)
                 known = topics.get(channel.topic)
                 if known is None:
-                    known = Topic(
-                        channel.topic,
-                        type_name,
-                        0,
-                        channel.metadata.get("topic_type_hash", ""),
-                        channel.metadata.get("offered_qos_profiles", ""),
-                    )
+                    type_hash = channel.metadata.get("topic_type_hash", "")
+                    known = Topic(channel.topic, type_name, 0, type_hash)
                 elif known.type_name != type_name:
                     file.note(f"{channel.topic} is of {type_name}, and of {known.type_name}, too")
                 topics[channel.topic] = replace(known, message_count=known.message_count + count)

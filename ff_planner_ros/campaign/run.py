@@ -6,7 +6,7 @@ import shutil
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,6 @@ class Done:
     rows: int  # of these cases in the table
     other_rows: int  # in the table that are none of the study's cases
     given_up: tuple[str, ...]  # ids of cases on which several workers died
-    stopped: bool  # whether the user stopped it
 
 
 def run_campaign(
@@ -79,18 +78,15 @@ def run_campaign(
         wanted = [case.id for case in cases(study)]
         missing = len(set(wanted) - writer.done)
         given_up: list[str] = []
-        stopped = False
         if missing:
             jobs = (case for case in cases(study) if case.id not in writer.done)
             local = local_cluster(workers, dashboard) if scheduler is None else None
-            with _stop_as_asked(), local or nullcontext(scheduler) as address:
-                try:
-                    results = outcomes(str(address), jobs, missing, workers or 1)
-                    given_up = _write_down(results, writer, missing)
-                except KeyboardInterrupt:
-                    stopped = True
+            cluster = local or nullcontext(scheduler)
+            with _stop_as_asked(), cluster as address, suppress(KeyboardInterrupt):
+                results = outcomes(str(address), jobs, missing, workers or 1)
+                given_up = _write_down(results, writer, missing)
         rows = len(set(wanted) & writer.done)
-    return Done(len(wanted), rows, len(writer.done) - rows, tuple(given_up), stopped)
+    return Done(len(wanted), rows, len(writer.done) - rows, tuple(given_up))
 
 
 def _keep_sources(study: Study, directory: Path) -> None:

@@ -201,15 +201,15 @@ def below(directory: Path, *names: str) -> Path:
     return directory / inside
 
 
-def part_files(directory: Path, table: str = PLANS) -> list[Path]:
-    """Return the files of a table, in the order in which they were written.
+def part_files(directory: Path) -> list[Path]:
+    """Return the files of the table of plans, in the order in which they were written.
 
     Raises:
         InvalidInput: A file or the table's directory is a link.
     """
-    there = below(directory, table).glob("part-*.parquet")
+    there = below(directory, PLANS).glob("part-*.parquet")
     names = sorted(path.name for path in there if _PART.fullmatch(path.name))
-    return [below(directory, table, name) for name in names]
+    return [below(directory, PLANS, name) for name in names]
 
 
 def read_plans(directory: Path) -> pyarrow.Table:

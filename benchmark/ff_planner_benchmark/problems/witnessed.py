@@ -79,11 +79,6 @@ KINDS = {
 }
 
 
-def problem(kind: str, number: int) -> PlanningProblem:
-    """Return a problem of one of `KINDS`, without its witness."""
-    return drawn(kind, number).problem
-
-
 @cache
 def drawn(kind: str, number: int) -> Drawn[JointMotion]:
     """Return a problem of one of `KINDS`; kind and number seed the draw."""
