@@ -52,9 +52,7 @@ from ff_planner_ros.report.run_report import (
     robot_facts,
 )
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.inputs.input_topics import (
-    TARGET_BODY,
-)
+from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
 from ff_planner_ros.runs.installed import (
     PlanExchange,

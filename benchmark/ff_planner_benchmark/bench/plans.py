@@ -29,9 +29,7 @@ from ff_planner_benchmark.problems.classes import (
 from ff_planner_benchmark.problems.shapes import SITUATIONS
 from ff_planner_ros.analysis.touching import touching
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import (
-    Parametrisation,
-)
+from ff_planner_ros.planning.problem.problem import Parametrisation
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems.drawn import Drawn

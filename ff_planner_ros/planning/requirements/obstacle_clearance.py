@@ -32,17 +32,13 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     seen_from_chaser,
 )
 from ff_planner_ros.planning.distance.search_certificate import search_distance
-from ff_planner_ros.planning.distance.start_room import (
-    room_of_obstacles,
-)
+from ff_planner_ros.planning.distance.start_room import room_of_obstacles
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.body_rows import (
-    asked_of_core,
-)
+from ff_planner_ros.planning.requirements.body_rows import asked_of_core
 from ff_planner_ros.planning.requirements.collisions import SLACK_PART, collision, detours
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.collision.lines import with_bodies
