@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ff_planner_ros.common.arrays import zero_vector
 from ff_planner_ros.common.forms import (
     NAME,
     NUMBERS,
@@ -20,6 +21,7 @@ from ff_planner_ros.common.forms import (
     Form,
     Schema,
     a_number,
+    a_vector,
     a_whole_number,
 )
 from ff_planner_ros.common.plain_values import an_object, dotted, mapping
@@ -72,6 +74,13 @@ def declare(form: Form, sentence: str, **more: Any) -> Any:
     usual = {name: more[name] for name in ("default", "default_factory") if name in more}
     more.pop("default_factory", None)
     return field(metadata={"declared": DeclaredField(form, sentence, **more)}, **usual)
+
+
+def declare_velocity(part: str, sentence: str, brief: bool = False) -> Any:
+    """Declare the `linear` or `angular` velocity of a body, zero by default."""
+    unit = {"linear": "m/s", "angular": "rad/s"}[part]
+    more = {"unit": unit, "brief": brief, "message": f"twist.{part}"}
+    return declare(a_vector(), sentence, default_factory=zero_vector, **more)
 
 
 def declared(kind: Any) -> DeclaredFields:

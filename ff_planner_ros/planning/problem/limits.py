@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ff_planner_ros.common.arrays import finite_vector
 from ff_planner_ros.common.declared import DeclaredField, check_declared, declare
@@ -24,6 +24,14 @@ OF_ONE_NUMBER = (
     *("chaser_attitude", "chaser_rotation"),
     *("grasp_force", "grasp_torque", "capture_impulse"),
 )
+
+
+def _at_most(message: str, sentence: str, unit: str, brief: bool = True) -> Any:
+    """Declare a limit of one number; infinite: any."""
+    form = or_none(a_number(above=0.0, at_least=_LEAST), math.inf)
+    return declare(
+        form, sentence, unit=unit, default=math.inf, message=f"{message}[0]", brief=brief
+    )
 
 
 @dataclass(frozen=True)
@@ -47,12 +55,8 @@ class Limits:
         key="velocity",
         default=False,
     )
-    chaser_attitude: float = declare(  # infinite: any
-        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
-        "largest Euler angle of the chaser, Eq. (45)",
-        unit="rad",
-        default=math.inf,
-        message="chaser_attitude[0]",
+    chaser_attitude: float = _at_most(
+        "chaser_attitude", "largest Euler angle of the chaser, Eq. (45)", "rad", brief=False
     )
     joint_accelerations: tuple[float, ...] | None = declare(  # None: any
         or_none(ONE_OR_EACH),
@@ -68,39 +72,25 @@ class Limits:
         key="effort",
         default=True,
     )
-    chaser_rotation: float = declare(  # infinite: any
-        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
+    chaser_rotation: float = _at_most(
+        "chaser_rotation",
         "largest rotation angle of the chaser since the plan's first point, the same in any frame; "
         "mostly more than its largest Euler angle",
-        unit="rad",
-        default=math.inf,
-        message="chaser_rotation[0]",
-        brief=True,
+        "rad",
     )
-    grasp_force: float = declare(  # infinite: any
-        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
-        "largest force through the grasp of a payload",
-        unit="N",
-        default=math.inf,
-        message="grasp_force[0]",
-        brief=True,
+    grasp_force: float = _at_most(
+        "grasp_force", "largest force through the grasp of a payload", "N"
     )
-    grasp_torque: float = declare(  # infinite: any
-        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
+    grasp_torque: float = _at_most(
+        "grasp_torque",
         "largest torque through the grasp of a payload, about the end effector or the link's frame",
-        unit="N m",
-        default=math.inf,
-        message="grasp_torque[0]",
-        brief=True,
+        "N m",
     )
-    capture_impulse: float = declare(  # infinite: any
-        or_none(a_number(above=0.0, at_least=_LEAST), math.inf),
+    capture_impulse: float = _at_most(
+        "capture_impulse",
         "largest impulse on a captured body, from its motion relative to the end effector at "
         "contact",
-        unit="N s",
-        default=math.inf,
-        message="capture_impulse[0]",
-        brief=True,
+        "N s",
     )
 
     def __post_init__(self) -> None:

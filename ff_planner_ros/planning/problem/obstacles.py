@@ -14,8 +14,8 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, finite_vector, frozen, no_turn, zero_vector
-from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.arrays import Array, finite_vector, frozen, no_turn
+from ff_planner_ros.common.declared import check_declared, declare, declare_velocity
 from ff_planner_ros.common.declared_parts import one_of_parts, part
 from ff_planner_ros.common.forms import NAME, QUATERNION, Form, a_number, a_vector
 from ff_planner_ros.common.shown import in_a_line
@@ -59,14 +59,7 @@ class Sphere:
         message="radius",
     )
     # Of one that is fixed to a body, at the plan's first point
-    velocity: Array = declare(
-        a_vector(),
-        "constant",
-        unit="m/s",
-        brief=True,
-        default_factory=zero_vector,
-        message="twist.linear",
-    )
+    velocity: Array = declare_velocity("linear", "constant", brief=True)
     body: TargetBody | None = None  # that it is fixed to, if any
     place_in_body: Array | None = None  # of its centre then, in the body's frame; shape (3,) [m]
 
@@ -150,22 +143,8 @@ class ObstacleBody:
         default_factory=no_turn,
         message="pose.orientation",
     )
-    velocity: Array = declare(
-        a_vector(),
-        "constant",
-        unit="m/s",
-        brief=True,
-        default_factory=zero_vector,
-        message="twist.linear",
-    )
-    angular_velocity: Array = declare(
-        a_vector(),
-        "in inertial axes, constant",
-        unit="rad/s",
-        brief=True,
-        default_factory=zero_vector,
-        message="twist.angular",
-    )
+    velocity: Array = declare_velocity("linear", "constant", brief=True)
+    angular_velocity: Array = declare_velocity("angular", "in inertial axes, constant", brief=True)
     body: TargetBody | None = None  # that it is fixed to, if any
     place_in_body: pin.SE3 | None = None  # of the shape's frame then, in the body's frame
 

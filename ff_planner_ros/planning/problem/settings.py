@@ -67,6 +67,11 @@ def tunable(
     return field(metadata={**said, **bounds})
 
 
+def _deviation(of: str, unit: str = "") -> Any:
+    """Declare a standard deviation, up to 1."""
+    return tunable(f"Standard deviation of {of}", 0.0, 1.0, unit, STRICT_IF_HIGH)
+
+
 class SearchDepth(StrEnum):
     """Depth of the search for a smaller base attitude change, if that has a weight."""
 
@@ -96,38 +101,14 @@ class RobustSettings:
         maximum=MOST_SIGMAS,
         strictness=STRICT_IF_HIGH,
     )
-    mass: float = tunable(
-        "Standard deviation of each body's mass, relative",
-        minimum=0.0,
-        maximum=1.0,
-        strictness=STRICT_IF_HIGH,
+    mass: float = _deviation("each body's mass, relative")
+    inertia: float = _deviation("each body's inertia about its centre of mass, relative")
+    center_of_mass: float = _deviation("each body's centre of mass, along each axis", "m")
+    linear_velocity: float = _deviation(
+        "the chaser's velocity at the start, along each axis", "m/s"
     )
-    inertia: float = tunable(
-        "Standard deviation of each body's inertia about its centre of mass, relative",
-        minimum=0.0,
-        maximum=1.0,
-        strictness=STRICT_IF_HIGH,
-    )
-    center_of_mass: float = tunable(
-        "Standard deviation of each body's centre of mass, along each axis",
-        0.0,
-        1.0,
-        "m",
-        STRICT_IF_HIGH,
-    )
-    linear_velocity: float = tunable(
-        "Standard deviation of the chaser's velocity at the start, along each axis",
-        0.0,
-        1.0,
-        "m/s",
-        STRICT_IF_HIGH,
-    )
-    angular_velocity: float = tunable(
-        "Standard deviation of the chaser's angular velocity at the start, about each axis",
-        minimum=0.0,
-        maximum=1.0,
-        unit="rad/s",
-        strictness=STRICT_IF_HIGH,
+    angular_velocity: float = _deviation(
+        "the chaser's angular velocity at the start, about each axis", "rad/s"
     )
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, finite_vector, frozen, zero_vector
-from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.declared import check_declared, declare, declare_velocity
 from ff_planner_ros.common.forms import (
     DIRECTION,
     QUATERNION,
@@ -71,20 +71,8 @@ class Target:
         unless=("orientation", "free", (0.0, 0.0, 0.0, 1.0)),
         message="pose.pose.orientation",
     )
-    linear_velocity: Array = declare(
-        a_vector(),
-        "of the end effector at the end",
-        unit="m/s",
-        default_factory=zero_vector,
-        message="twist.linear",
-    )
-    angular_velocity: Array = declare(
-        a_vector(),
-        "of the end effector at the end",
-        unit="rad/s",
-        default_factory=zero_vector,
-        message="twist.angular",
-    )
+    linear_velocity: Array = declare_velocity("linear", "of the end effector at the end")
+    angular_velocity: Array = declare_velocity("angular", "of the end effector at the end")
     linear_acceleration: Array = declare(
         a_vector(), "of the end effector at the end", unit="m/s2", default_factory=zero_vector
     )

@@ -17,8 +17,8 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, frozen, zero_vector
-from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.declared import check_declared, declare, declare_velocity
 from ff_planner_ros.common.declared_parts import one_of_parts, part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
 from ff_planner_ros.common.shown import in_a_line
@@ -116,20 +116,8 @@ class TargetBody:
         key="grasp.quaternion_xyzw",
         message="grasp.orientation",
     )
-    linear_velocity: Array = declare(
-        a_vector(),
-        "of its centre of mass",
-        unit="m/s",
-        default_factory=zero_vector,
-        message="twist.linear",
-    )
-    angular_velocity: Array = declare(
-        a_vector(),
-        "in inertial axes",
-        unit="rad/s",
-        default_factory=zero_vector,
-        message="twist.angular",
-    )
+    linear_velocity: Array = declare_velocity("linear", "of its centre of mass")
+    angular_velocity: Array = declare_velocity("angular", "in inertial axes")
     mass: float = declare(  # zero: not known
         a_number(at_least=0.0),
         "mass of the body, needed for what follows a capture, and for its impulse; then the "

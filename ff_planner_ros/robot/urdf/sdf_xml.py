@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.urdf.urdf_faults import listed, shortened
-from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS, Expanded
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS, Expanded, parser_for
 
 # Versions of the format: in those before axes and poses mean something else.
 _OLDEST, _NEWEST = (1, 5), (1, 99)
@@ -83,14 +83,8 @@ def read_model(text: str) -> Element | None:
     if len(text) > MAX_CHARACTERS or "<sdf" not in text:
         return None
     reader = _Reader()
-    parser = expat.ParserCreate("utf-8")
-    parser.buffer_text = True
-    parser.StartElementHandler = reader.start
-    parser.EndElementHandler = reader.end
-    parser.CharacterDataHandler = reader.characters
-    parser.StartDoctypeDeclHandler = reader.document_type
     try:
-        parser.Parse(text, True)
+        parser_for(reader).Parse(text, True)
     except _OtherDocument:
         return None
     except (expat.ExpatError, UnicodeEncodeError) as error:
@@ -152,11 +146,6 @@ class _Reader:
     def characters(self, data: str) -> None:
         if self._open and not self._passed_over:
             self._open[-1][2].append(data)
-
-    def document_type(self, *declaration: Any) -> None:
-        # An entity, or an attribute's default, of a few bytes may stand for gigabytes.
-        if declaration[-1]:
-            _refuse("robot.urdf", "with declarations in its <!DOCTYPE>", "it must have none")
 
     def model(self) -> Element:
         models = self._sdf.findall("model")

@@ -175,20 +175,31 @@ class Expanded:
             _refuse(f"with {shortened(found[0])}, which is not expanded", _EXPAND)
 
 
+def parser_for(reader: Any) -> expat.XMLParserType:
+    """Return a parser that calls `start`, `end` and `characters` of a reader."""
+    parser = expat.ParserCreate("utf-8")
+    parser.buffer_text = True
+    parser.StartElementHandler = reader.start
+    parser.EndElementHandler = reader.end
+    parser.CharacterDataHandler = reader.characters
+    parser.StartDoctypeDeclHandler = _refuse_declarations
+    return parser
+
+
+def _refuse_declarations(*declaration: Any) -> None:
+    # An entity, or an attribute's default, of a few bytes may stand for gigabytes.
+    if declaration[-1]:
+        _refuse("with declarations in its <!DOCTYPE>", "it must have none")
+
+
 def _require_short(text: str) -> None:
     if len(text) > MAX_CHARACTERS:
         _refuse(f"{len(text)} characters long", f"it must be at most {MAX_CHARACTERS}")
 
 
 def _read(text: str, reader: _Reader) -> Element:
-    parser = expat.ParserCreate("utf-8")
-    parser.buffer_text = True
-    parser.StartElementHandler = reader.start
-    parser.EndElementHandler = reader.end
-    parser.CharacterDataHandler = reader.characters
-    parser.StartDoctypeDeclHandler = reader.document_type
     try:
-        parser.Parse(text, True)
+        parser_for(reader).Parse(text, True)
     except (expat.ExpatError, UnicodeEncodeError) as error:
         _refuse("not XML", str(error)[:200])
     return reader.robot
@@ -268,11 +279,6 @@ class _Reader:
         if self._open and not self._passed_over and not self._parts[-1] and data.strip():
             keys = listed(_ATTRIBUTES[self._open[-1].tag])
             self._add("text", repr(shortened(data.strip())), f"it must be in attributes: {keys}")
-
-    def document_type(self, *declaration: Any) -> None:
-        # An entity, or an attribute's default, of a few bytes may stand for gigabytes.
-        if declaration[-1]:
-            _refuse("with declarations in its <!DOCTYPE>", "a URDF must have none")
 
     def _enter(self, element: Element, parts: dict[str, Any]) -> None:
         self._open.append(element)
