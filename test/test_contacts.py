@@ -13,7 +13,7 @@ from bodied_robots import random_obstacles
 from straight_arms import straight_arm
 from test_body_distances import configurations, every_row
 
-from ff_planner_ros.analysis.touching import touching
+from ff_planner_benchmark.bench.touching import touching
 from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.bodies import placed_bodies

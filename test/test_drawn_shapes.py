@@ -19,6 +19,7 @@ from test_solids import volume
 from test_tumbling import body_of
 from visualization_msgs.msg import Marker
 
+from ff_planner_benchmark.bench.touching import touching
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.analysis import nearest as nearest_bodies
 from ff_planner_ros.analysis.drawing.capture_view import capture_figure
@@ -27,7 +28,6 @@ from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface, 
 from ff_planner_ros.analysis.drawing.scene import scene_figure
 from ff_planner_ros.analysis.extremes import _between_points, distances, nearest
 from ff_planner_ros.analysis.methods import PLANNED
-from ff_planner_ros.analysis.touching import touching
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan

@@ -11,7 +11,7 @@ import pytest
 from whole_bodies import WholeBodies, judge_of
 
 from ff_planner_benchmark.bench.experiment import OBJECTIVES
-from ff_planner_ros.analysis.touching import touching
+from ff_planner_benchmark.bench.touching import touching
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments

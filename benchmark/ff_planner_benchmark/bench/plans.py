@@ -17,6 +17,7 @@ from ff_planner_benchmark.bench.experiment import (
     missed,
     planned,
 )
+from ff_planner_benchmark.bench.touching import touching
 from ff_planner_benchmark.problems.classes import (
     ALL_FEATURES,
     BODIES,
@@ -27,7 +28,6 @@ from ff_planner_benchmark.problems.classes import (
     ProblemClass,
 )
 from ff_planner_benchmark.problems.shapes import SITUATIONS
-from ff_planner_ros.analysis.touching import touching
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Parametrisation
 from ff_planner_ros.planning.problem.settings import PlannerSettings
