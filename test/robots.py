@@ -13,7 +13,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.paths.polynomial import (
     EndEffectorMotion,
     EndEffectorPolynomial,
-    end_effector_polynomial,
+    end_effector_polynomials,
 )
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -107,6 +107,13 @@ def random_path(
         rng.normal(scale=0.02, size=6),
     )
     return end_effector_polynomial(start, end, duration)
+
+
+def end_effector_polynomial(
+    start: EndEffectorMotion, end: EndEffectorMotion, duration: float
+) -> EndEffectorPolynomial:
+    """Return the first, and nearly always the only one, of `end_effector_polynomials`."""
+    return end_effector_polynomials(start, end, duration)[0]
 
 
 def _link(name: str, rng: np.random.Generator, mass: float) -> str:

@@ -36,13 +36,17 @@ from ff_planner_ros.planning.robust.nearness import nearness
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems.twin import seen_from
-from ff_planner_ros.simulation.monte_carlo import MonteCarlo, monte_carlo
+from ff_planner_ros.simulation.monte_carlo import Compared, MonteCarlo, monte_carlo
 from ff_planner_ros.simulation.torque_runs import torque_monte_carlo
 from ff_planner_ros.simulation.tracked_runs import tracked_runs
 
 NOTHING = Uncertainty(0.0, 0.0, angular_velocity=0.0)
 BODIES = robots.CONFIG / "scenarios/lemur_capture_bodies.yaml"
 PANELS = robots.CONFIG / "scenarios/panel_capture.yaml"
+
+
+def number(found: MonteCarlo, name: str) -> Compared:
+    return next(one for one in found.numbers if one.name == name)
 
 
 @pytest.fixture(scope="module", params=["lines", "shapes", "lines and boxes", "panels"])
@@ -113,7 +117,7 @@ def test_at_one_percent_the_linear_prediction_holds_within_a_tenth(
             foretold = getattr(one.linear, name)
             assert getattr(one.runs, name) == pytest.approx(foretold, rel=0.1, abs=1e-5), one.name
     assert found.foretold_end_error is not None
-    ends = [found.number(f"end_{name}_error").runs.rms for name in ("position", "orientation")]
+    ends = [number(found, f"end_{name}_error").runs.rms for name in ("position", "orientation")]
     # So many runs alone are off by 3 %.
     assert ends == pytest.approx(found.foretold_end_error, rel=0.1)
     for violated in found.violations:
@@ -127,7 +131,7 @@ def test_a_tenth_of_the_errors_leaves_a_hundredth_of_the_difference(
     off = []
     for size in (0.1, 0.01):
         wrong = Uncertainty(mass=size, inertia=size, angular_velocity=size * 1e-2)
-        found = run((lemur_capture, lemur_plan), wrong, 20).number("end_position_error")
+        found = number(run((lemur_capture, lemur_plan), wrong, 20), "end_position_error")
         assert found.linear is not None
         off.append(abs(found.runs.rms - found.linear.rms) / found.linear.rms)
     assert off[1] < 0.2 * off[0]
@@ -137,11 +141,11 @@ def test_a_tenth_of_the_errors_leaves_a_hundredth_of_the_difference(
 def test_nothing_wrong_is_no_error_at_all(planned: tuple[PlanningProblem, Plan]) -> None:
     problem, made = planned
     found = run(planned, NOTHING, 2)
-    assert found.number("end_position_error").runs.largest < 1e-6
-    assert found.number("end_orientation_error").runs.largest < 1e-6
+    assert number(found, "end_position_error").runs.largest < 1e-6
+    assert number(found, "end_orientation_error").runs.largest < 1e-6
     # At the points and half-way: the certified clearance is a lower bound. Corners pass between.
     clearance, missed = (
-        found.number(CLEARANCE).runs.least,
+        number(found, CLEARANCE).runs.least,
         2e-3 if problem.obstacle_bodies else 1e-3,
     )
     assert made.metrics.min_clearance <= clearance < made.metrics.min_clearance + missed
@@ -189,7 +193,7 @@ def test_margins_change_as_the_finite_differences_of_runs(
         limits=limits,
     )
     for kind, one in kept.items():
-        found = runs.number(kind)
+        found = number(runs, kind)
         assert found.linear is not None
         least = one.least(1e-2 * errors)
         assert found.linear.mean == pytest.approx(least.mean(), rel=1e-9)
@@ -247,8 +251,8 @@ def test_margins_and_their_deviations_are_the_same_from_any_inertial_frame(
 def test_more_runs_begin_with_the_fewer_ones(
     lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
-    few = run((lemur_capture, lemur_plan), Uncertainty(), 3).number("end_position_error").runs
-    more = run((lemur_capture, lemur_plan), Uncertainty(), 260).number("end_position_error").runs
+    few = number(run((lemur_capture, lemur_plan), Uncertainty(), 3), "end_position_error").runs
+    more = number(run((lemur_capture, lemur_plan), Uncertainty(), 260), "end_position_error").runs
     assert more.least <= few.least < few.largest <= more.largest
 
 
@@ -258,13 +262,13 @@ def test_torques_alone_go_further_astray_than_controlled_joints(
     robot, motion, scene = lemur_capture.robot, lemur_plan.trajectory, scene_of(lemur_capture)
     wrong = Uncertainty(friction=0.01, joint_velocity=1e-4)
     exact = torque_monte_carlo(robot, motion, scene, NOTHING, 1)
-    assert exact.number("end_position_error").runs.largest < 1e-5
-    assert exact.number("clearance").runs.least == pytest.approx(
-        run((lemur_capture, lemur_plan), NOTHING, 1).number("clearance").runs.least, abs=2e-4
+    assert number(exact, "end_position_error").runs.largest < 1e-5
+    assert number(exact, "clearance").runs.least == pytest.approx(
+        number(run((lemur_capture, lemur_plan), NOTHING, 1), "clearance").runs.least, abs=2e-4
     )
     torques = torque_monte_carlo(robot, motion, scene, wrong, 3)
     tracked = run((lemur_capture, lemur_plan), wrong, 3)
-    errors = [one.number("end_position_error").runs.rms for one in (torques, tracked)]
+    errors = [number(one, "end_position_error").runs.rms for one in (torques, tracked)]
     assert errors[0] > errors[1] > 1e-4
     assert [one.kind for one in torques.violations] == ["clearance", "joint_positions", "any"]
 

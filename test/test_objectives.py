@@ -7,13 +7,13 @@ import pinocchio as pin
 import pytest
 import reference_objectives
 from reference_program import joint_path, power_mean
-from robots import random_state, random_urdf
+from robots import end_effector_polynomial, random_state, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.measures import chaser_euler, joint_path_length
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion, end_effector_polynomial
+from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text

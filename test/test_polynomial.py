@@ -9,13 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from reference_end_effector import acceleration_of, twist_derivative, twist_of
+from robots import end_effector_polynomial
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.paths.polynomial import (
     EndEffectorMotion,
     EndEffectorPolynomial,
-    end_effector_polynomial,
     end_effector_polynomials,
 )
 from ff_planner_ros.planning.problem.problem import PlanningProblem

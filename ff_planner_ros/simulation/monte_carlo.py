@@ -119,10 +119,6 @@ class MonteCarlo:
     # RMS error of the end effector at the goal, from the covariance [m, rad]; None: not predicted
     foretold_end_error: tuple[float, float] | None
 
-    def number(self, name: str) -> Compared:
-        """Return the statistics of a quantity, a key of `UNITS`."""
-        return next(one for one in self.numbers if one.name == name)
-
 
 def monte_carlo(
     robot: Robot,

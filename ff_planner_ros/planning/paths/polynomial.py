@@ -212,13 +212,6 @@ def end_effector_polynomials(
     return [_paths("along_turn", outer, inner, start, end, duration, angle) for angle in angles]
 
 
-def end_effector_polynomial(
-    start: EndEffectorMotion, end: EndEffectorMotion, duration: float
-) -> EndEffectorPolynomial:
-    """Return the first, and nearly always the only one, of `end_effector_polynomials`."""
-    return end_effector_polynomials(start, end, duration)[0]
-
-
 def _turns(rotation: Array) -> tuple[Array, list[float]]:
     """Return a rotation's axis, shape (3,), and angle, within +-pi; both angles of half a turn."""
     quaternion = canonical_quaternion(quaternion_from_rotation(rotation))

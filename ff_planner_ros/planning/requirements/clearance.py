@@ -16,6 +16,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.errors import Failure, Status
+from ff_planner_ros.planning.distance.body_certificate import Least
 from ff_planner_ros.planning.distance.certificate import (
     LINES_GAP,
     certificate_gap,
@@ -43,7 +44,12 @@ from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
-from ff_planner_ros.planning.requirements.collisions import SLACK_PART, detours, refuse_nearness
+from ff_planner_ros.planning.requirements.collisions import (
+    SLACK_PART,
+    collision,
+    detours,
+    refuse_nearness,
+)
 from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
@@ -165,23 +171,9 @@ class Clearance(Requirement):
         ):
             return
         nearest = _nearest(problem, samples.followed, arm)
-        depth, obstacle = -nearest.distance, nearest.obstacle
+        least = Least(metrics.min_clearance, nearest.distance, -1, nearest.time)
         link = link_name(problem.robot, nearest.segment)
-        when = samples.at(nearest.time)
-        if depth <= 0.0:
-            yield Failure(
-                Status.COLLISION,
-                f"{link} may touch obstacle {obstacle} near {when}: all that is certain is a "
-                f"clearance of {metrics.min_clearance * 1e3:.2f} mm",
-                ("more points", "a larger planner.clearance_margin"),
-            )
-            return
-        margin = "a smaller planner.clearance_margin"
-        yield Failure(
-            Status.COLLISION,
-            f"{link} is {depth:.3g} m inside obstacle {obstacle} at {when}",
-            (*detours(problem), *([margin] if depth < samples.settings.clearance_margin else [])),
-        )
+        yield collision(samples, least, link, f"obstacle {nearest.obstacle}", detours(problem))
 
 
 def _too_near_at_end(samples: Samples) -> Iterator[Failure]:
