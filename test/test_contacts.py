@@ -15,6 +15,7 @@ from test_body_distances import configurations, every_row
 
 from ff_planner_benchmark.bench.touching import touching
 from ff_planner_ros.commands.verify import print_verdict
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.obstacle_distances import (
@@ -65,9 +66,14 @@ def bus_with(solid: str, world: str = "bus") -> Robot:
     )
 
 
+def depths(engine: Touch, q: Array, time: float = 0.0) -> dict[str, float]:
+    """The depth of each pair that touches in one of MuJoCo's configurations."""
+    return {one.pair: one.depth for one in engine.along([q], np.array([time]))}
+
+
 def touch(robot: Robot, *spheres: Sphere, time: float = 0.0) -> dict[str, float]:
     stretched = np.concatenate([[0, 0, 0, 1, 0, 0, 0], np.zeros(robot.joints)])
-    return Touch(robot, Scene(spheres)).depths(stretched, time)
+    return depths(Touch(robot, Scene(spheres)), stretched, time)
 
 
 def by_hull(robot: Robot) -> Robot:
@@ -132,7 +138,7 @@ def test_bodies_touch_where_coal_says_so_and_nothing_else_is_told() -> None:
             if abs(gap) > 1e-4:
                 truth[f"{one.name}/{other.name}"] = gap < 0.0
         in_mujoco = np.concatenate([base[:3], base[[6, 3, 4, 5]], joints])
-        found = engine.depths(in_mujoco, 0.0)
+        found = depths(engine, in_mujoco)
         assert {pair for pair in found if pair in truth} == {p for p, deep in truth.items() if deep}
         touched += bool(found)
     assert 50 < touched < 250
@@ -151,7 +157,7 @@ def test_obstacles_of_any_shape_are_in_mujoco_as_coal_measures_them(
     obstacles = random_obstacles(rng, q[:3], 15)
     engine, touching_pairs = Touch(of_geometry, Scene(obstacles)), set()
     in_mujoco = np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]])
-    depths = engine.depths(in_mujoco, float(time[0]))
+    deep = depths(engine, in_mujoco, float(time[0]))
     placed = placed_bodies(robot, q[None, 7:])
     ordered = Scene(obstacles).obstacle_bodies
     poses, rows = seen_from_chaser(q[None], time, ordered), every_row(1, len(robot.bodies), 15)
@@ -169,7 +175,7 @@ def test_obstacles_of_any_shape_are_in_mujoco_as_coal_measures_them(
             seen += 1
         if abs(distance) > 1e-3:
             touching_pairs |= {name} if distance < 0.0 else set()
-            assert (name in depths) == (distance < 0.0), (name, distance)
+            assert (name in deep) == (distance < 0.0), (name, distance)
     assert seen > 20
     assert touching_pairs or (geometry, seed) != (Geometry.SHAPES, 1)
 
@@ -211,7 +217,7 @@ def test_a_line_touches_a_sphere_by_as_much_as_geometry_says() -> None:
     box = ObstacleBody("box", Solid("box", np.array([0.2, 0.2, 0.3])), np.array([1.7, 0.08, 0.0]))
     away = Sphere("away", np.array([0.9, 0.2, 0.0]), 0.19)
     stretched = np.concatenate([[0, 0, 0, 1, 0, 0, 0], np.zeros(2)])
-    found = Touch(robot, Scene((beside, away, box))).depths(stretched, 0.0)
+    found = depths(Touch(robot, Scene((beside, away, box))), stretched)
     assert found == {
         "joint_1-joint_2/beside": pytest.approx(0.04, abs=1e-5),
         "joint_2-tip/box": pytest.approx(0.02, abs=1e-5),

@@ -65,7 +65,7 @@ def by_mujoco(
         np.zeros(robot.joints),
     )
     q, _ = configuration(robot, state)
-    touch.depths(np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]]), planned.time)
+    touch.along([np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]])], np.array([planned.time]))
     called = {one.name: f"body {k}" for k, one in enumerate(with_bodies(robot).bodies)}
     obstacles = (*scene.spheres, *scene.obstacle_bodies)
     called |= {one.id: f"obstacle {k}" for k, one in enumerate(obstacles)}

@@ -103,17 +103,6 @@ class Touch:
             if self._may_touch(*(self._model.geom(geom).id for geom in pair))
         ]
 
-    def depths(self, q: Array, time: float) -> dict[str, float]:
-        """Return the penetration depth of every pair that touches [m], allowed or not.
-
-        Args:
-            q: MuJoCo's configuration of the robot.
-            time: From the start of the plan [s].
-        """
-        positions, turns = self._places(np.array([time]))
-        seen, _ = self._seen(q, positions[0], turns[0])
-        return {pair: max(depths) for pair, depths in seen.items()}
-
     def _places(self, times: Array) -> tuple[Array, Array]:
         """Return obstacle positions, (times, obstacles, 3), and quaternions, (..., 4), w first."""
         rotations = np.tile(np.eye(3), (len(times), len(self._scene.obstacles), 1, 1))

@@ -48,6 +48,7 @@ from ff_planner_ros.planning.requirements.body_rows import (
 )
 from ff_planner_ros.planning.requirements.collisions import (
     SLACK_PART,
+    KeptClear,
     collision,
     detours,
     refuse_nearness,
@@ -56,10 +57,10 @@ from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
 )
-from ff_planner_ros.planning.requirements.requirement import Requirement, Samples, elsewhere
+from ff_planner_ros.planning.requirements.requirement import Samples, elsewhere
 
 
-class BodyClearance(Requirement):
+class BodyClearance(KeptClear):
     """Every body stays outside every sphere."""
 
     name = "body_clearance"
@@ -81,10 +82,6 @@ class BodyClearance(Requirement):
             f"with {contact.first} in {contact.second}, {-contact.distance:.4f} m deep",
             f"at the start the robot must touch neither an obstacle nor itself{out}",
         )
-
-    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return the clearance that the search keeps at the points [m]."""
-        return settings.clearance_margin
 
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there are bodies and spheres."""
@@ -145,14 +142,10 @@ class BodyClearance(Requirement):
         yield collision(samples, least, body, f"obstacle {sphere}", detours(problem))
 
 
-class SelfClearance(Requirement):
+class SelfClearance(KeptClear):
     """The robot's own bodies do not collide: no pair of `robot.pairs` touches."""
 
     name = "self_clearance"
-
-    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return the clearance that the search keeps at the points [m]."""
-        return settings.clearance_margin
 
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there are pairs that must not touch."""

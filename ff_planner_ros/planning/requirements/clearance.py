@@ -46,6 +46,7 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
 from ff_planner_ros.planning.requirements.collisions import (
     SLACK_PART,
+    KeptClear,
     collision,
     detours,
     refuse_nearness,
@@ -56,7 +57,6 @@ from ff_planner_ros.planning.requirements.obstacle_clearance import (
 )
 from ff_planner_ros.planning.requirements.requirement import (
     OF_INTEREST,
-    Requirement,
     Samples,
     elsewhere,
 )
@@ -68,7 +68,7 @@ from ff_planner_ros.robot.model import Robot
 _ENOUGH = 98
 
 
-class Clearance(Requirement):
+class Clearance(KeptClear):
     """The arm's centre lines stay outside every sphere; collision geometry has `BodyClearance`."""
 
     name = "clearance"
@@ -99,10 +99,6 @@ class Clearance(Requirement):
             return link_name(problem.robot, int(starts[line])), problem.spheres[sphere].id
 
         refuse_approached(problem, of_lines, names)
-
-    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return the clearance that the search keeps at the points [m]."""
-        return settings.clearance_margin
 
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there are centre lines and spheres."""

@@ -1,4 +1,4 @@
-"""Messages of collisions: failures of plans, with advice, and refusals of starts."""
+"""What requirements on distances share: their margin, and messages with advice."""
 
 from __future__ import annotations
 
@@ -8,11 +8,20 @@ from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.body_certificate import Least
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.requirements.requirement import Samples
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 
 # Relative accuracy of certificates in the search, which only asks whether a clearance is positive;
 # what is left of one is far more than rounding.
 SLACK_PART = 0.95
+
+
+class KeptClear(Requirement):
+    """A requirement on distances, of which the search keeps the same margin."""
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return the clearance that the search keeps at the points [m]."""
+        return settings.clearance_margin
 
 
 def detours(problem: PlanningProblem) -> tuple[str, ...]:

@@ -39,12 +39,17 @@ from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_app
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import asked_of_core
-from ff_planner_ros.planning.requirements.collisions import SLACK_PART, collision, detours
-from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
+from ff_planner_ros.planning.requirements.collisions import (
+    SLACK_PART,
+    KeptClear,
+    collision,
+    detours,
+)
+from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.robot.collision.lines import with_bodies
 
 
-class ObstacleClearance(Requirement):
+class ObstacleClearance(KeptClear):
     """Every body, or centre line, stays outside every obstacle that is not a sphere."""
 
     name = "obstacle_clearance"
@@ -77,10 +82,6 @@ class ObstacleClearance(Requirement):
             return obstacle_distances(robot, placed, poses, obstacles, rows).distance
 
         refuse_bodies_approached(problem, near, distances, [one.id for one in obstacles])
-
-    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
-        """Return the clearance that the search keeps at the points [m]."""
-        return settings.clearance_margin
 
     def concerns(self, problem: PlanningProblem) -> bool:
         """Tell whether there are such obstacles."""
