@@ -23,11 +23,10 @@ from bodied_robots import (
 from robots import random_state
 from straight_arms import ball, straight_arm, told
 
-from ff_planner_benchmark.bench.touching import obstacle_place
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.body_motion import bends_beside, pair_bends
 from ff_planner_ros.planning.distance.certificate import cubics_between
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_place
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Obstacle, ObstacleBody, Sphere
 from ff_planner_ros.robot.collision.solids import Solid

@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_poses
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_place
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
@@ -87,12 +87,6 @@ def _geometry(robot: Robot, obstacles: Sequence[Obstacle]) -> tuple[pin.Geometry
     for first, second in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
     return geometry, [f"{told[first]}/{told[second]}" for first, second in pairs]
-
-
-def obstacle_place(one: Obstacle, time: float) -> pin.SE3:
-    """Return an obstacle's pose in the inertial frame at a time from the plan's first point [s]."""
-    rotations, origins = obstacle_poses(one, np.array([time]))
-    return pin.SE3(rotations[0], origins[0])
 
 
 def _obstacle(one: Obstacle) -> str:

@@ -47,6 +47,12 @@ def obstacle_poses(one: Obstacle, times: Array) -> tuple[Array, Array]:
     return one.poses(times)
 
 
+def obstacle_place(one: Obstacle, time: float) -> pin.SE3:
+    """Return an obstacle's pose in the inertial frame at a time from the plan's first point [s]."""
+    rotations, origins = obstacle_poses(one, np.array([time]))
+    return pin.SE3(rotations[0], origins[0])
+
+
 def around_obstacles(obstacles: Sequence[Obstacle], times: Array) -> tuple[Array, Array]:
     """Return centres, (times, obstacles, 3), and radii of obstacles' bounding spheres [m].
 
