@@ -10,7 +10,6 @@ import pytest
 from dense_motion import joints_between
 
 from ff_planner_ros.common.share import share_directory
-from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.preconditions import require_plannable
@@ -512,9 +511,8 @@ def test_a_path_that_is_singular_on_fewer_points_leads_to_splines_too(capture, s
     assert along == pytest.approx(shortest.trajectory.joint_positions, abs=0.01)
 
 
-def test_the_check_knows_by_itself_that_a_start_is_singular(capture, settings, monkeypatch):
-    """Not from the core, whose answer it judges. All axes of a stretched arm are in one plane."""
-    monkeypatch.setattr(compiled, "smallest_singular_values", None)
+def test_a_start_that_is_singular_is_refused_for_the_papers_path_alone(capture, settings):
+    """All axes of a stretched arm are in one plane."""
     rest = np.zeros(capture.robot.joints)
     start = replace(capture.start, joint_positions=rest, joint_velocities=rest)
     problem = replace(capture, start=start, parametrisation=PAPERS, obstacles=())
