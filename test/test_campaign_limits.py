@@ -13,7 +13,7 @@ from ff_planner_ros.campaign.study import MOST_CASES
 from ff_planner_ros.cli import main
 
 # [s] of a processor: a second, and what a busy machine and the libraries add
-SOON = 3.0
+SOON = 6.0
 
 
 @pytest.fixture(scope="module")
