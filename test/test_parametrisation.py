@@ -11,7 +11,7 @@ import pytest
 from robots import LEMUR_SCENARIO
 from shared_plans import planned
 
-from ff_planner_benchmark.problems.witnessed import SINGULAR, problem
+from ff_planner_benchmark.problems.witnessed import SINGULAR, drawn
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -77,7 +77,7 @@ def test_the_plan_itself_is_a_first_guess_that_leads_to_it_again(
 @pytest.mark.parametrize("number", range(3))
 def test_from_a_singular_start_the_plan_comes_true(number: int) -> None:
     """Three arms; executed open loop in another physics engine, where the end effector arrives."""
-    asked = problem("singular starts", number)
+    asked = drawn("singular starts", number).problem
     q, _ = configuration(asked.robot, asked.start)
     assert smallest_singular_values(asked.robot, q[None])[0] < SINGULAR
     found = perform(PlanningTask(asked, SETTINGS))
@@ -109,7 +109,7 @@ def test_where_the_papers_paths_hold_no_plan_joint_splines_are_tried(
 )
 def test_the_papers_paths_are_refused_for_what_they_are_not_made_for(kind: str, words: str) -> None:
     with pytest.raises(InvalidInput, match=words) as refusal:
-        plan(in_family(problem(kind, 0), PAPERS), SETTINGS)
+        plan(in_family(drawn(kind, 0).problem, PAPERS), SETTINGS)
     assert refusal.value.field == "parametrisation"
     assert refusal.value.status is Status.UNSUPPORTED
 
