@@ -6,8 +6,8 @@ publishes `chaser_state` and the scenario's `obstacles`, and follows the traject
 `arm_controller/joint_trajectory` in real time; `--help` lists noise and delays. It waits for its
 first plan, in the state from which a plan requested now begins near the scenario's start, and
 begins to drift when the planner receives a request. Replace it by your hardware: those three topics
-are all there is. A scenario with other obstacles than spheres has `obstacle_bodies`, too, and one
-that captures a body `target_body`; if phases follow, the end effector grasps the body.
+are all there is. A scenario that captures a body has `target_body`, too; if phases follow, the end
+effector grasps the body.
 """
 
 from __future__ import annotations

@@ -71,12 +71,12 @@ class Status(IntEnum):
 
 
 class Retry(IntEnum):
-    """Whether repeating a request can help; the codes of `ff_planner_msgs/PlanStatus.retry`."""
+    """Whether repeating a request can help; the constants of `ff_planner_msgs/PlanStatus.retry`."""
 
-    NOTHING = 0  # there is a plan
+    NOT_NEEDED = 0  # there is a plan
     LATER = 1  # the same request may be answered otherwise a little later
     CHANGED = 2  # only another request, scene, state or parameter can be answered otherwise
-    NEVER = 3  # this node answers no more
+    DO_NOT_RETRY = 3  # this node answers no more
 
 
 class Remedy(NamedTuple):
@@ -88,9 +88,9 @@ class Remedy(NamedTuple):
     allowed: str = ""  # for the field, or what may help
 
 
-_NOTHING, _LATER, _CHANGED, _NEVER = Retry
+_NOT_NEEDED, _LATER, _CHANGED, _DO_NOT_RETRY = Retry
 REMEDIES: Mapping[Status, Remedy] = {
-    Status.SOLVED: Remedy(_NOTHING),
+    Status.SOLVED: Remedy(_NOT_NEEDED),
     Status.NO_STATE: Remedy(_LATER),
     Status.STATE_TOO_OLD: Remedy(_LATER),
     Status.STATE_IN_FUTURE: Remedy(_LATER),
@@ -143,7 +143,7 @@ REMEDIES: Mapping[Status, Remedy] = {
     Status.CANCELLED: Remedy(_LATER, "on_cancel", "discard", "best keeps the best plan so far"),
     Status.PREEMPTED: Remedy(_LATER, "when_busy", "preempt", "reject keeps the first request"),
     Status.NOT_ACTIVE: Remedy(_LATER, "lifecycle state", "not active", "active"),
-    Status.SHUT_DOWN: Remedy(_NEVER, "lifecycle state", "finalized", "active"),
+    Status.SHUT_DOWN: Remedy(_DO_NOT_RETRY, "lifecycle state", "finalized", "active"),
     Status.CLOCK_JUMPED: Remedy(_LATER, "/clock", "jumped back", "time that goes on"),
 }
 

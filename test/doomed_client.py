@@ -8,7 +8,7 @@ from ff_planner_msgs.msg import PlanRequest
 from quick_capture import resting_capture
 from ros_processes import Client, Scene, connected_client
 
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.errors import Status
 
 POINTS = 1200
 LEAD = 120  # [s] before the plan begins
@@ -29,12 +29,7 @@ def main(door: str) -> None:
 
 
 def _planned(client: Client, door: str, request: PlanRequest) -> Status:
-    try:
-        answer = (
-            client.plan(request) if door == "service" else client.send_goal(request).result()[1]
-        )
-    except FfPlannerError as refused:
-        return refused.status
+    answer = client.plan(request) if door == "service" else client.send_goal(request).result()[1]
     return Status(answer.status.code)
 
 

@@ -9,15 +9,15 @@ from collections.abc import Callable, Mapping
 import lz4.frame
 import zstandard
 
+from ff_planner_ros.bag.exchanges import EXCHANGE
 from ff_planner_ros.bag.mcap.definition import message_definition
-from ff_planner_ros.messages.service_events import SERVICE_EVENT
 
 MAGIC = b"\x89MCAP0\r\n"
 # Opcodes of MCAP: https://mcap.dev/spec
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
 CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, DATA_END, PRIVATE = 8, 9, 10, 11, 15, 0x90
 GIGABYTE, MEGABYTE = 1 << 30, 1 << 20
-TOPIC = "/plan_trajectory/_service_event"
+TOPIC = "/exchanges"
 
 
 def record(opcode: int, body: bytes) -> bytes:
@@ -59,9 +59,8 @@ def attachment(name: str, data: bytes) -> bytes:
 
 HEAD = MAGIC + record(HEADER, text("ros2") + text("test"))
 END = record(DATA_END, bytes(4))
-ROS_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"  # as ROS calls it
-EVENTS = schema(1, SERVICE_EVENT, "ros2msg", message_definition(ROS_EVENT).text)
-EVENTS += channel(1, TOPIC)
+EXCHANGES = schema(1, EXCHANGE, "ros2msg", message_definition(EXCHANGE).text)
+EXCHANGES += channel(1, TOPIC)
 
 
 def zeros(gigabytes: int, tells_size: bool) -> bytes:
@@ -83,15 +82,15 @@ def zeros_in_lz4() -> bytes:
 
 def indexed(records: bytes, entries: bytes) -> bytes:
     """A file with an index that names what it likes."""
-    body = HEAD + EVENTS + records + END
+    body = HEAD + EXCHANGES + records + END
     statistics = record(STATISTICS, struct.pack("<QHIIIIQQI", 1, 1, 1, 0, 0, 1, 0, 10, 0))
     footer = record(FOOTER, struct.pack("<QQI", len(body), 0, 0))
-    return body + EVENTS + entries + statistics + footer + MAGIC
+    return body + EXCHANGES + entries + statistics + footer + MAGIC
 
 
 def attached_often(times: int) -> bytes:
     document = attachment("robot.urdf", bytes(MEGABYTE))
-    entry = struct.pack("<QQQQQ", len(HEAD + EVENTS), len(document), 0, 0, MEGABYTE)
+    entry = struct.pack("<QQQQQ", len(HEAD + EXCHANGES), len(document), 0, 0, MEGABYTE)
     return indexed(document, record(ATTACHMENT_INDEX, entry + text("a") + text("b")) * times)
 
 
@@ -100,7 +99,7 @@ def attached_within_each_other(depth: int) -> bytes:
     for _ in range(depth):
         document = attachment("a", document + bytes(300))
     step = len(attachment("a", b"")) - 4  # behind the head of one begins the next
-    places = (len(HEAD + EVENTS) + step * number for number in range(depth))
+    places = (len(HEAD + EXCHANGES) + step * number for number in range(depth))
     entries = (struct.pack("<QQQQQ", at, 1, 0, 0, 1) + text("a") + text("b") for at in places)
     return indexed(document, b"".join(record(ATTACHMENT_INDEX, entry) for entry in entries))
 
@@ -108,80 +107,73 @@ def attached_within_each_other(depth: int) -> bytes:
 def chunk_named_often(times: int) -> bytes:
     records = compressed(message(1, b"") * 100_000)
     size = struct.pack("<QQ", len(records), 3_100_000)
-    place = struct.pack("<QQQQ", 0, 10, len(HEAD + EVENTS), len(records))
+    place = struct.pack("<QQQQ", 0, 10, len(HEAD + EXCHANGES), len(records))
     entry = place + struct.pack("<IQ", 0, 0) + text("zstd") + size
     return indexed(records, record(CHUNK_INDEX, entry) * times)
 
 
 def defined(fields: str, held: str = "", cdr: bytes = b"\xff" * 400) -> bytes:
-    """Answers with a definition of their own, in IDL: its fields, and the types that they hold."""
-    event = f"{held} struct PlanTrajectory_Event {{ {fields} }};"
-    return described("ros2idl", f"module ff_planner_msgs {{ module srv {{ {event} }}; }};", cdr)
+    """Exchanges of a definition of their own, in IDL: its fields, and the types that they hold."""
+    exchange = f"{held} struct Exchange {{ {fields} }};"
+    return described("ros2idl", f"module ff_planner_msgs {{ module msg {{ {exchange} }}; }};", cdr)
 
 
 def described(encoding: str, definition: str, cdr: bytes = bytes(400)) -> bytes:
-    records = schema(1, ROS_EVENT, encoding, definition) + channel(1, TOPIC)
+    records = schema(1, EXCHANGE, encoding, definition) + channel(1, TOPIC)
     return HEAD + records + message(1, b"\0\1\0\0" + cdr) * 3 + END
 
 
 def doubled_types(levels: int) -> str:
     """Each type holds the next one ten times."""
     fields = (
-        " ".join(f"ff_planner_msgs::srv::B{level + 1} f{k};" for k in range(10))
+        " ".join(f"ff_planner_msgs::msg::B{level + 1} f{k};" for k in range(10))
         for level in range(levels)
     )
     types = [f"struct B{level} {{ {text} }};" for level, text in enumerate(fields)]
     return " ".join([*types, f"struct B{levels} {{ octet x; }};"])
 
 
-def with_numbers_for_identities() -> bytes:
-    """`bytes` of a number are so many zeros."""
+def with_a_number(for_plans: bool) -> bytes:
+    """A number is where an answer has its plans, or else where a request has an approach."""
     held = """
         struct T { long sec; unsigned long nanosec; };
-        struct I { unsigned long long client_gid; long long sequence_number; uint8 event_type;
-                   ff_planner_msgs::srv::T stamp; };
-        struct Q { long x; };
-    """
-    name = "ff_planner_msgs::srv::"
-    fields = f"{name}I info; sequence<{name}Q> request; sequence<{name}Q> response;"
-    return defined(fields, held, struct.pack("<QqBxxxiIIiI", 1 << 33, 0, 1, 0, 0, 1, 0, 0))
-
-
-def with_numbers_for_parts(event_type: int) -> bytes:
-    """A number is where a request has an approach, if any, and where an answer has its plans."""
-    held = """
-        struct T { long sec; unsigned long nanosec; };
-        struct I { sequence<octet> client_gid; long long sequence_number; uint8 event_type;
-                   ff_planner_msgs::srv::T stamp; };
+        struct H { ff_planner_msgs::msg::T stamp; };
         struct G { double approach; };
-        struct R { ff_planner_msgs::srv::G goal; };
-        struct Q { ff_planner_msgs::srv::R request; };
-        struct S { long code; };
-        struct A { ff_planner_msgs::srv::S status; double plans; };
-        struct P { ff_planner_msgs::srv::A answer; };
+        struct R { ff_planner_msgs::msg::G goal; };
+        struct S { long code; string message; };
+        struct O { double solve_time; };
+        struct I { sequence<double> first_guess; };
+        struct A { ff_planner_msgs::msg::S status; ff_planner_msgs::msg::O solver;
+                   ff_planner_msgs::msg::I inputs; double plans; };
     """
-    name = "ff_planner_msgs::srv::"
-    fields = f"{name}I info; sequence<{name}Q> request; sequence<{name}P> response;"
-    values = (1, 7, 1, event_type, 0, 0, 1, 0.5, 1, 0, 0.5)
-    return defined(fields, held, struct.pack("<IBxxxqBxxxiIIdIid", *values))
+    fields = """
+        ff_planner_msgs::msg::H header; string plan_id; string interface; string requester;
+        string event; sequence<ff_planner_msgs::msg::R> request; string task; string versions;
+        sequence<ff_planner_msgs::msg::A> answer;
+    """
+    word = struct.pack("<IBxxx", 1, 0)
+    request = bytes(4) if for_plans else struct.pack("<Ixxxxd", 1, 0.5)
+    answer = struct.pack("<Ii", 1, 0) + word + struct.pack("<xxxxdIxxxxd", 0.1, 0, 0.5)
+    told = bytes(8) + 4 * word + request + 2 * word + (answer if for_plans else bytes(4))
+    return defined(fields, held, told)
 
 
 EVIL_BAGS: Mapping[str, Callable[[], bytes]] = {
     "a chunk of 4 GiB": lambda: (
-        HEAD + EVENTS + chunk(zeros(4, tells_size=True), "zstd", 4 * GIGABYTE) + END
+        HEAD + EXCHANGES + chunk(zeros(4, tells_size=True), "zstd", 4 * GIGABYTE) + END
     ),
     "a chunk that does not tell its 4 GiB": lambda: (
-        HEAD + EVENTS + chunk(zeros(4, tells_size=False), "zstd", 100) + END
+        HEAD + EXCHANGES + chunk(zeros(4, tells_size=False), "zstd", 100) + END
     ),
     "a chunk that tells 2^63 bytes": lambda: (
-        HEAD + EVENTS + chunk(zeros(1, tells_size=False), "zstd", 1 << 63) + END
+        HEAD + EXCHANGES + chunk(zeros(1, tells_size=False), "zstd", 1 << 63) + END
     ),
-    "a chunk of lz4": lambda: HEAD + EVENTS + chunk(zeros_in_lz4(), "lz4", 100) + END,
+    "a chunk of lz4": lambda: HEAD + EXCHANGES + chunk(zeros_in_lz4(), "lz4", 100) + END,
     "a chunk of two million empty messages": lambda: (
-        HEAD + EVENTS + compressed(message(1, b"") * 2_000_000) + END
+        HEAD + EXCHANGES + compressed(message(1, b"") * 2_000_000) + END
     ),
     "many chunks of empty records": lambda: (
-        HEAD + EVENTS + compressed(record(PRIVATE, b"") * 400_000) * 8 + END
+        HEAD + EXCHANGES + compressed(record(PRIVATE, b"") * 400_000) * 8 + END
     ),
     "4000 entries at one attachment": lambda: attached_often(4_000),
     "attachments within each other": lambda: attached_within_each_other(3_000),
@@ -191,29 +183,28 @@ EVIL_BAGS: Mapping[str, Callable[[], bytes]] = {
         + b"".join(schema(i, f"a/B{i}", "x", "") + channel(i, f"/t{i}") for i in range(1, 60_000))
         + END
     ),
-    "faults everywhere": lambda: HEAD + EVENTS + message(7, b"") * 50_000 + END,
+    "faults everywhere": lambda: HEAD + EXCHANGES + message(7, b"") * 50_000 + END,
     "heads of chunks everywhere": lambda: HEAD + b"\x04\0\0\0zstd" * 100_000,
     "a topic of a megabyte": lambda: (
-        HEAD + EVENTS + schema(2, "a/B", "ros2msg", "int32 x") + channel(2, "/" * MEGABYTE) + END
+        HEAD + EXCHANGES + schema(2, "a/B", "ros2msg", "int32 x") + channel(2, "/" * MEGABYTE) + END
     ),
     "times at the ends": lambda: (
-        HEAD + EVENTS + b"".join(message(1, b"", time) for time in (0, 2**64 - 1, 2**63)) + END
+        HEAD + EXCHANGES + b"".join(message(1, b"", time) for time in (0, 2**64 - 1, 2**63)) + END
     ),
-    "a definition that doubles": lambda: defined("ff_planner_msgs::srv::B0 x;", doubled_types(9)),
+    "a definition that doubles": lambda: defined("ff_planner_msgs::msg::B0 x;", doubled_types(9)),
     "a definition of itself": lambda: defined(
-        "ff_planner_msgs::srv::B x;", "struct B { ff_planner_msgs::srv::B x; };"
+        "ff_planner_msgs::msg::B x;", "struct B { ff_planner_msgs::msg::B x; };"
     ),
     "a deep definition": lambda: described("ros2idl", "module a {" * 5_000),
     "an open definition": lambda: described("ros2idl", "module x_Constants {\n" * 2_800),
     "a long definition": lambda: described("ros2idl", "/*" * MEGABYTE),
     "4e9 of nearly nothing": lambda: defined(
-        "ff_planner_msgs::srv::E x[4000000000];", "struct E { octet y; };"
+        "ff_planner_msgs::msg::E x[4000000000];", "struct E { octet y; };"
     ),
     "4e9 strings": lambda: defined("sequence<string> x;"),
     "4e8 strings of its own": lambda: defined("string x[400000000];"),
     "4e9 numbers": lambda: defined("double x[4000000000];"),
     "an array of 5000 digits": lambda: defined(f"octet x[{'9' * 5_000}];"),
-    "numbers for identities": with_numbers_for_identities,
-    "a number for an approach": lambda: with_numbers_for_parts(event_type=1),
-    "a number for plans": lambda: with_numbers_for_parts(event_type=2),
+    "a number for an approach": lambda: with_a_number(for_plans=False),
+    "a number for plans": lambda: with_a_number(for_plans=True),
 }

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -19,13 +19,14 @@ import rclpy
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import (
     ChaserState,
-    ObstacleSphereArray,
+    Exchange,
     PlanAnswer,
     PlanProgress,
     PlanRequest,
     PlanStatus,
     PublishedPlan,
 )
+from ff_planner_msgs.msg import Scene as SceneMessage
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMsg
@@ -41,9 +42,7 @@ from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.background import ask, spin_in_background
-from ff_planner_ros.ros.client import RefusedGoals
 from ff_planner_ros.ros.messages.to_messages import (
-    obstacles_message,
     request_message,
     scene_message,
     state_message,
@@ -53,8 +52,6 @@ from ff_planner_ros.ros.qos import REQUEST_QOS
 FRAME = "inertial"
 DEADLINE = 300.0  # [s] a condition that is not met by then on a busy machine never will be
 PROBE_INTERVAL = 5.0  # [s] after which an answer is taken to be lost
-EVENT_TOPIC = "/plan_trajectory/_service_event"
-REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
 
 
 ENDS_IN_MOTION = (
@@ -128,14 +125,14 @@ class Client:
         latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._states = self.node.create_publisher(ChaserState, "chaser_state", 100)
         self._obstacles = self.node.create_publisher(
-            ObstacleSphereArray, "obstacles", QoSProfile(depth=1, durability=latched.durability)
+            SceneMessage, "obstacles", QoSProfile(depth=1, durability=latched.durability)
         )
         for message_type, topic, qos in (
             (JointTrajectory, "joint_trajectory", latched),
             (PublishedPlan, "published_plan", latched),
             (PathMsg, "predicted_chaser_path", latched),
             (PoseStamped, "predicted_chaser_pose", QoSProfile(depth=100)),
-            (PlanTrajectory.Event, "plan_trajectory/_service_event", QoSProfile(depth=100)),
+            (Exchange, "exchanges", latched),
             (MarkerArray, "markers", latched),
         ):
             self.hear(message_type, topic, qos)
@@ -150,7 +147,6 @@ class Client:
             goal_service_qos_profile=REQUEST_QOS,
             result_service_qos_profile=REQUEST_QOS,
         )
-        self._refused = RefusedGoals(self.node)
         # After the other services: see `wait_for_planner`.
         self._probe = self.node.create_client(GetParameters, f"{planner}/get_parameters")
         self.executor = SingleThreadedExecutor()
@@ -207,7 +203,7 @@ class Client:
     def publish_state(self, message: ChaserState) -> None:
         self._states.publish(message)
 
-    def publish_obstacles(self, message: ObstacleSphereArray) -> None:
+    def publish_obstacles(self, message: SceneMessage) -> None:
         self._obstacles.publish(message)
 
     def publish_states_at(self, rate: float, messages: list[ChaserState]) -> None:
@@ -239,23 +235,15 @@ class Client:
         return answer
 
     def send_goal(self, request: PlanRequest) -> Goal:
-        """Send a goal.
-
-        Raises:
-            FfPlannerError: The planner's answer to a goal that it refuses.
-        """
+        """Send a goal, and wait until the planner has it."""
         goal = self.send_goal_at_once(request)
-        goal.require_accepted()
+        assert goal.is_accepted
         return goal
 
     def send_goal_at_once(self, request: PlanRequest) -> Goal:
-        """Send a goal without waiting for whether it is accepted."""
+        """Send a goal without waiting for anything."""
         assert self._action.wait_for_server(DEADLINE)
-        give_up = time.monotonic() + DEADLINE
-        while not self._refused.can_hear:
-            assert time.monotonic() < give_up
-            time.sleep(0.01)
-        return Goal(self.executor, self._action, self._refused, request)
+        return Goal(self.executor, self._action, request)
 
     def plan(self, request: PlanRequest) -> PlanAnswer:
         return self.send(request)()
@@ -314,19 +302,18 @@ class Goal:
         self,
         executor: SingleThreadedExecutor,
         client: ActionClient,
-        refused: RefusedGoals,
         request: PlanRequest,
     ) -> None:
         self._executor = executor
         self.feedback: list[PlanProgress] = []
         self.progress = threading.Event()
         goal = PlanTrajectoryAction.Goal(request=request)
-        self._refused = refused
         self._sent = ask(executor, lambda: client.send_goal_async(goal, self._keep))
 
-    def require_accepted(self) -> None:
-        """Raise the planner's answer to a goal that it refuses."""
-        self._refused.require_accepted(self._handle)
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the planner has accepted it, as it does with every goal."""
+        return bool(self._handle.accepted)
 
     def cancel(self) -> bool:
         """Ask to cancel; whether the planner accepts."""
@@ -359,8 +346,8 @@ class Scene:
         names = self.problem.robot.joint_names
         return state_message(self.problem.start, names, stamp_ns, FRAME)
 
-    def obstacles(self) -> ObstacleSphereArray:
-        return obstacles_message(self.problem.obstacles, 0, FRAME)
+    def obstacles(self) -> SceneMessage:
+        return scene_message(self.problem.obstacles, 0, FRAME)
 
     def request(self) -> PlanRequest:
         """Return a request that can be solved, starting from the topics."""
@@ -370,7 +357,7 @@ class Scene:
         """Return a request that can be solved and brings its own start state and scene."""
         request = self.request()
         request.start_state = [self.state(0)]
-        request.scene = [scene_message(self.problem.obstacles, 0, FRAME)]
+        request.scene = [self.obstacles()]
         return request
 
 
@@ -381,6 +368,15 @@ def read_bag(directory: Path) -> dict[str, list[Any]]:
         for connection, _, data in reader.messages():
             messages[connection.topic].append(reader.deserialize(data, connection.msgtype))
     return messages
+
+
+def answers_in(messages: Mapping[str, list[Any]]) -> list[Any]:
+    """Return the answers to requests for plans among the messages of a bag, in their order."""
+    return [
+        exchange.answer[0]
+        for exchange in messages["/exchanges"]
+        if exchange.answer and exchange.request
+    ]
 
 
 @contextmanager

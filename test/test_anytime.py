@@ -267,12 +267,11 @@ def test_the_budget_of_a_command_gives_the_best_until_then(
     document = plan_document(told)
     assert document.plan.effort == told["effort"]
     recorded = only_request(bag)
-    assert recorded.response is not None
-    assert recorded.response.effort == told["effort"]
+    assert recorded.answer is not None
+    assert recorded.answer.plans[0].effort == told["effort"]
     again = replay(recorded)
     assert again.verdict is Verdict.IDENTICAL
-    assert again.answer is not None
-    assert again.answer.task_digest == recorded.response.task_digest
+    assert recorded.planned_task().digest == recorded.answer.task_digest
 
 
 def test_a_refusal_for_lack_of_time_is_replayed_to_the_step(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from ff_planner_msgs.msg import Goal
 from geometry_msgs.msg import Vector3
-from recorded_requests import only_request
+from recorded_requests import motions_in, only_request
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES
 from test_approach import FORWARD, RESTING, TUMBLING, degrees_off, seen_from_grasp, with_approach
@@ -21,7 +21,6 @@ from visualization_msgs.msg import Marker
 from ff_planner_ros.analysis.plan_document import plan_document, planned_scene
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.errors import InvalidInput
@@ -144,9 +143,10 @@ def test_a_bag_holds_corridor_and_limits_and_gives_the_plan_again(
     task: PlanningTask, bag: Path, tmp_path: Path
 ) -> None:
     recorded = only_request(bag)
-    assert recorded.read_request().task.digest == task.digest
+    assert recorded.planned_task().digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
-    (scene,) = robot_plans(bag).scenes.values()
+    ((*_, scene, _, _),) = motions_in(bag)
+    assert scene is not None
     assert scene.approach is not None
     assert scene.approach.distance == 0.2
     (row,) = (one.row() for one in read_plans(bag))
@@ -162,12 +162,12 @@ def test_a_bag_holds_corridor_and_limits_and_gives_the_plan_again(
 def test_a_corridor_that_no_path_keeps_to_is_another_answer(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["replay", str(bag), "--set", "approach.distance=-1"]) == 0
-    assert "OUT_OF_RANGE" in capsys.readouterr().out
+    assert main(["replay", str(bag), "--set", "approach.distance=-1"]) == 2
+    assert "approach.distance is -1.0" in capsys.readouterr().err
     sideways = ["--set", "approach.direction=[1, 0, 0]", "--set", "limits.acceleration=2.4"]
     assert main(["replay", str(bag), *sideways, "--set", "approach.distance=0.02"]) == 0
     told = capsys.readouterr().out
-    assert "with approach.direction=[1.0, 0.0, 0.0], limits.acceleration=[2.4]," in told
+    assert "with approach.direction=[1, 0, 0], limits.acceleration=2.4," in told
     assert "SOLVED > SOLVED" in told
     for setting in (
         "approach.direction=[1, 0]",

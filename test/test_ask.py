@@ -26,9 +26,7 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 
 ASK = (sys.executable, "-m", "ff_planner_ros.cli", "ask")
 BRING = ("--bring", "state", "--bring", "obstacles")
@@ -175,18 +173,16 @@ def test_where_no_node_runs_it_says_so() -> None:
 
 def test_whoever_stops_waiting_cancels_the_request(world: tuple[PlannerProcess, Client]) -> None:
     _, client = world
-    goals, results = (
-        client.hear(kind.Event, f"plan_trajectory_action{events}")
-        for kind, events in ((SEND_GOAL, GOAL_EVENTS), (GET_RESULT, RESULT_EVENTS))
-    )
+    heard, before = client.received["exchanges"], len(client.received["exchanges"])
     slow = ("--set", "objective.chaser_attitude=1", "--set", "objective.joint_path_length=0")
     process = subprocess.Popen([*ASK, CAPTURE, *BRING, *slow, "--timeout", str(DEADLINE)])
     try:
-        client.wait_until(lambda: goals, "a goal of the action")
+        client.wait_until(lambda: len(heard) > before, "a goal of the action")
         process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE) == 130
     finally:
         process.kill()
         process.wait()
-    client.wait_until(lambda: results, "the result of the action")
-    assert results[-1].response[0].result.answer.status.code == Status.CANCELLED
+    client.wait_until(lambda: len(heard) > before + 1, "the answer to the goal")
+    assert heard[-1].event == "cancelled"
+    assert heard[-1].answer[0].status.code == Status.CANCELLED

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from answers import exchange, write_bag
 from ff_planner_msgs.msg import Plan
-from test_bag_plans import answered, response
+from std_msgs.msg import Empty
+from test_bag_plans import response, write
 
 from ff_planner_ros.bag import read_plans
 from ff_planner_ros.bag.info import bag_document
-from ff_planner_ros.bag.mcap.encoding import encode
-from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import Status
 
 SECOND = 10**9
@@ -20,22 +20,16 @@ START = 1_760_000_000 * SECOND
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """Half a second of something else, then a refusal, plans, and long nothing."""
+    """Half a second of something else, then a refusal, plans, and something else."""
     tried = response("tried", Status.COLLISION)
     to_goal, without_tail = response("to a goal"), response("without a tail")
     tried.solver.rollouts = 3
     tried.plans = [Plan(duration=9.0)]  # which counts for nothing
     to_goal.plans[0].duration = 0.375
-    with BagWriter(tmp_path / "run", flush_interval=0.0) as writer:
-        writer.add_topic("/else", "std_msgs/msg/Empty", [])
-        writer.write("/else", b"\0\1\0\0\0", START, START)
-        events = answered(tried, to_goal, without_tail)
-        writer.add_topic(*events[0][:2], [])
-        for number, (topic, _, event) in enumerate(events):
-            time = START + (number + 1) * SECOND // 2
-            writer.write(topic, encode(event), time, time)
-        writer.write("/else", b"\0\1\0\0\0", START + 60 * SECOND, START + 60 * SECOND)
-    return tmp_path / "run"
+    answers = map(exchange, (tried, to_goal, without_tail))
+    told = ("/else", Empty())
+    half = SECOND // 2
+    return write_bag(tmp_path / "run", told, *answers, told, start_ns=START, step_ns=half)
 
 
 def test_answers_are_told_by_when_they_came_after_the_beginning(bag: Path) -> None:
@@ -55,10 +49,6 @@ def test_a_refusal_has_the_joints_of_the_plans(bag: Path) -> None:
 def test_what_is_zero_for_want_of_an_attempt_is_none(bag: Path, tmp_path: Path) -> None:
     tried, solved, _ = read_plans(bag)
     assert tried.row()["iterations"] == 0
-    with BagWriter(tmp_path / "other", flush_interval=0.0) as writer:
-        ((topic, kind, event),) = answered(response("refused", Status.BUSY))
-        writer.add_topic(topic, kind, [])
-        writer.write(topic, encode(event), START, START)
-    (refused,) = read_plans(tmp_path / "other")
+    (refused,) = read_plans(write(tmp_path / "other", response("refused", Status.BUSY)))
     assert {refused.row()[name] for name in ("starts", "iterations", "rollouts")} == {None}
     assert solved.row()["points"] == 3

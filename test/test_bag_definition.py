@@ -21,16 +21,8 @@ MESSAGES = [
     "rcl_interfaces/msg/ParameterEvent",
     "rcl_interfaces/msg/Log",
     "ff_planner_msgs/msg/ChaserState",
-    "ff_planner_msgs/msg/ObstacleSphereArray",
-]
-SERVICE_PARTS = [
-    f"{service}_{part}"
-    for service in (
-        "std_srvs/srv/SetBool",
-        "std_srvs/srv/Empty",
-        "ff_planner_msgs/srv/PlanTrajectory",
-    )
-    for part in ("Event", "Request", "Response")
+    "ff_planner_msgs/msg/Exchange",
+    "ff_planner_msgs/msg/Scene",
 ]
 
 
@@ -49,19 +41,6 @@ def test_a_definition_has_the_hash_that_the_installed_type_has(type_name: str) -
     assert types_defined_by(type_name).hash_rihs01(type_name) == definition.hash
 
 
-@pytest.mark.parametrize("type_name", SERVICE_PARTS)
-def test_a_part_of_a_service_is_defined_as_the_message_with_its_bytes(type_name: str) -> None:
-    definition = message_definition(type_name)
-    package, _, name = type_name.split("/")
-    assert definition.name == f"{package}/msg/{name.replace('_', '')}"
-    store = types_defined_by(type_name)
-    assert store.hash_rihs01(definition.name) == definition.hash
-    # What a part holds of messages is what is installed, to its hash.
-    for held in sorted(set(store.fielddefs) - {definition.name}):
-        if not held.endswith(("Request", "Response")) or held == "ff_planner_msgs/msg/PlanRequest":
-            assert store.hash_rihs01(held) == message_definition(held).hash
-
-
 def test_a_type_held_twice_is_defined_once() -> None:
     text = message_definition("nav_msgs/msg/Odometry").text
     assert text.count("MSG: geometry_msgs/Vector3\n") == 1
@@ -74,6 +53,7 @@ def test_a_type_held_twice_is_defined_once() -> None:
         "String",
         "std_msgs/String",
         "std_srvs/srv/SetBool",
+        "std_srvs/srv/SetBool_Event",
         "std_msgs/msg/String/x",
         "/msg/String",
         "",
@@ -89,19 +69,6 @@ def test_a_name_of_another_form_is_refused(type_name: str) -> None:
 def test_a_type_that_is_not_installed_is_refused(type_name: str) -> None:
     with pytest.raises(BagError, match=type_name):
         message_definition(type_name)
-
-
-def test_a_service_keeps_its_constants_and_is_without_fields_only_where_it_has_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    service = tmp_path / "share" / "my_msgs" / "srv"
-    service.mkdir(parents=True)
-    (service / "Ask.srv").write_text("uint8 A=1  # only a constant\n---\nstring<=5 a 'x = y'\n")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}:/work")
-    filler = "uint8 structure_needs_at_least_one_member"
-    asked = message_definition("my_msgs/srv/Ask_Request").text
-    assert asked == f"uint8 A=1  # only a constant\n\n{filler}"
-    assert filler not in message_definition("my_msgs/srv/Ask_Response").text
 
 
 def test_a_type_below_the_ament_path_is_found(

@@ -16,14 +16,10 @@ from ff_planner_ros.bag.mcap.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter
 
 START = 1_760_000_000_000_000_000
-# Every kind of type that the node records.
 TYPES = (
     "ff_planner_msgs/msg/ChaserState",
     "visualization_msgs/msg/MarkerArray",
-    "ff_planner_msgs/srv/PlanTrajectory_Event",
-    "ff_planner_msgs/action/PlanTrajectory_FeedbackMessage",
-    "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event",
-    "ff_planner_msgs/action/PlanTrajectory_GetResult_Event",
+    "ff_planner_msgs/msg/Exchange",
 )
 TOPIC = ("topics_with_message_count", 1, "topic_metadata")
 

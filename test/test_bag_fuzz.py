@@ -16,16 +16,14 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mutants import bytes_mutated
 
+from ff_planner_ros.bag.exchanges import EXCHANGE
 from ff_planner_ros.bag.export import export_csv
 from ff_planner_ros.bag.info import info
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.messages.service_events import SERVICE_EVENT, recorded_name
 
-STATE, OBSTACLES = (
-    f"ff_planner_msgs/msg/{name}" for name in ("ChaserState", "ObstacleSphereArray")
-)
+MODEL, MOTION = "std_msgs/msg/String", "trajectory_msgs/msg/JointTrajectory"
 DEADLINE = 60  # [s] far more than any mutant takes
 SEED = 20260606
 
@@ -55,7 +53,7 @@ def copy_of(bag: Path, types: set[str], compression: CompressionType, checksums:
     writer.add_metadata("ff_planner_ros", {"host": "here"})
     with file_of(bag).open("rb") as stream:
         for schema, channel, message in make_reader(stream).iter_messages():
-            if recorded_name(schema.name) in types:
+            if schema.name in types:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
                 number = writer.register_channel(channel.topic, "cdr", number, channel.metadata)
                 writer.add_message(number, message.log_time, message.data, message.publish_time)
@@ -95,9 +93,9 @@ def use_everything(file: Path, directory: Path) -> str:
 @pytest.mark.parametrize(
     ("make", "mutants"),
     [
-        (lambda bag: copy_of(bag, {STATE, OBSTACLES}, CompressionType.ZSTD, checksums=True), 150),
-        (lambda bag: copy_of(bag, {STATE, OBSTACLES}, CompressionType.NONE, checksums=False), 200),
-        (lambda bag: copy_of(bag, {SERVICE_EVENT}, CompressionType.NONE, checksums=False), 25),
+        (lambda bag: copy_of(bag, {MODEL, MOTION}, CompressionType.ZSTD, checksums=True), 150),
+        (lambda bag: copy_of(bag, {MODEL, MOTION}, CompressionType.NONE, checksums=False), 200),
+        (lambda bag: copy_of(bag, {EXCHANGE}, CompressionType.NONE, checksums=False), 25),
     ],
     ids=["as recorded", "without checksums", "answers without checksums"],
 )
@@ -133,7 +131,7 @@ def test_answers_with_mutated_contents_are_told_or_left_out(
         records = [
             (schema, message)
             for schema, _, message in make_reader(stream).iter_messages()
-            if recorded_name(schema.name) == SERVICE_EVENT
+            if schema.name == EXCHANGE
         ]
     chance = random.Random(SEED)
     file = tmp_path / "mutants.mcap"
@@ -142,7 +140,7 @@ def test_answers_with_mutated_contents_are_told_or_left_out(
         writer.start("ros2", "test")
         schema = records[0][0]
         number = writer.register_schema(schema.name, schema.encoding, schema.data)
-        channel = writer.register_channel("/plan/_service_event", "cdr", number)
+        channel = writer.register_channel("/exchanges", "cdr", number)
         for time in range(400):
             original = records[time % len(records)][1].data
             writer.add_message(channel, time, bytes_mutated(original, chance), time)

@@ -122,7 +122,7 @@ def verdict_of(task: PlanningTask, plan: Plan, bag: Path) -> Verdict:
     """Record a plan, require that its bag has the task, and plan it again from that alone."""
     record_answer(bag, task, plan, 0.5)
     recorded = only_request(bag)
-    assert recorded.read_request().task.digest == task.digest
+    assert recorded.planned_task().digest == task.digest
     return replay(recorded).verdict
 
 

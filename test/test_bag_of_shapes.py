@@ -6,7 +6,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from recorded_requests import only_request
 from shaped_problems import SOLIDS, capture_among_bodies
@@ -15,11 +14,7 @@ from test_tumbling import body_of
 from ff_planner_benchmark.problems import shapes, tumbling
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
-from ff_planner_ros.bag.export import export_npz
-from ff_planner_ros.bag.info import info
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.recover import recover
-from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
@@ -32,7 +27,6 @@ from ff_planner_ros.robot.collision.solids import KINDS
 from ff_planner_ros.ros.client import request_of_scenario
 from ff_planner_ros.ros.messages.from_messages import scene_from_message, target_body_from_message
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
 FRAME = "inertial"
@@ -61,14 +55,16 @@ def bag(task: PlanningTask, plan: Plan, tmp_path_factory: pytest.TempPathFactory
     return bag
 
 
-def test_a_bag_has_the_bodies_on_their_topic_and_replays_to_the_last_bit(
-    task: PlanningTask, bag: Path
+@pytest.mark.parametrize("recovered", [False, True])
+def test_a_bag_has_the_bodies_and_replays_to_the_last_bit(
+    task: PlanningTask, bag: Path, recovered: bool, tmp_path: Path
 ) -> None:
-    with open_bag(bag) as opened:
-        ((_, array),) = opened.decoded("ff_planner_msgs/msg/ObstacleArray")
-        (recorded,) = recorded_run(opened).requests
-    assert [one.id for one in array.bodies] == list(SOLIDS)
-    assert recorded.read_request().task.digest == task.digest
+    if recovered:
+        recover(bag, tmp_path / "again")
+        bag = tmp_path / "again"
+    recorded = only_request(bag)
+    assert [one.id for one in recorded.request.scene[0].bodies] == list(SOLIDS)
+    assert recorded.planned_task().digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
 
 
@@ -91,7 +87,7 @@ def test_plans_around_each_kind_of_shape_replay_to_the_last_bit(
     assert (plan.trajectory.joint_positions != free.trajectory.joint_positions).any()
     record_answer(tmp_path / "bag", task, plan, 0.5)
     recorded = only_request(tmp_path / "bag")
-    assert recorded.read_request().task.digest == task.digest
+    assert recorded.planned_task().digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
 
 
@@ -102,30 +98,6 @@ def test_shapes_of_each_kind_are_among_these() -> None:
         for body in shapes.problem(number).problem.obstacle_bodies
     }
     assert kinds == set(KINDS) - {"sphere"}
-
-
-@pytest.mark.parametrize("recovered", [False, True])
-def test_what_a_bag_says_of_its_plans_has_the_bodies_where_they_were(
-    problem: PlanningProblem, bag: Path, recovered: bool, tmp_path: Path
-) -> None:
-    if recovered:
-        recover(bag, tmp_path / "again")
-        bag = tmp_path / "again"
-    (scene,) = robot_plans(bag).scenes.values()
-    assert digest_of(scene.target_body) == digest_of(body_of(problem))
-    assert [one.id for one in scene.obstacle_bodies] == [one.id for one in problem.obstacle_bodies]
-    for found, wanted in zip(scene.obstacle_bodies, problem.obstacle_bodies, strict=True):
-        assert digest_of(found) == digest_of(wanted)
-        for time in (np.array([0.0]), np.array([7.0])):
-            for one, other in zip(found.poses(time), wanted.poses(time), strict=True):
-                assert one == pytest.approx(other, abs=1e-9)
-
-
-def test_a_bag_without_bodies_has_no_topic_of_them(tmp_path: Path) -> None:
-    task = PlanningTask(tumbling.problem("tumbling", 0), SETTINGS)
-    record_answer(tmp_path / "bag", task, perform(task), 0.5)
-    with open_bag(tmp_path / "bag") as opened:
-        assert "/obstacle_bodies" not in opened.topics
 
 
 def test_an_answer_in_a_file_has_the_bodies_of_its_task(
@@ -154,19 +126,12 @@ def test_a_scenario_keeps_bodies_and_a_digest_tells_them_apart(
     assert not any(isinstance(one, Sphere) for one in problem.obstacle_bodies)
 
 
-def test_a_table_of_a_bag_with_bodies_is_as_of_any(bag: Path, tmp_path: Path) -> None:
-    export_npz(bag, tmp_path / "plans.npz")
-    with np.load(tmp_path / "plans.npz") as arrays:
-        assert any(name.startswith("bag/") for name in arrays)
-    assert any("/obstacle_bodies" in line for line in info(bag))
-
-
 def test_a_scenarios_bodies_are_brought_as_they_are(tmp_path: Path) -> None:
     problem = capture_among_bodies(tumbling.problem("tumbling", 0))
     write_scenario(PlanningTask(problem, SETTINGS), tmp_path / "capture.yaml")
     bring = ("state", "obstacles", "target_body")
     request = request_of_scenario(tmp_path / "capture.yaml", FRAME, bring)
-    found = scene_from_message(request.scene[0], FRAME)
+    found = scene_from_message(request.scene[0], "scene", FRAME)
     free = [one for one in problem.obstacles if one.body is None]
     assert [digest_of(one) for one in found] == [digest_of(one) for one in free]
     body = target_body_from_message(request.target_body[0], FRAME)

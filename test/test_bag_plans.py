@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from answers import received, sent
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from answers import exchange, write_bag
 from ff_planner_msgs.msg import Plan, PlanAnswer, PlanMetrics, PlanRequest
-from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped, Twist
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -20,18 +17,13 @@ from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ff_planner_ros.bag import read_plans
+from ff_planner_ros.bag.exchanges import EXCHANGE
 from ff_planner_ros.bag.export import export_csv, export_npz
 from ff_planner_ros.bag.info import info
-from ff_planner_ros.bag.mcap.encoding import encode
-from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, Status
-from ff_planner_ros.messages.service_events import RESULT_EVENT, SERVICE_EVENT, recorded_name
-from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name
 
 NODE = Path(__file__).parent / "golden_bags" / "node"
-EVENT = type_name(PlanTrajectory.Event)
-_, REQUEST_RECEIVED, RESPONSE_SENT, RESPONSE_RECEIVED = range(4)
 
 
 def response(plan_id: str, code: int = Status.SOLVED, joints: int = 2) -> PlanAnswer:
@@ -73,19 +65,19 @@ def response(plan_id: str, code: int = Status.SOLVED, joints: int = 2) -> PlanAn
     return answer
 
 
-def answered(*answers: PlanAnswer) -> list[tuple[str, str, Any]]:
-    return [("/plan_trajectory/_service_event", EVENT, sent(one)) for one in answers]
+def write(directory: Path, *answers: PlanAnswer) -> Path:
+    return write_bag(directory, *map(exchange, answers))
 
 
-def write(directory: Path, events: Sequence[tuple[str, str, Any]]) -> Path:
-    with BagWriter(directory, flush_interval=0.0) as writer:
-        known = set()
-        for time, (topic, type_name, message) in enumerate(events):
-            if topic not in known:
-                writer.add_topic(topic, type_name, [])
-                known.add(topic)
-            writer.write(topic, encode(message), time, time)
-    return directory
+def answered_exchanges() -> list[Any]:
+    """Return what rosbags reads of the requests for a plan."""
+    with AnyReader([NODE]) as reader:
+        decoded = [
+            reader.deserialize(data, EXCHANGE)
+            for connection, _, data in reader.messages()
+            if connection.msgtype == EXCHANGE
+        ]
+    return [one for one in decoded if one.event == "answered"]
 
 
 def test_plans_are_those_that_an_independent_decoder_finds_published() -> None:
@@ -105,17 +97,7 @@ def test_plans_are_those_that_an_independent_decoder_finds_published() -> None:
 
 
 def test_arrays_are_what_the_messages_say() -> None:
-    with AnyReader([NODE]) as reader:
-        decoded = [
-            (recorded_name(connection.msgtype), reader.deserialize(data, connection.msgtype))
-            for connection, _, data in reader.messages()
-            if recorded_name(connection.msgtype) in (SERVICE_EVENT, RESULT_EVENT)
-        ]
-    answers = [
-        one.result.answer if name == RESULT_EVENT else one.answer
-        for name, told in decoded
-        for one in told.response
-    ]
+    answers = [one.answer[0] for one in answered_exchanges()]
     plans = read_plans(NODE)
     assert [plan.plan_id for plan in plans] == [answer.plan_id for answer in answers]
     solved = 0
@@ -157,7 +139,7 @@ def test_arrays_are_what_the_messages_say() -> None:
 
 
 def test_columns_are_one_dimensional_equally_long_and_named_with_their_unit(tmp_path: Path) -> None:
-    (plan,) = read_plans(write(tmp_path / "run", answered(response("a"))))
+    (plan,) = read_plans(write(tmp_path / "run", response("a")))
     columns = plan.columns()
     assert {column.shape for column in columns.values()} == {(3,)}
     assert len(columns) == 1 + 4 * 2 + 2 * 13
@@ -176,7 +158,7 @@ def test_what_an_answer_lacks_is_nan(tmp_path: Path) -> None:
     for point in answer.plans[0].joint_trajectory.points:
         point.effort = []
     answer.plans[0].end_effector_twists = []
-    (plan,) = read_plans(write(tmp_path / "run", answered(answer)))
+    (plan,) = read_plans(write(tmp_path / "run", answer))
     assert np.isnan(plan.trajectory.joint_torques).all()
     assert plan.trajectory.joint_torques.shape == (3, 2)
     assert np.isnan(plan.trajectory.ee_linear_velocities).all()
@@ -186,22 +168,16 @@ def test_what_an_answer_lacks_is_nan(tmp_path: Path) -> None:
 def test_an_answer_that_makes_no_sense_is_told_and_the_others_are_read(tmp_path: Path) -> None:
     crooked = response("crooked")
     crooked.plans[0].end_effector_twists = crooked.plans[0].end_effector_twists[:2]
-    bag = write(tmp_path / "run", answered(crooked, response("sound")))
+    bag = write(tmp_path / "run", crooked, response("sound"))
     with pytest.warns(UserWarning, match=r"cannot be understood: .*\(2, 6\), not \(3, 6\)"):
         (plan,) = read_plans(bag)
     assert plan.plan_id == "sound"
 
 
-def test_each_answer_comes_once_though_clients_tell_of_it_too(tmp_path: Path) -> None:
-    events = answered(response("a"), response("a"))
-    events[1][-1].info.event_type = RESPONSE_RECEIVED
-    assert len(read_plans(write(tmp_path / "run", events))) == 1
-
-
 def test_a_refusal_has_metrics_only_if_there_was_an_attempt(tmp_path: Path) -> None:
     refused, tried = (response(name, Status.COLLISION) for name in ("refused", "tried"))
     tried.solver.rollouts, tried.metrics = 7, [PlanMetrics(min_clearance=-0.25)]
-    first, second = read_plans(write(tmp_path / "run", answered(refused, tried)))
+    first, second = read_plans(write(tmp_path / "run", refused, tried))
     assert (first.status, first.metrics) == ("COLLISION", {})
     assert {column.shape for column in first.columns().values()} == {(0,)}
     assert second.metrics["min_clearance"] == -0.25
@@ -209,67 +185,29 @@ def test_a_refusal_has_metrics_only_if_there_was_an_attempt(tmp_path: Path) -> N
 
 
 def test_a_status_of_a_later_version_is_given_as_its_number(tmp_path: Path) -> None:
-    (plan,) = read_plans(write(tmp_path / "run", answered(response("a", 999))))
+    (plan,) = read_plans(write(tmp_path / "run", response("a", 999)))
     assert plan.status == "999"
 
 
-def test_answers_of_service_and_action_come_in_the_order_of_time(tmp_path: Path) -> None:
-    events = [
-        (
-            "/act/_service_event",
-            type_name(GET_RESULT.Event),
-            result_sent(response("first", Status.BUSY)),
-        ),
-        *answered(response("second")),
-    ]
-    assert [p.plan_id for p in read_plans(write(tmp_path / "run", events))] == ["first", "second"]
-
-
-def result_sent(answer: PlanAnswer) -> Any:
-    result = PlanTrajectoryAction.Result(answer=answer)
-    told = GET_RESULT.Event(response=[GET_RESULT.Response(result=result)])
-    told.info.event_type = RESPONSE_SENT
-    return told
-
-
-def of_two_robots(directory: Path) -> Path:
-    result = result_sent(response("/b/1", Status.BUSY))
-    goal = SEND_GOAL.Event(request=[SEND_GOAL.Request()])
-    goal.info.event_type = REQUEST_RECEIVED
-    asked = received(PlanRequest())
-    return write(
-        directory,
-        [
-            ("/a/plan_trajectory/_service_event", EVENT, asked),
-            *((f"/a{topic}", *rest) for topic, *rest in answered(response("/a/1"))),
-            ("/a/plan_trajectory/_service_event", EVENT, asked),
-            (
-                "/b/plan_trajectory_action/_action/send_goal/_service_event",
-                type_name(SEND_GOAL.Event),
-                goal,
-            ),
-            (
-                "/b/plan_trajectory_action/_action/get_result/_service_event",
-                type_name(GET_RESULT.Event),
-                result,
-            ),
-        ],
-    )
-
-
 def test_two_robots_in_one_bag_are_told_apart(tmp_path: Path) -> None:
-    bag = of_two_robots(tmp_path / "run")
-    assert [plan.topic.split("/")[1] for plan in read_plans(bag)] == ["a", "b"]
+    answers = response("/a/1"), response("/b/1", Status.BUSY)
+    bag = write_bag(
+        tmp_path / "run",
+        ("/a/exchanges", exchange(answers[0])),
+        ("/a/exchanges", exchange(request=PlanRequest())),
+        ("/b/exchanges", exchange(answers[1], interface="action", requester="fleet")),
+    )
+    assert [plan.topic for plan in read_plans(bag)] == ["/a/exchanges", "/b/exchanges"]
     text = "\n".join(info(bag))
     assert "requests  3: 1 SOLVED, 1 BUSY, 1 no answer" in text
-    assert "/a/plan_trajectory  SOLVED  /a/1  because" in text
-    assert "/b/plan_trajectory_action  BUSY  /b/1  because" in text
+    assert "service  SOLVED  /a/1  because" in text
+    assert "action  BUSY  /b/1  because" in text
     assert "note: it is of 2 planners, /a, /b: " in text
+    assert [plan.row()["requester"] for plan in read_plans(bag)] == [None, "fleet"]
 
 
 def test_tables_hold_the_columns_to_the_last_bit(tmp_path: Path) -> None:
-    answers = answered(response("run.1"), response("run.2", Status.BUSY))
-    bag = write(tmp_path / "run", answers)
+    bag = write(tmp_path / "run", response("run.1"), response("run.2", Status.BUSY))
     assert main(["export", str(bag), "--csv", str(tmp_path / "tables")]) == 0
     assert {file.name for file in (tmp_path / "tables").iterdir()} == {"answers.csv", "run.1.csv"}
     with (tmp_path / "tables" / "run.1.csv").open(newline="") as stream:
@@ -289,8 +227,8 @@ def test_tables_hold_the_columns_to_the_last_bit(tmp_path: Path) -> None:
 
 def test_every_answer_of_every_bag_has_the_same_columns(tmp_path: Path) -> None:
     bags = [NODE]
-    bags.append(write(tmp_path / "lone", answered(response("a", joints=3), response("b", 999))))
-    bags.append(write(tmp_path / "refused", answered(response("c", Status.BUSY))))
+    bags.append(write(tmp_path / "lone", response("a", joints=3), response("b", 999)))
+    bags.append(write(tmp_path / "refused", response("c", Status.BUSY)))
     headers = set()
     for number, bag in enumerate(bags):
         tables = tmp_path / f"tables_{number}"
@@ -314,17 +252,9 @@ def test_every_answer_of_every_bag_has_the_same_columns(tmp_path: Path) -> None:
 
 
 def test_a_row_says_what_was_asked_and_what_the_solver_did() -> None:
-    with AnyReader([NODE]) as reader:
-        told = [
-            reader.deserialize(data, connection.msgtype)
-            for connection, _, data in reader.messages()
-            if recorded_name(connection.msgtype) == SERVICE_EVENT
-        ]
-    requests = [one.request[0].request for one in told if one.info.event_type == REQUEST_RECEIVED]
-    responses = [one.response[0].answer for one in told if one.info.event_type == RESPONSE_SENT]
-    rows = [plan.row() for plan in read_plans(NODE) if plan.topic.startswith("/plan_trajectory/")]
-    assert len(rows) == len(requests) == len(responses) == 10
-    for row, asked, answer in zip(rows, requests, responses, strict=True):
+    told = [(one.request[0], one.answer[0]) for one in answered_exchanges()]
+    rows = [plan.row() for plan in read_plans(NODE)]
+    for row, (asked, answer) in zip(rows, told, strict=True):
         goal, twist = asked.goal.pose.pose, asked.goal.twist
         assert [row[f"target_{axis}_m"] for axis in "xyz"] == coordinates(goal.position)
         assert [row[f"target_q{axis}"] for axis in "xyz"] == coordinates(goal.orientation)
@@ -340,13 +270,13 @@ def test_a_row_says_what_was_asked_and_what_the_solver_did() -> None:
         points = sum(len(plan.joint_trajectory.points) for plan in answer.plans)
         assert row["points"] == (points or None)
         assert row["end_behaviour"] == (asked.end_behaviour or None)
-    assert [row["status"] for row in rows].count("SOLVED") == 4
+    assert [row["status"] for row in rows].count("SOLVED") == 5
 
 
 def test_an_answer_whose_request_is_not_in_the_bag_has_nothing_in_its_place(
     tmp_path: Path,
 ) -> None:
-    (plan,) = read_plans(write(tmp_path / "run", answered(response("a"))))
+    (plan,) = read_plans(write(tmp_path / "run", response("a")))
     row = plan.row()
     assert {row[name] for name in ("asked_ns", "target_x_m", "duration_s")} == {None}
     assert row["peak_joint_torques_Nm"] == " ".join(map(repr, plan.metrics["peak_joint_torques"]))
@@ -357,7 +287,7 @@ def coordinates(vector: Any) -> list[float]:
 
 
 def test_an_npz_file_holds_the_arrays_to_the_last_bit(tmp_path: Path) -> None:
-    bag = write(tmp_path / "run", answered(response("run.1")))
+    bag = write(tmp_path / "run", response("run.1"))
     assert main(["export", str(bag), "--npz", str(tmp_path / "plans.npz")]) == 0
     (plan,) = read_plans(bag)
     with np.load(tmp_path / "plans.npz") as arrays:
@@ -369,7 +299,7 @@ def test_an_npz_file_holds_the_arrays_to_the_last_bit(tmp_path: Path) -> None:
 
 def test_strange_plan_ids_make_harmless_files_that_all_differ(tmp_path: Path) -> None:
     ids = ["../../etc/x", "..", "", "a/b", "a\\b", "A_b", "answers", "ä" * 300]
-    bag = write(tmp_path / "run", answered(*map(response, ids)))
+    bag = write(tmp_path / "run", *map(response, ids))
     export_csv(bag, tmp_path / "deep" / "tables")
     names = {file.name.lower() for file in (tmp_path / "deep" / "tables").iterdir()}
     assert len(names) == 1 + len(ids)  # on any file system
@@ -377,7 +307,7 @@ def test_strange_plan_ids_make_harmless_files_that_all_differ(tmp_path: Path) ->
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
-    bag = write(tmp_path / "run", answered(response("a")))
+    bag = write(tmp_path / "run", response("a"))
     (tmp_path / "there").mkdir()
     with pytest.raises(BagError, match="there exists already"):
         export_csv(bag, tmp_path / "there")
@@ -390,7 +320,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_bag_without_answers_is_not_exported(tmp_path: Path) -> None:
-    bag = write(tmp_path / "run", [])
+    bag = write(tmp_path / "run")
     with pytest.raises(BagError, match="holds no answer of the planner"):
         export_csv(bag, tmp_path / "tables")
     assert not (tmp_path / "tables").exists()

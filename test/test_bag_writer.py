@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from ff_planner_msgs.msg import ChaserState, PlanRequest
-from ff_planner_msgs.srv import PlanTrajectory
+from answers import EXCHANGES, exchange
+from ff_planner_msgs.msg import ChaserState, Exchange, PlanRequest
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
 from mcap.records import Message
@@ -44,7 +44,6 @@ RELIABLE = QualityOfService()
 LATCHED = QualityOfService(durability="transient_local", depth=1)
 SENSOR = QualityOfService(reliability="best_effort", depth=5)
 STATE = "/chaser_state"
-EVENT = "/plan_trajectory/_service_event"
 
 
 def chaser_state(index: int) -> ChaserState:
@@ -54,27 +53,25 @@ def chaser_state(index: int) -> ChaserState:
     return state
 
 
-def plan_event() -> PlanTrajectory.Event:
+def asked() -> Exchange:
     request = PlanRequest(duration=10.0, start_state=[chaser_state(1)])
     request.search.points = 50
-    event = PlanTrajectory.Event(request=[PlanTrajectory.Request(request=request)])
-    event.info.sequence_number = 7
-    return event
+    return exchange(request=request)
 
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """A complete bag: three states 0.1 s apart, then one service event."""
+    """A complete bag: three states 0.1 s apart, then one exchange."""
     directory = tmp_path / "run"
     with BagWriter(directory, flush_interval=0.15) as writer:
         writer.attach("robot.urdf", "application/xml", b"<robot/>")
         writer.add_topic(STATE, "ff_planner_msgs/msg/ChaserState", [RELIABLE, SENSOR])
-        writer.add_topic(EVENT, "ff_planner_msgs/srv/PlanTrajectory_Event", [LATCHED])
+        writer.add_topic(EXCHANGES, "ff_planner_msgs/msg/Exchange", [LATCHED])
         writer.add_topic("/silent", "std_msgs/msg/String", [])
         for index in range(3):
             stamp = START + index * 100_000_000
             writer.write(STATE, encode(chaser_state(index)), stamp, stamp - 5)
-        writer.write(EVENT, encode(plan_event()), START + 1_000_000_000, START + 999_999_000)
+        writer.write(EXCHANGES, encode(asked()), START + 1_000_000_000, START + 999_999_000)
     return directory
 
 
@@ -101,18 +98,17 @@ def test_every_topic_is_read_by_its_own_definition_in_rosbags(bag: Path) -> None
         ]
         topics = {topic: info.msgcount for topic, info in reader.topics.items()}
 
-    assert topics == {STATE: 3, EVENT: 1, "/silent": 0}
-    assert [topic for topic, _, _ in found] == [STATE] * 3 + [EVENT]
+    assert topics == {STATE: 3, EXCHANGES: 1, "/silent": 0}
+    assert [topic for topic, _, _ in found] == [STATE] * 3 + [EXCHANGES]
     for index, (_, stamp, state) in enumerate(found[:3]):
         assert stamp == START + index * 100_000_000
         assert state.header.frame_id == "inertial"
         assert state.pose.position.y == 2.0 + index
         assert state.joint_positions.tolist() == [0.1 * index, -1.0]
-    event = found[3][2]
-    assert event.info.sequence_number == 7
-    assert event.request[0].request.search.points == 50
-    assert event.request[0].request.start_state[0].joint_names == ["j1", "j2"]
-    assert event.response == []
+    (request,) = found[3][2].request
+    assert request.search.points == 50
+    assert request.start_state[0].joint_names == ["j1", "j2"]
+    assert found[3][2].answer == []
 
 
 def test_messages_are_decoded_by_mcap_ros2_support(bag: Path) -> None:
@@ -150,7 +146,7 @@ def test_offered_quality_of_service_is_kept(bag: Path) -> None:
             offered(QosReliability.RELIABLE, QosDurability.VOLATILE, 10),
             offered(QosReliability.BEST_EFFORT, QosDurability.VOLATILE, 5),
         ],
-        EVENT: [offered(QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, 1)],
+        EXCHANGES: [offered(QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, 1)],
         "/silent": [],
     }
     for path in (bag, file_of(bag)):  # metadata.yaml, then the channels of the file alone
@@ -176,7 +172,7 @@ def test_metadata_sums_up_the_bag(bag: Path) -> None:
     assert [
         (one["topic_metadata"]["name"], one["message_count"])
         for one in metadata["topics_with_message_count"]
-    ] == [(STATE, 3), (EVENT, 1), ("/silent", 0)]
+    ] == [(STATE, 3), (EXCHANGES, 1), ("/silent", 0)]
     assert sorted(path.name for path in bag.iterdir()) == ["metadata.yaml", "run_0.mcap"]
 
 

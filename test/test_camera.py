@@ -416,7 +416,7 @@ def test_request_json_bag_replay_report_and_markers_have_the_camera(
     assert document.plan.metrics.max_view_angle == plan.metrics.max_view_angle
     record_answer(bag, task, plan, 0.5)
     recorded = only_request(bag)
-    assert recorded.read_request().task.digest == task.digest
+    assert recorded.planned_task().digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
     for source in (answer, bag):
         assert main(["report", str(source), "--output", str(page)]) == 0

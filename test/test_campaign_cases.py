@@ -22,7 +22,6 @@ from scipy.stats import binomtest
 from test_target_urdf import scenario_with_urdf, tetrahedron
 
 from ff_planner_ros.campaign.cases import Case, cases, kinds_of_values, require_sound
-from ff_planner_ros.campaign.changes import Change, changed
 from ff_planner_ros.campaign.environment import meaning_of
 from ff_planner_ros.campaign.sources import Generated, content, task_of, written
 from ff_planner_ros.campaign.study import MethodOfStudy, load_study
@@ -30,6 +29,7 @@ from ff_planner_ros.campaign.table import Writer, plan_schema, read_plans
 from ff_planner_ros.campaign.work import Outcome, run_case, run_cases
 from ff_planner_ros.errors import FfPlannerError, InvalidInput
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.scenario.changes import Change, changed
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.scenarios import scenario

@@ -394,24 +394,18 @@ def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):
         }
     topics = [topic for topic, _ in messages]
     assert sorted(topics) == [
-        "/chaser_state",
-        "/joint_trajectory",
-        "/markers",
-        "/obstacles",
-        "/plan_trajectory/_service_event",
-        "/plan_trajectory/_service_event",
-        "/predicted_chaser_path",
+        *("/exchanges", "/exchanges", "/joint_trajectory", "/markers", "/predicted_chaser_path")
     ]
     found = dict(zip(topics, messages.values(), strict=True))
     points = found["/joint_trajectory"].points
     assert len(points) == 50
     assert [point.effort.tolist() for point in points] == written["joint_torques"]
-    answer = found["/plan_trajectory/_service_event"].response[0].answer
+    (answer,), (request,) = found["/exchanges"].answer, found["/exchanges"].request
     assert answer.status.code == 0
     (metrics,) = answer.metrics
     assert metrics.joint_path_length <= 1.115
     assert metrics.peak_joint_torques.tolist() == written["metrics"]["peak_joint_torques"]
-    assert [sphere.id for sphere in found["/obstacles"].spheres] == ["c1", "c2", "c3"]
+    assert [sphere.id for sphere in request.scene[0].spheres] == ["c1", "c2", "c3"]
     with (directory / "bag_0.mcap").open("rb") as stream:
         reader = make_reader(stream)
         attached = {one.name: one.data for one in reader.iter_attachments()}
@@ -425,15 +419,16 @@ def test_the_bag_of_a_refusal_holds_question_and_cause_and_no_trajectory(scenari
     path = scenario(target__position=[9.0, 0.4, 0.6])
     assert main(["plan", str(path), "--bag", str(directory)]) == 3
     with AnyReader([directory]) as reader:
-        events = [
+        received, answered = [
             reader.deserialize(raw, connection.msgtype)
             for connection, _, raw in reader.messages()
-            if connection.topic == "/plan_trajectory/_service_event"
+            if connection.topic == "/exchanges"
         ]
         assert "/joint_trajectory" not in reader.topics
-    assert events[0].request[0].request.goal.pose.pose.position.x == 9.0
-    assert events[1].response[0].answer.status.code == 300
-    assert events[1].response[0].answer.plans == []
+    assert (received.event, answered.event) == ("received", "answered")
+    assert received.request[0].goal.pose.pose.position.x == 9.0
+    assert answered.answer[0].status.code == 300
+    assert answered.answer[0].plans == []
 
 
 def test_a_bag_that_exists_is_not_overwritten(tmp_path, capsys):

@@ -15,11 +15,11 @@ from ff_planner_msgs.msg import (
     AllowedCollisions,
     ChaserState,
     Goal,
-    ObstacleSphereArray,
     PlanAnswer,
     PlanMetrics,
     PlanRequest,
     PlanStatus,
+    Scene,
 )
 from ff_planner_msgs.msg import SolverReport as SolverReportMsg
 from pages import DOCS
@@ -56,16 +56,16 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.ros.messages.from_messages import (
     problem_from_request,
-    spheres_from_message,
+    scene_from_message,
     state_from_message,
 )
 from ff_planner_ros.ros.messages.status_message import status_message
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
     answer_with_plan,
-    obstacles_message,
     plan_message,
     request_message,
+    scene_message,
     state_message,
     time_message,
 )
@@ -132,7 +132,8 @@ def test_the_messages_have_the_fields_of_the_planning_objects() -> None:
     assert set(SolverReportMsg.get_fields_and_field_types()) == {"solve_time"} | {
         item.name for item in fields(SolverReport)
     }
-    assert constants(PlanStatus) == {one.name: one.value for one in (*Status, *Retry)}
+    told = {name.removeprefix("RETRY_"): value for name, value in constants(PlanStatus).items()}
+    assert told == {one.name: one.value for one in (*Status, *Retry)}
     # A goal's kinds, and its orientations by their place among the words of a file.
     words = {word.name: number for number, word in enumerate(Orientation)}
     assert constants(Goal) == {kind.name: kind.value for kind in GoalKind} | words
@@ -145,7 +146,7 @@ def constants(message: Any) -> dict[str, int]:
 
 
 RETRIES = {
-    Retry.NOTHING: {Status.SOLVED},
+    Retry.NOT_NEEDED: {Status.SOLVED},
     Retry.LATER: {
         *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, Status.NO_OBSTACLES),
         *(Status.STATE_NOT_SYNCHRONIZED, Status.NO_TARGET_BODY, Status.TARGET_TOO_OLD),
@@ -162,7 +163,7 @@ RETRIES = {
         *(Status.CHECK_FAILED, Status.TIMED_OUT, Status.TORQUE_TOO_HIGH),
         *(Status.CONTRADICTING_PUBLISHERS, Status.CONTROLLER_CONSTRAINT, Status.STATE_MOVED),
     },
-    Retry.NEVER: {Status.SHUT_DOWN},
+    Retry.DO_NOT_RETRY: {Status.SHUT_DOWN},
 }
 
 
@@ -172,7 +173,7 @@ def test_each_status_says_whether_it_makes_sense_to_ask_again() -> None:
         assert {status for status in Status if REMEDIES[status].retry is retry} == statuses
         for status in statuses:
             answer = answer_of_error(FfPlannerError(status, "so"), "run.1", 0.0)
-            assert answer.status.retry == getattr(PlanStatus, retry.name)
+            assert answer.status.retry == retry
     assert set.union(*RETRIES.values()) == set(Status)
 
 
@@ -244,8 +245,8 @@ def test_an_error_may_say_itself_whether_to_ask_again_where_the_page_of_codes_sa
 ) -> None:
     page = (DOCS / "reference" / "status_codes.md").read_text(encoding="utf-8")
     section = page.partition(f"### {int(status)} ")[2].partition("\n#")[0]
-    assert f"`retry` is `{REMEDIES[status].retry.name}`;" in section
-    assert section.count(f"`retry` is `{retry.name}`") == 1
+    assert f"`retry` is `RETRY_{REMEDIES[status].retry.name}`;" in section
+    assert section.count(f"`retry` is `RETRY_{retry.name}`") == 1
     error = InvalidInput(status, "start_time", "over", "later")
     error.retry = retry
     assert status_message(error).retry == retry
@@ -383,7 +384,7 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
                 field="scene",
                 value="c1 is in the way",
                 allowed="room for the robot on its way",
-                retry=PlanStatus.CHANGED,
+                retry=PlanStatus.RETRY_CHANGED,
             ),
         ),
         (
@@ -401,7 +402,7 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
                 field="limits",
                 value="joint_5 is too fast",
                 allowed="a longer duration",
-                retry=PlanStatus.CHANGED,
+                retry=PlanStatus.RETRY_CHANGED,
             ),
         ),
         (
@@ -412,7 +413,7 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
                 field="duration",
                 value="-1.0",
                 allowed="it must be greater than 0",
-                retry=PlanStatus.CHANGED,
+                retry=PlanStatus.RETRY_CHANGED,
             ),
         ),
         (
@@ -423,7 +424,7 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
                 field="chaser_state.header.stamp",
                 value="9 s ago",
                 allowed="newer",
-                retry=PlanStatus.LATER,
+                retry=PlanStatus.RETRY_LATER,
             ),
         ),
         (
@@ -434,7 +435,7 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
                 field="when_busy",
                 value="reject",
                 allowed="one request at a time, or preempt",
-                retry=PlanStatus.LATER,
+                retry=PlanStatus.RETRY_LATER,
             ),
         ),
     ],
@@ -470,7 +471,8 @@ def test_state_obstacles_and_request_come_back_out_of_their_messages(
     for item in fields(state):
         expected = getattr(replace(problem.start, ee_at_rest=False), item.name)
         np.testing.assert_array_equal(getattr(state, item.name), expected)
-    spheres = spheres_from_message(obstacles_message(problem.obstacles, STAMP_NS, FRAME), FRAME)
+    scene = scene_message(problem.obstacles, STAMP_NS, FRAME)
+    spheres = scene_from_message(scene, "scene", FRAME)
     assert [(s.id, s.center.tolist(), s.radius) for s in spheres] == [
         (s.id, s.center.tolist(), s.radius) for s in problem.obstacles
     ]
@@ -660,7 +662,7 @@ def test_points_of_zero_are_those_of_the_parameter(lemur_capture: PlanningProble
 def test_an_empty_message_is_refused_by_its_frame(lemur_capture: PlanningProblem) -> None:
     for refuse in (
         lambda: state_from_message(ChaserState(), "chaser_state", lemur_capture.robot, FRAME),
-        lambda: spheres_from_message(ObstacleSphereArray(), FRAME),
+        lambda: scene_from_message(Scene(), "scene", FRAME),
         lambda: _problem(lemur_capture, PlanRequest()),
     ):
         with pytest.raises(InvalidInput) as refusal:

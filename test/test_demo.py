@@ -11,15 +11,13 @@ from pathlib import Path
 
 import pytest
 from quick_capture import quick_capture
-from ros_processes import DEADLINE, read_bag
+from ros_processes import DEADLINE, answers_in, read_bag
 
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
-from ff_planner_ros.runs.recorded_run import recorded_run
-from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.runs.replay import Verdict, replay, replayable
 
 DEMO = "import sys; from ff_planner_ros.demo.run import run_demo; sys.exit(run_demo())"
-RESULTS = "/plan_trajectory_action/_action/get_result/_service_event"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -103,7 +101,7 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
     for topic in ("chaser_state", "predicted_chaser_pose", "tracking_error", "diagnostics"):
         assert len(messages[f"/{topic}"]) > 10, topic
     # The executive asks again until the planner has heard of the new flight.
-    codes = [event.response[0].result.answer.status.code for event in messages[RESULTS]]
+    codes = [answer.status.code for answer in answers_in(messages)]
     # A machine that is too slow for it is given a later start.
     not_yet = {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD}
     not_yet |= {Status.TOO_LATE, Status.START_IN_PAST}
@@ -118,8 +116,8 @@ def test_its_bag_alone_gives_the_same_plans_again(demo: tuple[Path, list[str]]) 
     directory, lines = demo
     (bag,) = (line.split(maxsplit=1)[1] for line in lines if line.startswith("bag "))
     with open_bag(directory / bag) as opened:
-        replayed = [replay(one) for one in recorded_run(opened).requests]
-    verdicts = [one.verdict for one in replayed if one.recorded.status is Status.SOLVED]
+        replayed = [replay(one) for one in replayable(opened)]
+    verdicts = [one.verdict for one in replayed if one.exchange.status is Status.SOLVED]
     assert verdicts == [Verdict.IDENTICAL] * plans_found(lines)
 
 

@@ -114,7 +114,7 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             ERROR,
             "not heard: obstacles: /mapper offers durability volatile",
         ),
-        ("obstacles", {"unheard": {"obstacle_bodies": ["/m offers"]}}, WARN, "old; not heard: "),
+        ("obstacles", {"unheard": {"obstacles": ["/m offers"]}}, WARN, "old; not heard: "),
         ("chaser state", {"unheard": {"joint_states": ["/arm offers"]}}, WARN, "/arm offers"),
         ("obstacles", {"obstacles_are_published": False}, WARN, "their publisher is gone"),
         ("target body", {"target_age": None}, OK, "none received: only a request that brings one"),
@@ -214,6 +214,8 @@ def test_the_figures_are_there_for_machines() -> None:
     measured = part(replace(WELL, state_clock_offset=0.0411), "chaser state")[2]
     assert measured["clock offset [s]"] == "0.041"
     assert part(WELL, "obstacles")[2] == {"spheres": "3", "age [s]": "61.2"}
+    named = part(replace(WELL, obstacles_source="mapper"), "obstacles")[2]
+    assert named["source"] == "mapper"
     assert part(WELL, "last request")[2] == {"plan id": "run.7", "code": "0", "status": "SOLVED"}
     assert part(WELL, "recorder")[2] == {
         "bag": "/data/bags/run",

@@ -27,7 +27,7 @@ from ff_planner_msgs.msg import (
 )
 from ff_planner_msgs.srv import PublishPlan
 from geometry_msgs.msg import PoseStamped
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.executors import MultiThreadedExecutor
@@ -86,7 +86,6 @@ def _world(
     *answers: Status,
     patience: float = DEADLINE,
     check: Callable[[], None] = nothing,
-    accept: bool = True,
     silent: threading.Event | None = None,
     controller: bool = True,
     states: Callable[[], ChaserState] = ChaserState,
@@ -154,7 +153,6 @@ def _world(
                 PlanTrajectory,
                 "plan_trajectory_action",
                 answer,
-                goal_callback=lambda _: GoalResponse.ACCEPT if accept else GoalResponse.REJECT,
                 cancel_callback=cancel,
                 callback_group=ReentrantCallbackGroup(),
             )
@@ -204,14 +202,6 @@ def test_a_refusal_that_will_not_pass_is_raised_at_once(refusal: Status) -> None
             world.plan()
         assert raised.value.status is refusal
         assert world.answered == [refusal]
-
-
-def test_a_goal_that_is_not_taken_up_is_an_error() -> None:
-    with _world(Status.SOLVED, accept=False) as world:
-        with pytest.raises(FfPlannerError) as raised:
-            world.plan()
-        assert raised.value.status is Status.BUSY
-        assert world.answered == []
 
 
 def test_its_patience_ends_when_the_planner_never_hears_of_the_chaser() -> None:

@@ -12,13 +12,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
-from answers import received
+from answers import exchange, write_bag
 from ff_planner_msgs.msg import PlanRequest
 from scipy.stats import binom
 
-from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -26,14 +24,12 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.report import fleet_page
 from ff_planner_ros.report.fleet import MEASURED, PERCENTILES, bags_below, read_fleet
-from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.offline_bag import record_answer
 
 NODE = Path(__file__).parent / "golden_bags" / "node"
 # Copies of each bag, which count once, and one more below.
 COPIES = {"offline": 3, "node": 2, "refused": 2}
 BROKEN = ("a_empty", "b_zero", "c_noise")
-EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
 
 
 @pytest.fixture(scope="module")
@@ -150,10 +146,7 @@ def test_the_page_has_the_worst_runs_first_with_links_to_their_pages(
 
 def killed(directory: Path, at_ns: int) -> None:
     """Record a request whose answer never came."""
-    with BagWriter(directory, flush_interval=0.0) as bag:
-        bag.add_topic("/plan_trajectory/_service_event", EVENT, [])
-        asked = received(PlanRequest(), stamp=time_message(at_ns), sequence_number=1)
-        bag.write("/plan_trajectory/_service_event", encode(asked), at_ns, at_ns)
+    write_bag(directory, exchange(request=PlanRequest(), ns=at_ns), start_ns=at_ns)
 
 
 @pytest.mark.filterwarnings("ignore")

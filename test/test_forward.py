@@ -51,6 +51,18 @@ def swinging(robot: Robot, positions: Array, begin: float) -> JointMotion:
     return JointMotion(time, positions + offsets, rates, accelerations)
 
 
+@pytest.mark.parametrize("begin", [-1.7, -1.1, -0.5, 0.0, 0.3])
+@pytest.mark.parametrize("seconds", [0.0, 0.2, 0.4, 1.0, SECONDS])
+def test_points_that_are_over_or_after_the_time_do_not_count(begin: float, seconds: float) -> None:
+    robot = robot_from_urdf_text(URDF, BASE, TIP)
+    state = moving(robot)
+    whole = swinging(robot, state.joint_positions, begin)
+    ours = carried_forward(robot, state, seconds, whole.between(0.0, seconds))
+    theirs = carried_forward(robot, state, seconds, whole)
+    for item in fields(SystemState):
+        np.testing.assert_array_equal(getattr(ours, item.name), getattr(theirs, item.name))
+
+
 def momentum_of(robot: Robot, state: SystemState) -> Array:
     q, v = configuration(robot, state)
     return total_momentum(robot, robot.model.createData(), q, v)

@@ -134,7 +134,8 @@ def test_the_plan_that_runs_is_the_one_that_joints_follow_until_a_new_one_of_the
     assert found.inputs.previous_plan_id == "run.0"
     assert waiting["run.1"].previous_plan_id == "run.0"
     assert (task.running_goal, task.ahead) == (None, pytest.approx(1.0))
-    assert task.running.time[0] == pytest.approx(-4.0)
+    # No more of it than until the new plan starts
+    assert -0.21 < task.running.time[0] <= 0.0 < 1.0 < task.running.time[-1] < 1.21
 
 
 @pytest.mark.parametrize("late", [0.001, 0.9, 1.1])
@@ -203,7 +204,7 @@ def test_the_search_knows_by_when_its_best_plan_has_to_be_there(
     with_plan = budget.with_plan - (time.monotonic() - taken_up)
     assert (with_plan <= 0.5 * latest) is continues
     # It was not its own budget that ended it: without a clock it is planned to its end.
-    assert (found.status.code, found.effort) == (Status.TOO_LATE, 0)
+    assert found.status.code == Status.TOO_LATE
     assert "would be missed" in found.status.message
     assert "the time budget is used up" in found.status.message
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,13 @@ import pytest
 from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanStatus
 from ff_planner_msgs.srv import Describe
 from pages import SOURCE_TREE
-from ros_processes import read_bag
+from ros_processes import (
+    DEADLINE,
+    connected_client,
+    private_domain,
+    read_bag,
+    running_planner,
+)
 from test_node_hand_over import LATCHED, SCENE, Arm, arm
 from visualization_msgs.msg import MarkerArray
 
@@ -25,6 +33,7 @@ from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.ros.outputs.execution import Event
 
 PAGE = SOURCE_TREE / "docs" / "how_to" / "integrating.md"
+PATIENT = ("-p", "state_max_age:=3600.0")  # a client takes seconds to start on a busy machine
 LEAD = 1.0  # from a request to where its plan takes over [s]
 
 
@@ -49,6 +58,27 @@ def waiting(heard: list[MarkerArray]) -> list[str]:
 
 
 @pytest.mark.ci
+def test_the_client_of_the_page_gets_a_plan_and_otherwise_the_reason(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    with (
+        private_domain(),
+        running_planner(tmp_path, *PATIENT) as planner,
+        connected_client() as client,
+    ):
+        client.wait_for_planner()
+        command = [sys.executable, "-c", code]
+        refused = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE)
+        client.publish_obstacles(SCENE.obstacles())
+        client.publish_and_wait(SCENE.state(client.now_ns()))
+        planned = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE)
+        run = planner.bag.name
+    assert refused.stdout.startswith(f"{int(Status.NO_STATE)} ")
+    assert refused.stdout.endswith("ask again\n")
+    assert planned.stdout.splitlines()[-1].startswith(f"{run}.")
+    assert planned.stdout.endswith(" rad\n")
+
+
+@pytest.mark.ci
 def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (parameters,) = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "mine.yaml").write_text(parameters, encoding="utf-8")
@@ -60,7 +90,7 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
         # 3. what it can do
         told = client.call(Describe, "/ff_planner/describe", Describe.Request())
         assert list(controller.joints) == told.robot.joint_names
-        # 4. looked at before it goes out
+        # 4. and 5. looked at before it goes out
         client.publish_obstacles(SCENE.obstacles())
         client.publish_state(SCENE.state(client.now_ns()))
         made = at.plan(4.0, plan_only=True)
@@ -69,18 +99,18 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
             lambda: waiting(markers) == [f"{made.plan_id} waits to be released"], "it"
         )
         wrong = client.publish_plan(made, plan_id="guessed")
-        assert (wrong.field, wrong.retry) == ("plan_id", PlanStatus.CHANGED)
+        assert (wrong.field, wrong.retry) == ("plan_id", PlanStatus.RETRY_CHANGED)
         client.publish_state(SCENE.state(client.now_ns()))
         approved = client.publish_plan(made, start_state=[SCENE.state(client.now_ns())])
         assert approved.code == Status.SOLVED, approved
         client.wait_until(lambda: waiting(markers) == [], "markers of a plan that is released")
-        # 5. execution
+        # 6. execution
         at.wait_for(made, Event.STARTED)
         client.publish_state(along(at, made))
         wanted = {"chaser", "preview/chaser", "predicted/chaser", "predicted/end_effector"}
         client.wait_until(lambda: set(frames(transforms)) >= wanted, "frames")
         assert {frames(transforms)[name] for name in wanted} == {"inertial"}
-        # 6. again on the way
+        # 7. again on the way
         start = time_message(client.now_ns() + round(LEAD * NANOSECONDS))
         request = at.request(replan_active=True, duration=0.0, start_time=start)
         request.start_state = [along(at, made)]
@@ -93,7 +123,7 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
             np.array([again.inputs.splice_time])
         )
         np.testing.assert_allclose(taken, there[0][0], atol=1e-9)
-        # 7. something goes wrong
+        # 8. something goes wrong
         at.wait_for(again, Event.STARTED)
         controller.off = 0.2
         assert at.wait_for(again, Event.ABORTED).error_code == -4
@@ -105,8 +135,8 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
             status = Status(client.plan(request).status.code)
         assert status is Status.NO_ACTIVE_PLAN
         assert at.planner.stop() == 0
-    # 8. afterwards
+    # 9. afterwards
     assert main(["replay", str(at.planner.bag)]) == 0
-    assert "3 identical" in capsys.readouterr().out
+    assert "2 identical, 1 not planned" in capsys.readouterr().out
     recorded = frames(read_bag(at.planner.bag)["/tf"])
     assert wanted <= set(recorded)

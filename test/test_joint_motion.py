@@ -47,6 +47,24 @@ def test_a_plan_begins_when_the_caller_says(lemur_plan: Plan) -> None:
     assert np.array_equal(joint_motion(motion).time, motion.time)
 
 
+@pytest.mark.parametrize(
+    ("begin", "end", "points"),
+    [
+        *((1.5, 2.2, 3), (1.5, 1.6, 2), (2.0, 3.0, 3), (2.0, 2.0, 2), (-1.0, 0.5, 2)),
+        *((-1.0, -0.5, 2), (4.5, 9.0, 2), (7.0, 9.0, 2), (-1.0, 9.0, 6), (4.0, 5.0, 2)),
+    ],
+)
+def test_a_part_of_a_motion_is_the_same_to_the_last_bit(
+    begin: float, end: float, points: int
+) -> None:
+    motion = JointMotion(np.arange(6.0), *np.random.default_rng(1).normal(size=(3, 6, 2)))
+    part = motion.between(begin, end)
+    assert len(part.time) == points
+    times = np.array([begin, *np.linspace(begin, end, 50), *np.arange(np.ceil(begin), end), end])
+    for ours, theirs in zip(part.at(times), motion.at(times), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
 def test_a_steady_motion_keeps_its_rates_however_short_it_is() -> None:
     positions, rates = np.array([0.3, -1.0]), np.array([0.2, 0.05])
     for end in (4.0, 4.0 + 1e-12, 4.5, 30.0):

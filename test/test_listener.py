@@ -35,55 +35,55 @@ class Kept:
     """What was handed over, and an event when as much as is expected was."""
 
     def __init__(self, expected: int) -> None:
-        self.messages: list[object] = []
+        self.messages = list[str]()
         self.all, self._expected = threading.Event(), expected
 
-    def __call__(self, message: object) -> None:
-        self.messages.append(message)
+    def __call__(self, cdr: bytes, _: int | None) -> None:
+        self.messages.append(deserialize_message(cdr, String).data)
         if len(self.messages) == self._expected:
             self.all.set()
 
 
 def test_every_message_is_handed_over_in_order_while_no_executor_spins(node: Node) -> None:
-    plain, serialised = Kept(MESSAGES), Kept(1)
-    publishers = [node.create_publisher(String, topic, QOS) for topic in ("plain", "large")]
+    small, large = Kept(MESSAGES), Kept(1)
+    publishers = [node.create_publisher(String, topic, QOS) for topic in ("small", "large")]
     with closing(Listener(node)) as listener:
-        listener.add(String, "plain", plain, QOS, serialised=False)
-        listener.add(String, "large", serialised, QOS, serialised=True)
+        listener.add(String, "small", small, QOS)
+        listener.add(String, "large", large, QOS)
         listener.start()
         for number in range(MESSAGES):
             publishers[0].publish(String(data=str(number)))
         publishers[1].publish(String(data="x" * 1_000_000))
-        assert plain.all.wait(DEADLINE)
-        assert serialised.all.wait(DEADLINE)
-    assert [message.data for message in plain.messages] == [str(n) for n in range(MESSAGES)]
-    (data,) = serialised.messages
-    assert len(deserialize_message(data, String).data) == 1_000_000
+        assert small.all.wait(DEADLINE)
+        assert large.all.wait(DEADLINE)
+    assert small.messages == [str(number) for number in range(MESSAGES)]
+    assert large.messages == ["x" * 1_000_000]
 
 
 def test_the_executor_leaves_its_topics_alone_and_one_bad_message_ends_nothing(
     node: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log, kept = Mock(), Kept(1)
+    log, kept, threads = Mock(), Kept(1), list[str]()
     monkeypatch.setattr(node, "get_logger", lambda: log)
 
-    def keep(message: String) -> None:
-        if message.data == "bad":
+    def keep(cdr: bytes, number: int | None) -> None:
+        if deserialize_message(cdr, String).data == "bad":
             raise ZeroDivisionError
-        kept(threading.current_thread().name)
+        threads.append(threading.current_thread().name)
+        kept(cdr, number)
 
     publisher = node.create_publisher(String, "plain", QOS)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     with closing(Listener(node)) as listener:
-        listener.add(String, "plain", keep, QOS, serialised=False)
+        listener.add(String, "plain", keep, QOS)
         publisher.publish(String(data="bad"))
         publisher.publish(String(data="good"))
         executor.spin_once(timeout_sec=0.0)
         assert not kept.messages
         listener.start()
         assert kept.all.wait(DEADLINE)
-    assert kept.messages == ["listener"]
+    assert (kept.messages, threads) == (["good"], ["listener"])
     assert "ZeroDivisionError" in log.error.call_args.args[0]
     assert not list(node.subscriptions)
 
@@ -95,7 +95,7 @@ def test_a_publisher_that_does_not_fit_is_told_by_the_executor(
     executor, told = SingleThreadedExecutor(), ""
     executor.add_node(node)
     with closing(Listener(node)) as listener:
-        listener.add(String, "plain", Kept(1), QOS, serialised=False)
+        listener.add(String, "plain", Kept(1), QOS)
         listener.start()
         node.create_publisher(String, "plain", weak)
         give_up = time.monotonic() + DEADLINE

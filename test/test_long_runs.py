@@ -8,32 +8,30 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from answers import EXCHANGES, FRAME, answer_of, exchange
+from ff_planner_msgs.msg import ChaserState, Exchange, PlanRequest
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.bag.mcap.encoding import encode
-from ff_planner_ros.bag.mcap.rosbag2_metadata import ROSBAG2
 from ff_planner_ros.bag.reader import Bag, open_bag
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.messages.service_events import SERVICE_EVENT
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.planning.scenario.task_json import task_json
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.report.run_page import save_page
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.interfaces import type_name
-from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.runs import measured
-from ff_planner_ros.runs.installed import as_installed
 from ff_planner_ros.runs.measured import Window, fill_windows
-from ff_planner_ros.runs.offline_bag import record_answer
 
 T0, SECOND, RATE = 1_760_000_000_000_000_000, 1_000_000_000, 100
 PLANS = 3
@@ -41,63 +39,42 @@ MANY = 3_000_000  # messages
 PATIENCE = 60.0  # [s] of one processor, for a report of them
 
 
+Record: TypeAlias = Callable[[Path, int], None]
+
+
 @pytest.fixture(scope="module")
-def short_run(
-    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
-    """One plan without anything measured."""
-    directory = tmp_path_factory.mktemp("runs") / "short"
-    task = PlanningTask(lemur_capture, load_parameters().planner)
-    record_answer(directory, task, lemur_plan, 0.25)
-    return directory
+def long_run(lemur_capture: PlanningProblem, lemur_plan: Plan) -> Record:
+    """Record one plan again and again, in a run of many chaser states at 100 Hz."""
+    text = task_json(PlanningTask(lemur_capture, load_parameters().planner))
+    names = lemur_capture.robot.joint_names
+    state = bytearray(encode(state_message(lemur_capture.start, names, 0, FRAME)))
 
+    def record(directory: Path, messages: int) -> None:
+        with BagWriter(directory, flush_interval=10.0) as writer:
+            writer.attach("parameters.yaml", "application/yaml", b"{}")
+            writer.add_topic("/chaser_state", type_name(ChaserState), [])
+            writer.add_topic(EXCHANGES, type_name(Exchange), [])
+            for number in range(messages):
+                now = T0 + number * SECOND // RATE
+                if number % (messages // PLANS) == 0:
+                    answer = answer_of(lemur_plan, f"plan.{number}", now)
+                    told = exchange(answer, PlanRequest(), now, task=text)
+                    writer.write(EXCHANGES, encode(told), now, now)
+                struct.pack_into("<iI", state, 4, now // SECOND, now % SECOND)
+                writer.write("/chaser_state", bytes(state), now, now)
 
-def long_run(short: Path, long: Path, messages: int) -> None:
-    """The same plan again and again, in a run of `messages` chaser states at 100 Hz."""
-    with open_bag(short) as bag, BagWriter(long, flush_interval=10.0) as writer:
-        for name, data in bag.attachments.items():
-            writer.attach(name, "application/yaml", data)
-        for name, record in bag.metadata.items():
-            if name != ROSBAG2:
-                writer.add_record(name, record)
-        for topic in bag.topics.values():
-            is_event = topic.type_name == SERVICE_EVENT
-            kind = type_name(PlanTrajectory.Event) if is_event else topic.type_name
-            writer.add_topic(topic.name, kind, [])
-        (state,) = bag.messages("/chaser_state")
-        events = [
-            (message.topic, as_installed(event, PlanTrajectory.Event))
-            for message, event in bag.decoded(SERVICE_EVENT)
-        ]
-        cdr = bytearray(state.cdr)
-        for number in range(messages):
-            now = T0 + number * SECOND // RATE
-            if number % (messages // PLANS) == 0:
-                for topic, event in events:
-                    told = encode(at_time(event, now, number + 1))
-                    writer.write(topic, told, now, now)
-            struct.pack_into("<iI", cdr, 4, now // SECOND, now % SECOND)
-            writer.write("/chaser_state", bytes(cdr), now, now)
-
-
-def at_time(event: PlanTrajectory.Event, now: int, number: int) -> PlanTrajectory.Event:
-    event.info.stamp, event.info.sequence_number = time_message(now), number
-    for response in event.response:
-        answer, stamp = response.answer, time_message(now)
-        answer.plan_id, answer.inputs.received_stamp = f"plan.{number}", stamp
-        answer.plans[0].joint_trajectory.header.stamp = stamp
-    return event
+    return record
 
 
 @pytest.mark.ci
 def test_a_report_decodes_the_states_of_the_plans_that_it_shows_and_no_others(
-    short_run: Path,
+    long_run: Record,
     tmp_path: Path,
     times: Callable[[int, int], int],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     messages = times(6_000, MANY)
-    long_run(short_run, tmp_path / "run", messages)
+    long_run(tmp_path / "run", messages)
     decoded = []
     decode = Bag.decode
     monkeypatch.setattr(Bag, "decode", lambda bag, one: (decoded.append(1), decode(bag, one))[1])
@@ -112,18 +89,17 @@ def test_a_report_decodes_the_states_of_the_plans_that_it_shows_and_no_others(
         expected = np.arange(duration * RATE + 1) / RATE
         np.testing.assert_allclose(plan.measured.time, expected, rtol=0.0, atol=1e-6)
         assert not any("are compared" in remark for remark in plan.remarks)
-    # Beside them, the two responses whose motion is drawn.
-    assert len(decoded) == 2 + sum(len(one.plan.measured.time) for one in report.requests[1:])
+    assert len(decoded) == sum(len(one.plan.measured.time) for one in report.requests[1:])
     if messages >= MANY:
         assert taken < PATIENCE
 
 
 def test_of_more_states_than_a_figure_shows_some_are_compared_evenly_in_time(
-    short_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    long_run: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     most = 60
     monkeypatch.setattr(measured, "MOST_STATES", most)
-    long_run(short_run, tmp_path / "run", 6_000)
+    long_run(tmp_path / "run", 6_000)
     report = report_of_bag(tmp_path / "run", most_plans=1)
     plan = report.requests[-1].plan
     assert len(plan.measured.time) == most

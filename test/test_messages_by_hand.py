@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, TargetBody
+from ff_planner_msgs.msg import ChaserState, ObstacleSphere, Scene, TargetBody
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -19,13 +19,13 @@ from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import (
     problem_from_request,
-    spheres_from_message,
+    scene_from_message,
     state_from_message,
     target_body_from_message,
 )
 from ff_planner_ros.ros.messages.to_messages import (
-    obstacles_message,
     request_message,
+    scene_message,
     state_message,
     target_body_message,
     time_message,
@@ -130,12 +130,12 @@ def test_each_number_of_a_bodys_message_has_its_place_read_and_written() -> None
     assert again == message
 
 
-def test_each_number_of_an_obstacles_message_has_its_place_read_and_written() -> None:
+def test_each_number_of_a_scenes_sphere_has_its_place_read_and_written() -> None:
     header = Header(stamp=time_message(NOW_NS), frame_id=FRAME)
     sphere = ObstacleSphere(id="mast", center=POSE.position, radius=0.25)
     sphere.twist.linear = TWIST.linear
-    message = ObstacleSphereArray(header=header, spheres=[sphere])
-    (read,) = spheres_from_message(message, FRAME)
+    message = Scene(header=header, source="mapper", spheres=[sphere])
+    (read,) = scene_from_message(message, "obstacles", FRAME)
     assert (read.id, *read.center, read.radius) == ("mast", 1.0, 2.0, 3.0, 0.25)
     assert read.velocity.tolist() == [0.01, -0.02, 0.03]
-    assert obstacles_message([read], NOW_NS, FRAME) == message
+    assert scene_message([read], NOW_NS, FRAME, "mapper") == message

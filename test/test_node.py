@@ -123,7 +123,6 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
     assert set(counts) == {
         "/servicer/chaser_state",
         "/vision/spheres",
-        "/servicer/obstacle_bodies",
         "/servicer/target_body",
         "/servicer/predicted_target_path",
         "/servicer/predicted_relative_pose",
@@ -140,19 +139,12 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
         "/servicer/planned_joint_states",
         "/servicer/robot_description",
         "/servicer/planner/transition_event",
-        "/servicer/planner/publish_plan/_service_event",
-        "/servicer/planner/describe/_service_event",
         "/diagnostics",
         "/rosout",
-        "/parameter_events",
-        "/servicer/plan_trajectory/_service_event",
-        "/servicer/plan_trajectory_action/_action/send_goal/_service_event",
-        "/servicer/plan_trajectory_action/_action/get_result/_service_event",
-        "/servicer/plan_trajectory_action/_action/feedback",
-        "/servicer/plan_trajectory_action/_action/status",
+        "/servicer/exchanges",
     }
     assert counts["/servicer/joint_trajectory"] == 1
-    assert counts["/servicer/plan_trajectory/_service_event"] == 2
+    assert counts["/servicer/exchanges"] == 2
 
 
 @pytest.mark.ci

@@ -27,7 +27,7 @@ from ros_processes import (
     connected_client,
 )
 
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.errors import Status
 
 SEED = 20260101
 PATIENCE = 60.0  # [s] for a plan; a busy machine takes its time
@@ -50,12 +50,6 @@ def long(scene: Scene) -> PlanRequest:
     request = scene.complete_request()
     request.search.points = 5000
     return request
-
-
-def refusal_of_goal(client: Client, request: PlanRequest) -> FfPlannerError:
-    with pytest.raises(FfPlannerError) as caught:
-        client.send_goal(request)
-    return caught.value
 
 
 def set_parameter(client: Client, name: str, value: object) -> None:
@@ -157,9 +151,9 @@ def test_a_second_client_is_told_that_the_planner_is_busy(client: Client, scene:
     refusal = client.plan(scene.complete_request())
     assert refusal.status.code == Status.BUSY
     assert "when_busy" in refusal.status.message
-    refused = refusal_of_goal(client, scene.complete_request())
-    assert refused.status is Status.BUSY
-    assert str(refused) == refusal.status.message
+    status, refused = client.send_goal(scene.complete_request()).result()
+    assert status == GoalStatus.STATUS_ABORTED
+    assert refused.status == refusal.status
     assert goal.cancel()
     assert goal.result()[1].status.code == Status.CANCELLED
 
@@ -222,21 +216,20 @@ def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
 
 
-def test_of_goals_at_once_each_is_planned_or_refused_and_none_is_busy_once_accepted(
+def test_of_goals_at_once_all_are_accepted_one_is_planned_and_the_others_are_busy(
     planner: PlannerProcess, client: Client, scene: Scene
 ) -> None:
     told_before = planner.log.count("BUSY")
     goals = [client.send_goal_at_once(long(scene)) for _ in range(20)]
-    refusals = []
-    for goal in list(goals):
-        try:
-            goal.require_accepted()
-        except FfPlannerError as refusal:
-            refusals.append(refusal.status)
-            goals.remove(goal)
-    assert len(goals) == 1
-    assert set(refusals) == {Status.BUSY}
-    assert goals[0].cancel()
-    assert goals[0].result()[1].status.code == Status.CANCELLED
-    assert planner.log.count("BUSY") - told_before >= len(refusals)
+    assert all(goal.is_accepted for goal in goals)
+    give_up = time.monotonic() + DEADLINE
+    while not any(goal.progress.wait(0.01) for goal in goals):
+        assert time.monotonic() < give_up
+    (planned,) = (goal for goal in goals if goal.progress.is_set())
+    assert planned.cancel()
+    assert planned.result()[1].status.code == Status.CANCELLED
+    refused = [goal.result() for goal in goals if goal is not planned]
+    assert {status for status, _ in refused} == {GoalStatus.STATUS_ABORTED}
+    assert {answer.status.code for _, answer in refused} == {Status.BUSY}
+    assert planner.log.count("BUSY") - told_before == len(refused)
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED

@@ -12,10 +12,9 @@ import pytest
 from mcap.reader import make_reader
 from robots import LEMUR_URDF
 from ros_processes import (
-    EVENT_TOPIC,
     FRAME,
-    RESPONSE_SENT,
     Scene,
+    answers_in,
     connected_client,
     private_domain,
     read_bag,
@@ -41,7 +40,7 @@ SPOKEN_ON = {
     "/planned_joint_states",
     "/diagnostics",
     "/rosout",
-    EVENT_TOPIC,
+    "/exchanges",
 }
 # From a request to its plan [ns]; the chaser drifts meanwhile, and a busy machine takes its time.
 ALLOWANCE = 10_000_000_000
@@ -288,12 +287,7 @@ def test_the_bag_holds_what_was_said_on_every_topic(run: Run) -> None:
 @pytest.mark.law("BAG-01")
 def test_the_bag_holds_every_answer_and_what_was_published(run: Run) -> None:
     answers = [run.from_topics, run.again, run.overriding, run.shuffled]
-    told = [
-        event.response[0].answer
-        for event in run.bag[EVENT_TOPIC]
-        if event.info.event_type == RESPONSE_SENT
-    ]
-    recorded = [answer for answer in told if answer.status.code == Status.SOLVED]
+    recorded = [answer for answer in answers_in(run.bag) if answer.status.code == Status.SOLVED]
     assert [answer.plan_id for answer in recorded] == [answer.plan_id for answer in answers]
     for topic in ("joint_trajectory", "predicted_chaser_path"):
         assert len(run.bag[f"/{topic}"]) == len(answers)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from ff_planner_msgs.msg import PlanRequest
+from recorded_requests import replays_of
 from robots import LEMUR_SCENARIO
 from ros_processes import (
     DEADLINE,
@@ -22,12 +23,12 @@ from ros_processes import (
     running_planner,
 )
 
+from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, EndedBy, Status
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.runs.recorded_run import recorded_run
-from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.runs.replay import Verdict
 
 SEED = 31
 SCENE = Scene(load_scenario(LEMUR_SCENARIO))
@@ -63,10 +64,10 @@ def all_recorded(bag: Path, asked: int) -> bool:
     """Whether the bag of a node that runs has every answer."""
     try:
         with open_bag(bag) as opened:
-            requests = recorded_run(opened).requests
+            requests = list(exchanges(opened))
     except BagError:
         return False
-    return len(requests) == asked and all(one.response is not None for one in requests)
+    return len(requests) == asked and all(one.answer is not None for one in requests)
 
 
 def cancelled_for_the_best(client: Client) -> None:
@@ -81,13 +82,14 @@ def cancelled_for_the_best(client: Client) -> None:
     status, result = goal.result()
     assert (status, result.status.code) == (GoalStatus.STATUS_SUCCEEDED, Status.SOLVED)
     assert result.solver.ended_by == EndedBy.CANCEL
-    assert result.effort > 1
+    effort = result.plans[0].effort
+    assert effort > 1
     assert result.status.message == "the request was cancelled: the best plan so far"
     first = next(f.best[0] for f in goal.feedback if f.best)
     assert result.metrics[0].max_chaser_euler <= first.max_chaser_euler
-    request.search.effort = result.effort
+    request.search.effort = effort
     again = client.plan(request)
-    assert (again.effort, again.solver.ended_by) == (result.effort, EndedBy.EFFORT)
+    assert (again.plans[0].effort, again.solver.ended_by) == (effort, EndedBy.EFFORT)
     assert again.task_digest == result.task_digest
     assert again.plans[0].joint_trajectory == result.plans[0].joint_trajectory
 
@@ -127,11 +129,9 @@ def test_what_the_clock_or_a_client_ends_replays_identically(
             while not all_recorded(planner.bag, asked + 2):
                 assert time.monotonic() < until, "not all answers are recorded"
             bag = planner.bag
-    with open_bag(bag) as opened:
-        requests = recorded_run(opened).requests
-    assert len(requests) == asked + 2
-    for number, recorded in enumerate(requests):
-        replayed = replay(recorded)
-        assert replayed.verdict is Verdict.IDENTICAL, (SEED, number, ends, replayed.words)
+    found = replays_of(bag)
+    assert len(found) == asked + 2
+    for plan_id, one in found.items():
+        assert one.verdict is Verdict.IDENTICAL, (SEED, plan_id, ends, one.words)
     assert {code for code, _ in ends} <= {Status.SOLVED, Status.TIMED_OUT}
     assert (Status.SOLVED, EndedBy.DEADLINE) in ends

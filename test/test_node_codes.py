@@ -137,7 +137,7 @@ ELSEWHERE: dict[Status, Callable[..., object]] = {
     ),
     Status.NOT_ACTIVE: test_node_lifecycle.test_it_plans_only_while_it_is_active,
     Status.SHUT_DOWN: (
-        test_node_robustness.test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag
+        test_node_robustness.test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_answers_in_its_bag
     ),
     Status.CLOCK_JUMPED: test_node_time.test_time_goes_on_and_jumps_back,
 }

@@ -17,7 +17,6 @@ import pytest
 from doomed_client import POINTS
 from ff_planner_msgs.msg import (
     Approach,
-    ObstacleSphereArray,
     PlanAnswer,
     PlanRequest,
     PlanStatus,
@@ -233,7 +232,7 @@ def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
             assert Status.NOT_FINITE <= status <= Status.UNSUPPORTED, (field, answer.status)
             assert field in answer.status.message, answer.status
             assert answer.status.field.startswith(field), answer.status
-            assert (answer.status.retry, answer.plans) == (PlanStatus.CHANGED, [])
+            assert (answer.status.retry, answer.plans) == (PlanStatus.RETRY_CHANGED, [])
             if number == malformed // 2:
                 halfway = holdings(planner.process.pid)
         _assert_no_growth(halfway, holdings(planner.process.pid))
@@ -278,7 +277,7 @@ def _refused(
 ) -> None:
     """Publish a request's state and scene until the planner names their fault in its refusal."""
     (state,), (scene,) = spoilt.start_state, spoilt.scene
-    client.publish_obstacles(ObstacleSphereArray(header=scene.header, spheres=scene.spheres))
+    client.publish_obstacles(scene)
 
     def named(answer: PlanAnswer) -> bool:
         client.publish_state(state)

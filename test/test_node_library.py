@@ -79,7 +79,6 @@ def test_a_node_plans_from_its_library_and_the_bag_replays_without_it(
     guesses = [np.array(one.inputs.first_guess) for one in answers]
     assert [len(guess) for guess in guesses] == [len(stored), len(stored), 0, 0]
     assert guesses[0].tobytes() == guesses[1].tobytes() == stored.tobytes()
-    assert all(np.array_equal(one.plans[0].first_guess, stored) for one in answers[:2])
     # What comes of the guess is another plan than what comes without one.
     task = PlanningTask(near, SETTINGS, ahead=60.0)
     warm, cold = perform(replace(task, first_guess=stored)), perform(task)

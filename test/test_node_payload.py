@@ -5,18 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from recorded_requests import replays_of
 from ros_processes import Scene, connected_client, private_domain, read_bag, running_planner
 from test_payload import PAYLOAD, scenario
 
-from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.report.from_bag import report_of_bag
+from ff_planner_ros.robot.urdf.payload import payload_frame
 from ff_planner_ros.ros.messages.to_messages import payload_message
-from ff_planner_ros.runs.recorded_run import recorded_run
-from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.runs.replay import Verdict
 
 pytestmark = pytest.mark.ci
 
@@ -40,11 +39,11 @@ def test_each_request_has_its_payload_or_none(
         assert [answer.status.code for answer in answers] == [Status.SOLVED] * 2, answers[1].status
         assert planner.stop() == 0
     bag = planner.bag
-    with open_bag(bag) as opened:
-        for recorded in recorded_run(opened).requests:
-            assert replay(recorded).verdict is Verdict.IDENTICAL
-    robots = [robot_plans(bag).robots[answer.plan_id] for answer in answers]
-    assert [robot.payload is None for robot in robots] == [True, False]
+    replayed = replays_of(bag)
+    told = [replayed[answer.plan_id] for answer in answers]
+    assert [one.verdict for one in told] == [Verdict.IDENTICAL] * 2
+    robots = [one.exchange.planned_task().problem.robot for one in told]
+    assert [payload_frame(robot) is None for robot in robots] == [True, False]
     assert main(["verify", str(bag)]) == 0
     assert capsys.readouterr().out.count("verdict: passed") == 2
     assert [one.plan is not None for one in report_of_bag(bag, 2).requests][-2:] == [True, True]

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_requests import replays_of
 from robots import CONFIG
 from ros_processes import Scene, connected_client, private_domain, read_bag, running_planner
 
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import Status
@@ -20,8 +20,7 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.ros.messages.phases import phase_message
 from ff_planner_ros.ros.messages.to_messages import target_body_message
-from ff_planner_ros.runs.recorded_run import recorded_run
-from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.runs.replay import Verdict
 
 pytestmark = pytest.mark.ci
 
@@ -88,6 +87,4 @@ def test_one_request_plans_the_whole_capture(
     assert capsys.readouterr().out.count("verdict: passed") == 3
     (drawn,) = (one for one in report_of_bag(planner.bag, 1).requests if one.plan is not None)
     assert len(drawn.then) == 2, "each phase is drawn"
-    with open_bag(planner.bag) as opened:
-        for recorded in recorded_run(opened).requests:
-            assert replay(recorded).verdict is Verdict.IDENTICAL
+    assert replays_of(planner.bag)[solved.plan_id].verdict is Verdict.IDENTICAL

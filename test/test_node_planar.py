@@ -10,13 +10,12 @@ import pytest
 from ff_planner_msgs.msg import Goal, PlanAnswer, PlanRequest
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
+from recorded_requests import replays_of
 from robots import CONFIG
 from ros_processes import FRAME, Scene, connected_client, private_domain, running_planner
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
-from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
 from ff_planner_ros.messages.plans import plan_from_answer
@@ -24,8 +23,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.runs.recorded_run import recorded_run
-from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.runs.replay import Verdict
 from ff_planner_ros.simulation.verification import verify
 
 pytestmark = pytest.mark.ci
@@ -140,10 +138,10 @@ def test_a_node_plans_on_a_table_from_odometry_and_joint_states(tmp_path: Path) 
     assert abs(headings["whole"] - 40.0) < 0.1
     assert abs(headings["part"] - 40.0) > 3.0  # else it was not free
 
-    assert next(iter(robot_plans(planner.bag).robots.values())).base is Base.PLANAR
-    with open_bag(planner.bag) as opened:
-        run = recorded_run(opened)
-    replayed = {one.name: replay(one) for one in run.requests}
-    for answer in (*solved.values(), off_plane):
+    replayed = replays_of(planner.bag)
+    recorded = replayed[solved["whole"].plan_id].exchange
+    assert recorded.planned_task().problem.robot.base is Base.PLANAR
+    assert replayed[off_plane.plan_id].verdict is Verdict.NOT_PLANNED
+    for answer in solved.values():
         found = replayed[answer.plan_id]
         assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))

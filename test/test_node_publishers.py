@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanAnswer
+from ff_planner_msgs.msg import ChaserState, PlanAnswer
+from ff_planner_msgs.msg import Scene as SceneMessage
 from quick_capture import resting_capture
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -65,7 +66,7 @@ def test_a_publisher_with_another_quality_of_service_is_named_in_answer_and_diag
     with connected_client() as client:
         heard = client.hear(DiagnosticArray, "/diagnostics")
         client.wait_for_planner()
-        with publishing("mapper", ObstacleSphereArray, "obstacles", VOLATILE) as mapper:
+        with publishing("mapper", SceneMessage, "obstacles", VOLATILE) as mapper:
             mapper.publish(scene.obstacles())
             told(client, heard, "obstacles", "/mapper offers durability volatile")
 
@@ -121,7 +122,7 @@ def test_a_publisher_of_obstacles_that_is_gone_is_told() -> None:
     with connected_client() as client:
         heard = client.hear(DiagnosticArray, "/diagnostics")
         client.wait_for_planner()
-        with publishing("mapper", ObstacleSphereArray, "obstacles", LATCHED) as mapper:
+        with publishing("mapper", SceneMessage, "obstacles", LATCHED) as mapper:
             mapper.publish(scene.obstacles())
             told(client, heard, "obstacles", "not stamped")
         client.node.destroy_publisher(client._obstacles)

@@ -16,9 +16,9 @@ from quick_capture import resting_capture
 from rcl_interfaces.msg import Log
 from ros_processes import (
     DEADLINE,
-    EVENT_TOPIC,
     Client,
     Scene,
+    answers_in,
     connected_client,
     private_domain,
     read_bag,
@@ -29,6 +29,8 @@ from std_srvs.srv import Trigger
 
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.errors import Status
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.model import load_robot
 
 OFTEN = ("-p", "rates.diagnostics:=20.0", "-p", "planning_lead_time:=60.0")
 
@@ -90,8 +92,7 @@ def test_an_operator_splits(tmp_path: Path) -> None:
     for answer in (before, after):
         assert answer.status.code == Status.SOLVED
     messages = read_bag(planner.bag)
-    responses = [one for event in messages[EVENT_TOPIC] for one in event.response]
-    answers = [one.answer.plan_id for one in responses]
+    answers = [one.plan_id for one in answers_in(messages)]
     assert answers == [before.plan_id, after.plan_id]
     log = [entry.msg for entry in messages["/rosout"] if entry.level >= Log.INFO]
     assert split.message in log
@@ -106,7 +107,8 @@ def _explains_itself(file: Path) -> None:
         reader = make_reader(stream)
         documents = {one.name: one.data.decode() for one in reader.iter_attachments()}
         (origin,) = (one.metadata for one in reader.iter_metadata() if one.name == "ff_planner_ros")
-    assert documents["robot.urdf"] == robots.LEMUR_URDF.read_text()
+    lines = load_robot(robots.LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.LINES)
+    assert documents["robot.urdf"] == lines.drawn_urdf
     used = yaml.safe_load(documents["parameters.yaml"])["/**"]["ros__parameters"]
     assert used["rates"]["diagnostics"] == 20.0
     assert origin["node"] == "/ff_planner"
@@ -137,8 +139,7 @@ def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
         assert planner.stop() == 0
     assert planner.log.count("recording has stopped, planning goes on") == 1
     recover(planner.bag, tmp_path / "saved")
-    events = read_bag(tmp_path / "saved")[EVENT_TOPIC]
-    saved = [one.answer.plan_id for event in events for one in event.response]
+    saved = [one.plan_id for one in answers_in(read_bag(tmp_path / "saved"))]
     assert saved == [before.plan_id]
 
 

@@ -19,12 +19,10 @@ from mcap.stream_reader import StreamReader
 from quick_capture import resting_capture
 from ros_processes import (
     DEADLINE,
-    EVENT_TOPIC,
-    REQUEST_RECEIVED,
-    RESPONSE_SENT,
     Client,
     PlannerProcess,
     Scene,
+    answers_in,
     connected_client,
     private_domain,
     read_bag,
@@ -32,10 +30,8 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.ros.messages.to_messages import time_message
 
-GOALS, RESULTS = (f"/plan_trajectory_action{events}" for events in (GOAL_EVENTS, RESULT_EVENTS))
 ARGUMENTS = (
     *("-p", "state_max_age:=3600.0", "-p", "bag.flush_interval:=0.05"),
     *("-p", "planning_lead_time:=60.0"),
@@ -117,15 +113,13 @@ def test_a_node_that_is_stopped_while_planning_answers_and_completes_its_bag(
         answer = _ask_frozen(client, planner, scene.request())
         assert planner.stop(signal.SIGTERM) == 0
         assert answer().status.code == Status.SHUT_DOWN
-    last = read_bag(planner.bag)[EVENT_TOPIC][-1]
-    assert last.info.event_type == RESPONSE_SENT
-    told = last.response[0].answer.status
+    told = answers_in(read_bag(planner.bag))[-1].status
     assert told.code == Status.SHUT_DOWN
     assert "shut down" in told.message
 
 
 @pytest.mark.ci
-def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag(
+def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_answers_in_its_bag(
     tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
     scene, many = Scene(resting_capture()), times(50, 200)
@@ -145,17 +139,15 @@ def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its
             assert last.progress.wait(DEADLINE)
             assert planner.stop(signal.SIGTERM) == 0
         bag = read_bag(planner.bag)
-    goals = {bytes(event.request[0].goal_id.uuid) for event in bag[GOALS]}
-    results = {bytes(event.request[0].goal_id.uuid): event.response[0] for event in bag[RESULTS]}
-    assert len(goals) == many + 2
-    assert goals == set(results)
-    *_, recorded, given_up = (event.response[0].result.answer for event in bag[RESULTS])
+    goals = [one.plan_id for one in bag["/exchanges"] if one.event == "received"]
+    answers = answers_in(bag)
+    assert len(set(goals)) == len(goals) == many + 2
+    assert [answer.plan_id for answer in answers] == goals
+    *_, recorded, given_up = answers
     assert recorded.plan_id == solved.plan_id
     points = [list(point.positions) for point in recorded.plans[0].joint_trajectory.points]
     assert points == [list(point.positions) for point in solved.plans[0].joint_trajectory.points]
     assert given_up.status.code == Status.SHUT_DOWN
-    assert bag["/plan_trajectory_action/_action/feedback"]
-    assert bag["/plan_trajectory_action/_action/status"]
 
 
 @pytest.mark.ci
@@ -182,15 +174,12 @@ def _ask_frozen(
     client: Client, planner: PlannerProcess, request: PlanRequest
 ) -> Callable[[], PlanAnswer]:
     """Freeze the solver, ask, and return the answer's promise once the planner has the request."""
-    heard = client.received["plan_trajectory/_service_event"]
+    heard = client.received["exchanges"]
     client.plan_until(PlanRequest(), lambda _: bool(heard))
     os.kill(planner.worker, signal.SIGSTOP)
     answer = client.send(request)
     client.wait_until(
-        lambda: (
-            heard[-1].info.event_type == REQUEST_RECEIVED
-            and heard[-1].request[0].request == request
-        ),
+        lambda: heard[-1].event == "received" and heard[-1].request[0] == request,
         "the request's arrival",
     )
     return answer

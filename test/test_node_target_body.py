@@ -14,6 +14,7 @@ from ff_planner_msgs.msg import Approach, PlanAnswer, PlanRequest, TargetBody
 from geometry_msgs.msg import PoseStamped, Vector3
 from nav_msgs.msg import Path as PathMsg
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from recorded_requests import motions_in, replays_of
 from ros_processes import (
     FRAME,
     Client,
@@ -27,8 +28,6 @@ from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
 from ff_planner_benchmark.problems import tumbling
-from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.distance.clearance import arm_points
@@ -37,8 +36,7 @@ from ff_planner_ros.planning.problem.target_body import TargetBody as FreeBody
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import target_body_message
-from ff_planner_ros.runs.recorded_run import recorded_run
-from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.runs.replay import Verdict
 from ff_planner_ros.simulation.verification import verify
 
 pytestmark = pytest.mark.ci
@@ -189,22 +187,19 @@ def test_the_bag_holds_it_all(run: Run) -> None:
     topics = read_bag(run.bag)
     for topic in ("/target_body", "/predicted_target_path", "/predicted_relative_pose"):
         assert topics[topic], topic
-    with open_bag(run.bag) as bag:
-        requests = recorded_run(bag).requests
-    told = {one.name: one for one in requests}
-    for answer in (run.captured, run.stale, run.free):
-        assert replay(told[answer.plan_id]).verdict is Verdict.IDENTICAL
+    replayed = replays_of(run.bag)
+    for answer in (run.captured, run.free):
+        assert replayed[answer.plan_id].verdict is Verdict.IDENTICAL
+    assert replayed[run.stale.plan_id].verdict is Verdict.NOT_PLANNED
+    hurried = replayed[run.hurried.plan_id]
     # The step at which its time was over; none where a single step took all of it.
-    verdict = Verdict.IDENTICAL if run.hurried.effort else Verdict.WITHOUT_CLOCK
-    assert replay(told[run.hurried.plan_id]).verdict is verdict
+    is_cut = hurried.exchange.planned_task().effort
+    assert hurried.verdict is (Verdict.IDENTICAL if is_cut else Verdict.WITHOUT_CLOCK)
 
 
 def test_mujoco_sees_the_recorded_capture_come_true(run: Run) -> None:
-    recorded = robot_plans(run.bag)
-    scene = recorded.scenes[run.captured.plan_id]
-    found = verify(
-        recorded.robots[run.captured.plan_id], recorded.motions[run.captured.plan_id], scene
-    )
+    (told,) = (one for one in motions_in(run.bag) if one.name == run.captured.plan_id)
+    found = verify(told.robot, told.trajectory, told.scene)
     assert found.passed
     assert found.capture is not None
     assert found.corridor is not None

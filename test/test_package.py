@@ -70,16 +70,7 @@ FLOORS = (
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, FLOOR_OF["problems"]
 # Rooms and modules that talk to ROS; the others run where no ROS is installed.
-WITH_ROS = (
-    "ros",
-    "runs",
-    "report.from_bag",
-    "report.received_scenes",
-    "demo",
-    "console.answers",
-    "console.from_bag",
-    "console.live",
-)
+WITH_ROS = ("ros", "runs.measured", "runs.offline_bag", "demo", "console.live")
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 # Subjects of a room, without __init__.py, and lines of a file.
 MOST_FILES, MOST_LINES = 15, 350

@@ -238,7 +238,7 @@ def test_its_bag_alone_gives_the_same_plan_again(
     for file in (path, tmp_path / f"client.{format_}", *tmp_path.glob(CUBE)):
         file.unlink()
     recorded = only_request(tmp_path / "bag")
-    assert recorded.read_request().task.digest == task.digest
+    assert recorded.planned_task().digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
 
 

@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 import yaml
 from ff_planner_msgs.msg import PlanRequest
+from heard_inputs import scene_input
 from recorded_requests import only_request
 from robots import CONFIG, random_state, random_urdf
 
@@ -42,14 +43,13 @@ from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload, with_payload
 from ff_planner_ros.robot.wheels import Wheels
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import (
     payload_message,
     request_message,
     scene_message,
 )
-from ff_planner_ros.ros.requests.reading import Knowledge, read_request
+from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, read_request
 from ff_planner_ros.ros.requests.waiting_plan import (
     MadePlan,
     require_same_start,
@@ -223,7 +223,7 @@ def asked(robot: Robot, problem: PlanningProblem, request: PlanRequest) -> Plann
     states = Mock()
     states.snapshot.return_value = Snapshot(problem.start, NOW, "chaser_state")
     request.scene = [scene_message((), 0, "inertial")]
-    knowledge = Knowledge(robot, parameters, states, SceneInput("inertial"), None, NOW)
+    knowledge = Knowledge(robot, parameters, states, scene_input(), None, NOW)
     return read_request(request, knowledge).task
 
 
@@ -244,14 +244,14 @@ def test_a_plan_that_waits_is_compared_with_where_the_robot_goes_with_its_payloa
     start_ns, parameters = NOW + 5 * NANOSECONDS, load_parameters()
     states = Mock()
     states.snapshot.return_value = Snapshot(moving, NOW, "chaser_state")
-    node = Knowledge(bare, parameters, states, SceneInput("inertial"), None, NOW)
+    node = Knowledge(bare, parameters, states, scene_input(), None, NOW)
     for robot, refused in ((held, nullcontext()), (bare, pytest.raises(NoPlanFound))):
         made = MadePlan(
             *("run.1", replace(plan, trajectory=motion), start_ns, "none"),
             *(robot, scene_of(problem), parameters),
         )
         with refused:
-            require_same_start(made, start_differences(made, (), node))
+            require_same_start(made, start_differences(made, measured_state((), node), node))
 
 
 # Of a robot, what a payload changes; the rest is as it was.
@@ -313,7 +313,7 @@ def test_a_bag_of_a_robot_is_read_as_that_robot_with_and_without_a_payload(
         )
         task, bag = PlanningTask(asked, SETTINGS), tmp_path / f"bag {robot.payload is not None}"
         record_answer(bag, task, NoPlanFound(Status.COLLISION, "none"), 0.1)
-        again = only_request(bag).read_request().task
+        again = only_request(bag).planned_task()
         assert digest_of(again.problem.robot) == digest_of(robot)
         assert again.digest == task.digest
 

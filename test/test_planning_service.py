@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -12,28 +13,24 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import rclpy
-from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
-from rclpy.action import CancelResponse, GoalResponse
+from heard_inputs import scene_input
+from rclpy.action import CancelResponse
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
-from ros_processes import DEADLINE, FRAME, Scene, private_domain
+from ros_processes import DEADLINE, Scene, private_domain
 from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.motion.watch import Budget
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.robot.collision.solids import Solid
-from ff_planner_ros.ros.inputs import scene_input
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs import scene_input as scene_input_module
 from ff_planner_ros.ros.inputs.state_input import StateInput
-from ff_planner_ros.ros.messages.interfaces import SEND_GOAL
-from ff_planner_ros.ros.messages.to_messages import bodies_message
+from ff_planner_ros.ros.outputs.exchanges import Exchanges
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.outputs.preview import Preview
 from ff_planner_ros.ros.parameters import LiveParameters
@@ -56,7 +53,8 @@ def service(
         )
         executor = SingleThreadedExecutor()  # which the node knows only as long as it is held here
         executor.add_node(node)
-        logger, worker = Mock(), Mock(spec=Worker)
+        logger, worker, scenes = Mock(), Mock(spec=Worker), scene_input()
+        monkeypatch.setattr(scene_input_module, "_DISCOVERY", 0.0)  # nothing is waited for
         monkeypatch.setattr(node, "get_logger", lambda: logger)
         answering = PlanningService(
             node,
@@ -64,8 +62,9 @@ def service(
             problem.robot,
             worker,
             Mock(spec=StateInput),
-            SceneInput("inertial"),
+            scenes,
             Mock(spec=PlanOutput, published=None, preview=Mock(spec=Preview)),
+            Mock(spec=Exchanges),
             "run",
             None,
         )
@@ -117,7 +116,7 @@ def test_a_budget_covers_the_waiting_for_obstacles(
         mapper = Mock(heard=lambda _: ["/mapper"], unheard=lambda _: [])
         monkeypatch.setattr(answering._scenes, "_publishers", mapper)
         for patience in ("_DISCOVERY", "_MATCHED"):
-            monkeypatch.setattr(scene_input, patience, 10.0 * DEADLINE)
+            monkeypatch.setattr(scene_input_module, patience, 10.0 * DEADLINE)
         request = Scene(lemur_capture).complete_request()
         request.search.time_budget = 0.2
         request.scene = []
@@ -154,48 +153,69 @@ def test_joint_rates_are_limited_unless_the_parameter_says_otherwise(
     assert task.problem.limits.joint_velocities is limited
 
 
+def test_each_request_is_told_when_it_comes_and_with_its_task_and_answer_at_its_end(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    spoilt = deepcopy(request)
+    spoilt.start_state[0].joint_names = []
+    spoilt.requester = "tester"
+    with service(lemur_capture, monkeypatch) as (answering, worker, _):
+        worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked", effort=7)
+        answers = [answer(answering, one) for one in (request, spoilt)]
+        goal = a_goal(lemur_capture)
+        answering._action._cancel(goal)
+        answers.append(answering._action._execute(goal).answer)
+        told = answering._exchanges.tell.call_args_list
+    assert [call.args for call in told] == [
+        ("received", "run.1", "service", "plan_trajectory"),
+        ("answered", "run.1", "service", "plan_trajectory"),
+        ("received", "run.2", "service", "tester"),
+        ("answered", "run.2", "service", "tester"),
+        ("received", "run.3", "action", "plan_trajectory_action"),
+        ("cancelled", "run.3", "action", "plan_trajectory_action"),
+    ]
+    requests = [call.kwargs["request"] for call in told]
+    assert requests[:4] == [request, request, spoilt, spoilt]
+    first, second, third = (call.kwargs for call in told[1::2])
+    assert [one["answer"] for one in (first, second, third)] == answers
+    assert first["task"].effort == 7
+    assert [one.task_digest for one in answers] == [first["task"].digest, "", ""]
+    assert second["task"] is third["task"] is None
+
+
 def a_goal(problem: PlanningProblem) -> Mock:
     goal = PlanTrajectoryAction.Goal(request=Scene(problem).complete_request())
     return Mock(goal_id=UUID(uuid=[7] * 16), request=goal, is_cancel_requested=True, status=5)
 
 
-def asked(goal: Mock) -> SEND_GOAL.Request:
-    """Return what the goal's client has sent, with the very request that rclpy hands on."""
-    request = SEND_GOAL.Request(goal_id=goal.goal_id, goal=goal.request)
-    assert request.goal is goal.request
-    return request
-
-
-def test_a_goal_that_rclpy_does_not_hand_over_leaves_the_planner_free(
+def test_a_goal_reserves_the_planner_when_it_is_accepted(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with service(lemur_capture, monkeypatch) as (answering, worker, _):
         worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
         goal = a_goal(lemur_capture)
-        answering._action._arrive(arrived := asked(goal))
-        assert answering._action._decide(goal.request) is GoalResponse.ACCEPT
+        answering._action._accept(goal)
         request = Scene(lemur_capture).complete_request()
         assert answer(answering, request).status.code == Status.BUSY
-        answering._action._depart(arrived)
+        assert answering._action._execute(goal).answer.status.code == Status.COLLISION
         assert answer(answering, request).status.code == Status.COLLISION
         assert answering._action._goals == {}
+    goal.abort.assert_called_once_with()
 
 
-def test_a_goal_that_cannot_be_taken_is_refused_and_its_answer_told(
+def test_a_goal_that_cannot_be_taken_is_aborted_with_its_answer(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with service(lemur_capture, monkeypatch) as (answering, worker, logger):
-        answering._action._events = events = Mock()
         answering.deactivate(Status.NOT_ACTIVE, "the planner is not active any more", 0.0)
         goal = a_goal(lemur_capture)
-        answering._action._arrive(arrived := asked(goal))
-        assert answering._action._decide(goal.request) is GoalResponse.REJECT
-        answering._action._depart(arrived)
+        answering._action._accept(goal)
+        answering.activate()
+        told = answering._action._execute(goal).answer
         assert answering._action._goals == {}
-        result, status, told = events.result_sent.call_args.args
         assert (answering.last.plan_id, answering.last.status) == ("run.1", Status.NOT_ACTIVE)
-    events.goal_received.assert_called_once_with(arrived)
-    assert (result.goal_id, status) == (goal.goal_id, GoalStatus.STATUS_UNKNOWN)
+    goal.abort.assert_called_once_with()
     assert told.status.message == "the planner is not active any more"
     (logged,) = logger.warning.call_args.args
     assert logged == "run.1: NOT_ACTIVE: the planner is not active any more"
@@ -207,10 +227,11 @@ def test_a_goal_that_is_cancelled_before_rclpy_hands_it_over_is_not_planned(
 ) -> None:
     with service(lemur_capture, monkeypatch) as (answering, worker, _):
         goal = a_goal(lemur_capture)
-        answering._action._arrive(asked(goal))
         assert answering._action._cancel(goal) is CancelResponse.ACCEPT
         answering._action._accept(goal)
         result = answering._action._execute(goal).answer
+        goal.is_active = False
+        assert answering._action._cancel(goal) is CancelResponse.REJECT
     assert (result.status.code, result.plan_id) == (Status.CANCELLED, "run.1")
     goal.canceled.assert_called_once_with()
     worker.solve.assert_not_called()
@@ -224,7 +245,6 @@ def test_a_goal_that_is_cancelled_while_rclpy_begins_it_is_begun_all_the_same(
         goal = a_goal(lemur_capture)
         illegal = rclpy_implementation.RCLError("goal_handle attempted invalid transition")
         goal.execute.side_effect = [illegal, None]
-        answering._action._arrive(asked(goal))
         answering._action._accept(goal)
     assert goal.execute.call_count == 2
 
@@ -280,31 +300,7 @@ def test_the_first_request_waits_for_obstacles_that_may_come_and_no_longer(
 
         monkeypatch.setattr(scenes, "may_come", comes)
         assert answer(answering, request).status.code == Status.COLLISION
-
-
-def test_the_first_request_waits_for_bodies_that_are_on_their_way_but_not_beside_its_own_scene(
-    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nobody needs to publish them: planned without, those that come a moment later are hit."""
-    request, waits = Scene(lemur_capture).complete_request(), list[bool]()
-    panel = ObstacleBody("panel", Solid("box", np.ones(3)), np.array([30.0, 0.0, 0.0]))
-    with service(lemur_capture, monkeypatch) as (answering, worker, _):
-        worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
-        scenes = answering._scenes
-        scenes.keep(Scene(lemur_capture).obstacles())
-
-        def may_come() -> bool:
-            """They arrive after the request was read without them, before anybody asks again."""
-            if waits:
-                scenes.callbacks()["obstacle_bodies"](bodies_message((panel,), 0, FRAME))
-            waits.append(not waits)
-            return waits[-1]
-
-        monkeypatch.setattr(scenes, "may_come", may_come)
-        assert answer(answering, request).status.code == Status.COLLISION
-        assert waits == [True]
         waits.clear()
-        request.scene = []
+        request = Scene(lemur_capture).complete_request()
         assert answer(answering, request).status.code == Status.COLLISION
-        task = worker.solve.call_args.args[0]
-        assert [one.id for one in task.problem.obstacle_bodies] == ["panel"]
+        assert waits == [True], "its own scene is there"

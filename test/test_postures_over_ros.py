@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import Goal, PlanRequest
-from recorded_requests import only_request
+from recorded_requests import motions_in, only_request
 from robots import CONFIG
 
-from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Posture
@@ -83,7 +82,8 @@ def test_a_recorded_plan_is_replayed_to_the_last_bit_and_reported(
     record_answer(tmp_path / "bag", task, plan, 0.1)
     recorded = only_request(tmp_path / "bag")
     assert replay(recorded).verdict is Verdict.IDENTICAL
-    (scene,) = robot_plans(tmp_path / "bag").scenes.values()
+    ((*_, scene, _, _),) = motions_in(tmp_path / "bag")
+    assert scene is not None
     assert scene.target is None
     (request,) = report_of_bag(tmp_path / "bag", 5).requests
     assert request.plan is not None

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from ff_planner_msgs.msg import PlanStatus
 from ff_planner_msgs.srv import PublishPlan
+from heard_inputs import scene_input
 from ros_processes import FRAME, Scene
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.parameters.values import replaced
@@ -23,9 +24,9 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import plan_message
+from ff_planner_ros.ros.outputs.exchanges import Exchanges
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.publication import MOST_WAITING, Publication
 from ff_planner_ros.ros.requests.reading import Knowledge
@@ -49,14 +50,15 @@ class World:
         self.output = Mock(published=None)
         node = Mock()
         node.get_clock().now = lambda: SimpleNamespace(nanoseconds=self.now_ns)
-        self.publication = Publication(node, self.output, self.knowledge)
+        self.exchanges = Mock(spec=Exchanges)
+        self.publication = Publication(node, self.output, self.exchanges, self.knowledge)
 
     def knowledge(self) -> Knowledge:
         states = Mock()
         stamp_ns = self.now_ns - self.state_age_ns
         states.snapshot.return_value = Snapshot(self.state, stamp_ns, "chaser_state")
         published = self.output.published
-        scene = SceneInput(FRAME)
+        scene = scene_input()
         return Knowledge(self.problem.robot, self.parameters, states, scene, published, self.now_ns)
 
     def made(self, plan_id: str = "run.1", start_ns: int = START) -> MadePlan:
@@ -69,6 +71,12 @@ class World:
     def ask(self, plan_id: str = "run.1", **fields: Any) -> PlanStatus:
         request = PublishPlan.Request(plan_id=plan_id, **fields)
         return self.publication._serve(request, PublishPlan.Response()).status
+
+    @property
+    def told(self) -> list[tuple[str, ...]]:
+        """Event, plan id and requester of each exchange."""
+        calls = (call.args for call in self.exchanges.tell.call_args_list)
+        return [(event, plan_id, requester) for event, plan_id, _, requester in calls]
 
     @property
     def out(self) -> list[tuple[str, str]]:
@@ -133,7 +141,7 @@ def test_a_plan_that_is_published_already_is_refused_as_such(world: World) -> No
 def test_a_plan_whose_start_has_passed_is_refused_and_forgotten(world: World) -> None:
     world.now_ns = START + 1_000_000
     status = world.ask()
-    assert (status.code, status.retry) == (Status.TOO_LATE, PlanStatus.CHANGED)
+    assert (status.code, status.retry) == (Status.TOO_LATE, PlanStatus.RETRY_CHANGED)
     assert "0.001 s ago" in status.message
     world.now_ns = NOW
     assert world.ask().code == Status.UNKNOWN_PLAN
@@ -361,7 +369,7 @@ def test_an_old_plan_is_not_published_whatever_its_start(world: World) -> None:
     world.publication.keep(world.made("run.2", NOW + 60 * NANOSECONDS))
     world.now_ns += round(0.41 * NANOSECONDS)
     status = world.ask("run.2")
-    assert (status.code, status.retry) == (Status.CHECK_FAILED, PlanStatus.CHANGED)
+    assert (status.code, status.retry) == (Status.CHECK_FAILED, PlanStatus.RETRY_CHANGED)
     assert "run.2 was made 0.41 s ago, longer than publication.max_age, 0.4 s" in status.message
 
 
@@ -428,3 +436,37 @@ def test_what_nobody_foresaw_is_answered_and_ends_nothing(world: World) -> None:
     assert status.message == "ZeroDivisionError: nobody foresaw this"
     world.output.publish.side_effect = None
     assert world.ask().code == Status.SOLVED
+
+
+def test_each_request_to_publish_is_told_with_what_its_answer_was_made_from(world: World) -> None:
+    world.output.published = PublishedPlan("run.0", world.plan.trajectory, START)
+    world.state_age_ns = NANOSECONDS // 10
+    for plan_id in ("run.2", "run.3"):
+        world.publication.keep(world.made(plan_id))
+    asked = [
+        world.ask("run.1", requester="director"),
+        world.ask("run.2", reject=True),
+        world.ask("run.7"),
+    ]
+    world.publication.forget()
+    assert world.told == [
+        *(("received", "run.1", "director"), ("published", "run.1", "director")),
+        *(("received", "run.2", "~/publish_plan"), ("rejected", "run.2", "~/publish_plan")),
+        *(("received", "run.7", "~/publish_plan"), ("answered", "run.7", "~/publish_plan")),
+        ("dropped", "run.3", ""),
+    ]
+    answers = [call.kwargs["answer"] for call in world.exchanges.tell.call_args_list[1::2]]
+    assert [one.status for one in answers] == asked
+    inputs = answers[0].inputs
+    assert nanoseconds(inputs.received_stamp) == NOW
+    assert nanoseconds(inputs.state_stamp) == NOW - world.state_age_ns
+    assert (inputs.state_source, inputs.previous_plan_id) == ("chaser_state", "run.0")
+
+
+def test_a_plan_that_waits_no_longer_is_told_as_dropped(world: World) -> None:
+    for number in range(2, MOST_WAITING + 2):
+        world.publication.keep(world.made(f"run.{number}"))
+    world.now_ns = START + 1
+    assert world.ask("run.2").code == Status.TOO_LATE
+    dropped = [plan_id for event, plan_id, _ in world.told if event == "dropped"]
+    assert dropped == ["run.1", "run.2"]

@@ -4,98 +4,52 @@ from __future__ import annotations
 
 import csv
 import json
-import tracemalloc
-from collections.abc import Iterator
-from itertools import repeat
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet
 import pytest
-from answers import received, sent
-from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanRequest, PlanStatus, PublishedPlan
-from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
+from answers import exchange, write_bag
+from ff_planner_msgs.msg import PlanAnswer, PlanInputs, PlanRequest, PlanStatus
 from read_page import Page
-from service_msgs.msg import ServiceEventInfo
-from std_msgs.msg import Header
 
-from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.publications import Publication, publications
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
-from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import time_message
 
 SECOND = 10**9
 START = 1_760_000_000 * SECOND
-NAMESPACE = "/chaser_1"
-SERVICE = f"{NAMESPACE}/ff_planner/publish_plan/_service_event"
-ANSWERS = f"{NAMESPACE}/plan_trajectory/_service_event"
-STATES, PUBLISHED = f"{NAMESPACE}/chaser_state", f"{NAMESPACE}/published_plan"
 MOVED = "the system will not be where run.2 begins"
-
-
-def stamped(seconds: float) -> Header:
-    return Header(stamp=time_message(START + round(seconds * SECOND)))
-
-
-def asked(number: int, at: float, request: PublishPlan.Request) -> PublishPlan.Event:
-    info = ServiceEventInfo(event_type=ServiceEventInfo.REQUEST_RECEIVED, sequence_number=number)
-    info.stamp = stamped(at).stamp
-    return PublishPlan.Event(info=info, request=[request])
-
-
-def answered(number: int, at: float, code: Status, message: str) -> PublishPlan.Event:
-    info = ServiceEventInfo(event_type=ServiceEventInfo.RESPONSE_SENT, sequence_number=number)
-    info.stamp = stamped(at).stamp
-    status = PlanStatus(code=int(code), message=message)
-    return PublishPlan.Event(info=info, response=[PublishPlan.Response(status=status)])
+# Plan, event, status, its message, who asks, age of the state that the node looked at [s]
+CALLS = [
+    ("run.1", "published", Status.SOLVED, "published", "fleet", 0.3),
+    ("run.2", "answered", Status.STATE_MOVED, MOVED, "", 0.3),
+    ("run.3", "published", Status.SOLVED, "published", "", 0.0),
+    ("run.9", "answered", Status.UNKNOWN_PLAN, "no", "", None),
+    ("run.4", "rejected", Status.SOLVED, "rejected", "", 0.2),
+]
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of five requests three are granted, one of them to reject.
-
-    States come every half second, 0.2 s after their stamp.
-    """
-    directory = tmp_path_factory.mktemp("bags") / "run"
-    own = ChaserState(header=stamped(3.9))
-    now = ChaserState()
-    calls = [
-        (1.0, PublishPlan.Request(plan_id="run.1", requester="fleet"), Status.SOLVED, "published"),
-        (2.0, PublishPlan.Request(plan_id="run.2"), Status.STATE_MOVED, MOVED),
-        (3.0, PublishPlan.Request(plan_id="run.3", start_state=[now]), Status.SOLVED, "published"),
-        (4.0, PublishPlan.Request(plan_id="run.9", start_state=[own]), Status.UNKNOWN_PLAN, "no"),
-        (4.4, PublishPlan.Request(plan_id="run.4", reject=True), Status.SOLVED, "rejected"),
-    ]
-    with BagWriter(directory, flush_interval=1.0) as writer:
-        for topic, kind in (
-            (SERVICE, PublishPlan.Event),
-            (ANSWERS, PlanTrajectory.Event),
-            (STATES, ChaserState),
-            ("/chaser_2/chaser_state", ChaserState),
-            (PUBLISHED, PublishedPlan),
-        ):
-            writer.add_topic(topic, type_name(kind), [])
-
-        def write(topic: str, message: object, seconds: float) -> None:
-            at_ns = START + round(seconds * SECOND)
-            writer.write(topic, encode(message), at_ns, at_ns)
-
-        write(ANSWERS, received(PlanRequest()), 0.1)
-        write(ANSWERS, sent(PlanAnswer(plan_id="run.1", status=PlanStatus(code=301))), 0.2)
-        for number in range(10):
-            at = 0.5 * number
-            write(STATES, ChaserState(header=stamped(at - 0.2)), at)
-            write("/chaser_2/chaser_state", ChaserState(header=stamped(at)), at)
-        for number, (at, request, code, message) in enumerate(calls):
-            write(SERVICE, asked(number, at + 0.1, request), at + 0.1)
-            if code == Status.SOLVED and not request.reject:
-                write(PUBLISHED, PublishedPlan(plan_id=request.plan_id), at + 0.2)
-            write(SERVICE, answered(number, at + 0.3, code, message), at + 0.3)
-    return directory
+    """Of five requests three are granted, one of them to reject; a sixth has no answer."""
+    refused = PlanAnswer(plan_id="run.1", status=PlanStatus(code=301))
+    told = [exchange(refused, PlanRequest(), START)]
+    before = ""
+    for number, (plan_id, event, code, message, requester, age) in enumerate(CALLS, 1):
+        who = {"plan_id": plan_id, "interface": "publish_plan", "requester": requester}
+        asked_ns = START + number * SECOND
+        inputs = PlanInputs(received_stamp=time_message(asked_ns), previous_plan_id=before)
+        if age is not None:
+            inputs.state_stamp = time_message(asked_ns - round(age * SECOND))
+        status = PlanStatus(code=int(code), message=message)
+        answer = PlanAnswer(plan_id=plan_id, status=status, inputs=inputs)
+        told.append(exchange(ns=asked_ns, **who))
+        told.append(exchange(answer, ns=asked_ns + SECOND // 5, event=event, **who))
+        before = plan_id if event == "published" else before
+    told.append(exchange(plan_id="run.5", interface="publish_plan"))
+    return write_bag(tmp_path_factory.mktemp("bags") / "run", *told, start_ns=START)
 
 
 def test_each_has_its_answer_the_age_of_its_state_and_the_plan_before(bag: Path) -> None:
@@ -110,32 +64,9 @@ def test_each_has_its_answer_the_age_of_its_state_and_the_plan_before(bag: Path)
         ("run.9", "UNKNOWN_PLAN", False, "run.3"),
         ("run.4", "SOLVED", False, "run.3"),
     ]
-    # The latest that was received, another one's states left out; as if measured now; its own.
-    assert [one.state_age_s for one in found] == pytest.approx([0.3, 0.3, 0.0, 0.2, 0.2])
+    assert [one.state_age_s for one in found] == [0.3, 0.3, 0.0, None, 0.2]
     assert [one.requester for one in found] == ["fleet", "", "", "", ""]
     assert [one.answered_ns - one.asked_ns for one in found] == [SECOND // 5] * 5
-
-
-def test_states_of_an_hour_are_not_kept(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A thousand a second are millions; those that count for a request are a handful."""
-    many = 100_000
-    with open_bag(bag) as opened:
-        before = publications(opened)
-        messages, peak = opened.messages, 0
-        first = next(iter(messages(STATES)))
-
-        def repeated(*topics: str, **only: Any) -> Iterator[Any]:
-            if topics == (STATES,):
-                yield from repeat(first, many)
-            yield from messages(*topics, **only)
-
-        monkeypatch.setattr(opened, "messages", repeated)
-        tracemalloc.start()
-        found = publications(opened)
-        _, peak = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
-    assert found == before
-    assert peak < 8 * many, "one number of each would be as much"
 
 
 def test_they_stand_in_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,6 @@ from test_meshes import BOX, stl, urdf_with
 from test_pairs import disabling
 
 from ff_planner_ros.analysis.plan_document import planned_motion
-from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
@@ -75,31 +74,15 @@ def require_same(ours: Robot, theirs: Robot) -> None:
         assert one.placement_in_joint == other.placement_in_joint
 
 
-def test_a_node_s_bag_holds_the_whole_robot(directory: Path) -> None:
-    from ff_planner_ros.ros.recorder.recorded_topics import recorded_robot
+@pytest.mark.parametrize("geometry", ["auto", "lines"])
+def test_a_node_s_bag_holds_the_whole_robot(directory: Path, geometry: str) -> None:
+    from ff_planner_ros.ros.recorder.recorded_topics import attached_parameters
 
-    robot, node = loaded(directory), load_parameters()
-    assert ("link_1", "link_4") not in {
-        tuple(robot.bodies[k].link for k in pair) for pair in robot.pairs
-    }
-    node = replace(node, robot=parameters(directory))
-    described, urdf = recorded_robot(node, directory / "arm.urdf", robot)
-    document = yaml.safe_dump({"/**": {"ros__parameters": {"robot": asdict(described.robot)}}})
+    told = parameters(directory, geometry)
+    robot = told.load((directory / "arm.urdf").read_text(), directory)
+    written = attached_parameters(replace(load_parameters(), robot=told), robot).robot
     shutil.rmtree(directory)
-    attached = {"robot.urdf": urdf, "parameters.yaml": document.encode()}
-    require_same(attached_robot(Path("bag"), attached), robot)
-
-
-def test_with_lines_a_bag_holds_the_urdf_as_it_is(directory: Path) -> None:
-    from ff_planner_ros.ros.recorder.recorded_topics import recorded_robot
-
-    text = (directory / "arm.urdf").read_bytes()
-    told = parameters(directory, "lines")
-    robot = told.load(text.decode(), directory)
-    node = replace(load_parameters(), robot=told)
-    described, urdf = recorded_robot(node, directory / "arm.urdf", robot)
-    assert urdf == text
-    assert described == node
+    require_same(written.load(robot.drawn_urdf, None), robot)
 
 
 def test_an_answer_without_a_geometry_means_what_its_urdf_has(directory: Path) -> None:

@@ -12,8 +12,7 @@ from unittest.mock import Mock
 import pytest
 import rclpy
 import yaml
-from ff_planner_msgs.msg import ChaserState
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import ChaserState, Exchange
 from mcap.reader import make_reader
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -27,7 +26,7 @@ from ff_planner_ros.ros.recorder.recorder import Recorder
 from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
 
 STATE = RecordedTopic("/chaser_state", ChaserState, QoSProfile(depth=1))
-EVENT = RecordedTopic("/plan/_service_event", PlanTrajectory.Event, QoSProfile(depth=1))
+EXCHANGES = RecordedTopic("/exchanges", Exchange, QoSProfile(depth=1))
 SCENE = RecordedTopic(
     "/scene", String, QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 )
@@ -159,21 +158,21 @@ def test_what_was_latched_before_is_in_the_bag_and_asked_for_first(
 
     monkeypatch.setattr(Node, "create_subscription", noted)
     node.create_publisher(String, "scene", SCENE.qos).publish(String(data="latched"))
-    with closing(_recorder(tmp_path / "bag", STATE, SCENE, EVENT)) as recorder:
+    with closing(_recorder(tmp_path / "bag", STATE, SCENE, EXCHANGES)) as recorder:
         give_up = time.monotonic() + DEADLINE
         while recorder.health.messages == 0:
             assert time.monotonic() < give_up
             recorder._take_all()
-    assert asked == ["/scene", "/chaser_state", "/plan/_service_event"]
+    assert asked == ["/scene", "/chaser_state", "/exchanges"]
     assert [scene.data for scene in read_bag(tmp_path / "bag")["/scene"]] == ["latched"]
 
 
 def test_topics_have_the_type_names_of_ros(tmp_path: Path) -> None:
     bag = Mock(spec=BagWriter, custom_data={})
-    _recorder(tmp_path, STATE, EVENT, bag=lambda: bag).close()
+    _recorder(tmp_path, STATE, EXCHANGES, bag=lambda: bag).close()
     assert [call.args[:2] for call in bag.add_topic.call_args_list] == [
         ("/chaser_state", "ff_planner_msgs/msg/ChaserState"),
-        ("/plan/_service_event", "ff_planner_msgs/srv/PlanTrajectory_Event"),
+        ("/exchanges", "ff_planner_msgs/msg/Exchange"),
     ]
     bag.close.assert_called_once_with()
 
@@ -181,7 +180,7 @@ def test_topics_have_the_type_names_of_ros(tmp_path: Path) -> None:
 def test_a_full_queue_is_counted_to_the_message_and_told(tmp_path: Path, node: Node) -> None:
     publisher = node.create_publisher(ChaserState, "chaser_state", 1000)
     log = Log()
-    with closing(_recorder(tmp_path / "bag", STATE, EVENT, log=log)) as recorder:
+    with closing(_recorder(tmp_path / "bag", STATE, EXCHANGES, log=log)) as recorder:
         publisher.publish(_number(0))
         recorder._take_all()
         for number in range(1, QUEUE + 235):

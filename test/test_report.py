@@ -9,22 +9,24 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from answers import FRAME, answer_of, received, sent
+from answers import FRAME, answer_of, exchange, write_bag
 from drawn_plans import paper_terms_at
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest, PublishedPlan
 from nav_msgs.msg import Odometry
 from read_page import Page, numbers
+from recorded_requests import recorded
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ff_planner_ros.analysis.drawing.panels import joint_angles
 from ff_planner_ros.analysis.drawing.tracking import Deviations
@@ -34,13 +36,14 @@ from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.scenario.task_json import task_json
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.report import from_bag
 from ff_planner_ros.report.from_bag import report_of_bag, reported_request
 from ff_planner_ros.report.plan_plots import shown_rows
 from ff_planner_ros.report.run_page import save_page
@@ -52,10 +55,9 @@ from ff_planner_ros.report.run_report import (
 )
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
-    obstacles_message,
     pose_message,
     request_message,
     state_message,
@@ -70,15 +72,13 @@ PARAMETERS: dict[str, Any] = yaml.safe_load((CONFIG / "planner.yaml").read_text(
 PLOTS = (*("scene", "clearance", "joints", "end-effector", "chaser-pose", "chaser-velocity"),)
 
 
-REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
-
-
 class Run:
     """A bag as the node records it, written message by message."""
 
     def __init__(self, directory: Path, problem: PlanningProblem, **parameters: Any) -> None:
         self.bag = BagWriter(directory, flush_interval=0.0)
-        self.problem, self._number, self._topics = problem, 0, set[str]()
+        self.problem, self._topics = problem, set[str]()
+        self.task = PlanningTask(problem, load_parameters().planner)
         document = yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS | parameters}})
         self.bag.attach("robot.urdf", "application/xml", problem.robot.drawn_urdf.encode())
         self.bag.attach("parameters.yaml", "application/yaml", document.encode())
@@ -89,53 +89,38 @@ class Run:
             self.bag.add_topic(topic, type_name(type(message)), [])
         self.bag.write(topic, encode(message), time_ns, time_ns)
 
-    def obstacles(self, time_ns: int) -> None:
-        self.put("/obstacles", obstacles_message(self.problem.obstacles, time_ns, FRAME), time_ns)
-
-    def answer(self, plan: Plan, plan_id: str, start_ns: int) -> PlanAnswer:
-        answer = answer_of(plan, plan_id, start_ns, 0.25)
-        answer.inputs.obstacles_stamp = time_message(T0)
-        return answer
-
-    def service(self, answer: PlanAnswer | None, asked_ns: int, *, plan_only: bool = False) -> None:
+    def ask(
+        self,
+        answer: PlanAnswer | None,
+        asked_ns: int,
+        interface: str = "service",
+        *,
+        plan_only: bool = False,
+    ) -> None:
         """A request, and half a second later its answer."""
-        self._number += 1
         request = request_message(self.problem, FRAME)
         request.plan_only = plan_only
-        self._event(received(request), asked_ns)
+        told = {
+            "interface": interface,
+            "plan_id": "run.unanswered" if answer is None else answer.plan_id,
+        }
+        self.put("/exchanges", exchange(None, request, asked_ns, **told), asked_ns)
         if answer is not None:
-            self._event(sent(answer), asked_ns + SECOND // 2)
-
-    def _event(self, told: Any, time_ns: int) -> None:
-        told.info.stamp, told.info.sequence_number = time_message(time_ns), self._number
-        self.put("/plan_trajectory/_service_event", told, time_ns)
-
-    def action(self, answer: PlanAnswer, asked_ns: int) -> None:
-        goal = PlanTrajectoryAction.Goal(request=request_message(self.problem, FRAME))
-        asked = SEND_GOAL.Request(goal=goal)
-        asked.goal_id.uuid = np.array([*range(15), asked_ns % 251], np.uint8)
-        result = PlanTrajectoryAction.Result(answer=answer)
-        for topic, message, time_ns in (
-            (f"/act{GOAL_EVENTS}", SEND_GOAL.Event(request=[asked]), asked_ns),
-            (
-                f"/act{RESULT_EVENTS}",
-                GET_RESULT.Event(
-                    request=[GET_RESULT.Request(goal_id=asked.goal_id)],
-                    response=[GET_RESULT.Response(result=result)],
-                ),
+            at_ns, task = (
                 asked_ns + SECOND // 2,
-            ),
-        ):
-            message.info.stamp = time_message(time_ns)
-            is_result = time_ns > asked_ns
-            message.info.event_type = RESPONSE_SENT if is_result else REQUEST_RECEIVED
-            self.put(topic, message, time_ns)
+                task_json(self.task, self.problem.robot.drawn_urdf),
+            )
+            self.put("/exchanges", exchange(answer, request, at_ns, task=task, **told), at_ns)
 
     def states(self, motion: Trajectory, start_ns: int) -> None:
         names = self.problem.robot.joint_names
         for i, stamp_ns in enumerate(stamps(motion, start_ns)):
             state = state_message(state_at(motion, i), names, stamp_ns, FRAME)
             self.put("/chaser_state", state, stamp_ns)
+
+
+def answered(plan: Plan, plan_id: str, start_ns: int) -> PlanAnswer:
+    return answer_of(plan, plan_id, start_ns, 0.25)
 
 
 def stamps(motion: Trajectory, start_ns: int) -> list[int]:
@@ -192,19 +177,18 @@ def told(
     motion = lemur_plan.trajectory
     measured = disturbed(motion)
     run = Run(directory / "run", lemur_capture)
-    run.obstacles(T0)
     with run.bag:
         run.bag.add_record(PROVENANCE, {"node": "/ff_planner", "numpy": "2.0.0", "host": "moon"})
-        run.service(run.answer(lemur_plan, "run.1", T0 + 10 * SECOND), T0 + SECOND)
+        run.ask(answered(lemur_plan, "run.1", T0 + 10 * SECOND), T0 + SECOND)
         run.states(measured, T0 + 10 * SECOND)
         refusal = answer_of_error(FfPlannerError(Status.NO_STATE, EVIL), "run.2", 0.01)
-        run.service(refusal, T0 + 30 * SECOND)
+        run.ask(refusal, T0 + 30 * SECOND)
         attempt = NoPlanFound(Status.COLLISION, "c1 is in the way", lemur_plan)
-        run.action(answer_of_error(attempt, "run.3", 1.5), T0 + 40 * SECOND)
-        run.service(None, T0 + 50 * SECOND)
-        run.service(run.answer(lemur_plan, "run.5", T0 + 70 * SECOND), T0 + 60 * SECOND)
+        run.ask(answer_of_error(attempt, "run.3", 1.5), T0 + 40 * SECOND, "action")
+        run.ask(None, T0 + 50 * SECOND)
+        run.ask(answered(lemur_plan, "run.5", T0 + 70 * SECOND), T0 + 60 * SECOND)
         run.states(replace(motion, joint_positions=motion.joint_positions + 0.3), T0 + 70 * SECOND)
-        run.action(run.answer(lemur_plan, "run.6", T0 + 100 * SECOND), T0 + 90 * SECOND)
+        run.ask(answered(lemur_plan, "run.6", T0 + 100 * SECOND), T0 + 90 * SECOND, "action")
     report = report_of_bag(directory / "run", 20)
     return Told(report, page_of(report, directory), measured)
 
@@ -219,7 +203,7 @@ def test_every_request_is_listed_with_door_time_status_and_numbers(told: Told) -
         ("run.1", "service", "0 SOLVED"),
         ("run.2", "service", "100 NO_STATE"),
         ("run.3", "action", "301 COLLISION"),
-        ("(no id)", "service", "unanswered"),
+        ("run.unanswered", "service", "unanswered"),
         ("run.5", "service", "0 SOLVED"),
         ("run.6", "action", "0 SOLVED"),
     ]
@@ -227,11 +211,27 @@ def test_every_request_is_listed_with_door_time_status_and_numbers(told: Told) -
 
 
 def test_what_goes_on_from_a_running_plan_has_the_duration_that_is_left() -> None:
-    request = PlanRequest(replan_active=True)
     answer = PlanAnswer(plans=[PlanMessage(duration=8.4)])
-    assert reported_request("action", request, answer).duration == 8.4
+    answer.plans[0].joint_trajectory.points = [JointTrajectoryPoint()]
+    going_on = recorded(None, answer, request=PlanRequest(replan_active=True))
+    assert reported_request(going_on).duration == 8.4
     answer.status.code = Status.TOO_LATE
-    assert reported_request("action", request, answer).duration is None
+    assert reported_request(going_on).duration is None
+
+
+def test_age_and_source_of_what_a_plan_was_made_from_are_told(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    run, answer = Run(tmp_path / "run", lemur_capture), answered(lemur_plan, "run.1", T0)
+    answer.inputs.received_stamp = time_message(T0)
+    answer.inputs.state_stamp = time_message(T0 - SECOND // 4)
+    answer.inputs.state_source = "chaser_state"
+    answer.inputs.obstacles_stamp = time_message(T0 - 3 * SECOND)
+    with run.bag:
+        run.ask(answer, T0)
+    page = page_of(report_of_bag(tmp_path / "run", 20), tmp_path)
+    assert "0.250 s old, chaser_state" in page.words
+    assert "3.000 s old" in page.words
 
 
 def test_refusals_have_their_reasons_in_full_and_their_attempts_numbers_marked(told: Told) -> None:
@@ -261,7 +261,7 @@ def test_the_header_says_which_bag_of_what_robot_and_node_it_is(told: Told) -> N
     assert facts["node"] == "/ff_planner"
     assert facts["versions"] == "numpy 2.0.0"
     assert facts["robot"].startswith("lemur: 7 joints from chaser to end_effector")
-    assert facts["recorded"] == "2026-11-18 11:06:40.000 UTC, 90.5 s"
+    assert facts["recorded"] == "2026-11-18 11:06:41.000 UTC, 89.5 s"
     assert "parameters.yaml" in facts["attached"]
 
 
@@ -448,7 +448,7 @@ def test_between_the_points_the_plan_is_interpolated(
     coarse = replace(fine, trajectory=Trajectory(**rows))
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
-        run.service(run.answer(coarse, "run.1", T0), T0)
+        run.ask(answered(coarse, "run.1", T0), T0)
         run.states(fine.trajectory, T0)
     (request,) = report_of_bag(tmp_path / "run", 1).requests
     assert request.plan is not None
@@ -514,9 +514,8 @@ def test_names_in_plots_are_no_tags_either(
         named = replace(named, joint_names=problem.robot.joint_names)
         assert evil in named.joint_names
     run = Run(tmp_path / "run", problem)
-    run.obstacles(T0)
     with run.bag:
-        run.service(run.answer(named, evil if name == "plan_id" else "run.1", T0), T0)
+        run.ask(answered(named, evil if name == "plan_id" else "run.1", T0), T0)
     page = page_of(report_of_bag(tmp_path / "run", 1), tmp_path)
     assert len(page.plots) == len(PLOTS)
     assert "img" not in page.tags
@@ -529,7 +528,7 @@ def test_a_bag_with_refusals_only_is_a_page_without_plots(
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
         refusal = FfPlannerError(Status.BUSY, "another request is being planned")
-        run.service(answer_of_error(refusal, "run.1", 0.0), T0)
+        run.ask(answer_of_error(refusal, "run.1", 0.0), T0)
     page = page_of(report_of_bag(tmp_path / "run", 20), tmp_path)
     assert page.row("run.1")[3] == "500 BUSY"
     assert page.plots == {}
@@ -550,7 +549,7 @@ def test_the_last_plans_are_drawn_and_the_page_says_that_others_are_not(
     with run.bag:
         for k in range(4):
             start_ns = T0 + (20 * k + 5) * SECOND
-            run.service(run.answer(lemur_plan, f"run.{k}", start_ns), T0 + 20 * k * SECOND)
+            run.ask(answered(lemur_plan, f"run.{k}", start_ns), T0 + 20 * k * SECOND)
     report = report_of_bag(tmp_path / "run", 1)
     assert [request.plan is not None for request in report.requests] == [False, False, False, True]
     assert "of 4 plans the last 1 are drawn; --plans N draws more" in report.notes
@@ -562,8 +561,8 @@ def test_a_plan_is_measured_until_the_next_one_takes_the_arm_over(
 ) -> None:
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
-        run.service(run.answer(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
-        run.service(run.answer(lemur_plan, "run.2", T0 + 9 * SECOND), T0 + SECOND)
+        run.ask(answered(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
+        run.ask(answered(lemur_plan, "run.2", T0 + 9 * SECOND), T0 + SECOND)
         run.states(lemur_plan.trajectory, T0 + 5 * SECOND)
     first, second = report_of_bag(tmp_path / "run", 20).requests
     assert first.plan is not None
@@ -582,8 +581,8 @@ def test_a_plan_is_measured_until_any_later_one_takes_the_arm_over_however_early
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
         for number, (start, asked) in enumerate(((5, 0), (11, 1), (8, 2)), start=1):
-            answer = run.answer(lemur_plan, f"run.{number}", T0 + start * SECOND)
-            run.service(answer, T0 + asked * SECOND)
+            answer = answered(lemur_plan, f"run.{number}", T0 + start * SECOND)
+            run.ask(answer, T0 + asked * SECOND)
         run.states(lemur_plan.trajectory, T0 + 5 * SECOND)
     first, second, third = (one.plan for one in report_of_bag(tmp_path / "run", 20).requests)
     assert first is not None
@@ -603,9 +602,9 @@ def test_a_plan_that_was_only_asked_for_is_measured_once_it_was_published(
     """Of three plans the second waits for ever: the first one goes on meanwhile."""
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
-        run.service(run.answer(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
-        run.service(run.answer(lemur_plan, "run.2", T0 + 7 * SECOND), T0, plan_only=True)
-        run.service(run.answer(lemur_plan, "run.3", T0 + 9 * SECOND), T0, plan_only=True)
+        run.ask(answered(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
+        run.ask(answered(lemur_plan, "run.2", T0 + 7 * SECOND), T0, plan_only=True)
+        run.ask(answered(lemur_plan, "run.3", T0 + 9 * SECOND), T0, plan_only=True)
         run.put("/published_plan", PublishedPlan(plan_id="run.3"), T0 + SECOND)
         run.states(lemur_plan.trajectory, T0 + 5 * SECOND)
     first, second, third = (one.plan for one in report_of_bag(tmp_path / "run", 20).requests)
@@ -634,7 +633,7 @@ def test_states_from_odometry_and_joint_states_are_paired(
     run = Run(tmp_path / "run", lemur_capture, state_source="odometry", odometry=odometry)
     motion = lemur_plan.trajectory
     with run.bag:
-        run.service(run.answer(lemur_plan, "run.1", T0), T0)
+        run.ask(answered(lemur_plan, "run.1", T0), T0)
         for i, stamp_ns in enumerate(stamps(motion, T0)):
             chaser = Rotation.from_quat(motion.chaser_quaternions_xyzw[i])
             message = Odometry(child_frame_id="sensor")
@@ -661,8 +660,7 @@ def test_states_from_odometry_and_joint_states_are_paired(
     assert len(measured.time) == 49
     assert found.chaser_position.max() < 1e-9
     assert found.joint_position.max() < 1e-9
-    unknown, unusable = request.plan.remarks
-    assert unknown == "Which obstacles it avoids is not known."
+    (unusable,) = request.plan.remarks
     assert unusable.startswith("1 measurements could not be used; the first: no joint_states are")
 
 
@@ -672,7 +670,7 @@ def test_states_that_cannot_be_used_are_counted(
     run = Run(tmp_path / "run", lemur_capture)
     motion = lemur_plan.trajectory
     with run.bag:
-        run.service(run.answer(lemur_plan, "run.1", T0), T0)
+        run.ask(answered(lemur_plan, "run.1", T0), T0)
         for i, stamp_ns in enumerate(stamps(motion, T0)):
             names, frame = lemur_plan.joint_names, FRAME if i % 2 else "elsewhere"
             state = state_message(state_at(motion, i), names, stamp_ns, frame)
@@ -685,20 +683,20 @@ def test_states_that_cannot_be_used_are_counted(
     assert "'elsewhere'" in request.plan.remarks[-1]
 
 
-def test_without_robot_or_with_another_one_nothing_is_drawn_and_the_page_says_why(
+def test_a_damaged_answer_is_not_drawn_and_the_page_says_why(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
     run = Run(tmp_path / "run", lemur_capture)
-    other = run.answer(lemur_plan, "run.1", T0)
+    other = answered(lemur_plan, "run.1", T0)
     other.plans[0].joint_trajectory.joint_names = [f"other_{k}" for k in range(7)]
-    broken = run.answer(lemur_plan, "run.2", T0)
+    broken = answered(lemur_plan, "run.2", T0)
     broken.plans[0].joint_trajectory.points[7].velocities = [float("nan")] * 7
-    short = run.answer(lemur_plan, "run.3", T0)
+    short = answered(lemur_plan, "run.3", T0)
     short.plans[0].chaser_twists = []
     empty = PlanAnswer(plan_id="run.4")
     with run.bag:
         for k, answer in enumerate((other, broken, short, empty)):
-            run.service(answer, T0 + k * SECOND)
+            run.ask(answer, T0 + k * SECOND)
     report = report_of_bag(tmp_path / "run", 20)
     assert [request.plan for request in report.requests] == [None] * 4
     notes = "\n".join(report.notes)
@@ -709,10 +707,80 @@ def test_without_robot_or_with_another_one_nothing_is_drawn_and_the_page_says_wh
         "run.4 is not drawn: ",
     ):
         assert words in notes
-    with BagWriter(tmp_path / "bare", flush_interval=0.0) as bag:
-        bag.attach("robot.urdf", "application/xml", b"<robot/>")
-    (note,) = (n for n in report_of_bag(tmp_path / "bare", 20).notes if "no plan is drawn" in n)
-    assert "parameters.yaml" in note
+
+
+@pytest.mark.parametrize(
+    ("attached", "task", "words"),
+    [
+        ("", "{robot}", "run.1 is not drawn: robot.urdf is sha256:"),
+        ("<robot/>", "{robot}", "run.1 is not drawn: robot.urdf is sha256:"),
+        ("{urdf}", "", "run.1 is not drawn: task is missing: it was refused before"),
+        ("{urdf}", "{", "run.1 is not drawn: task is damaged: JSON: "),
+    ],
+    ids=["no URDF", "another URDF", "no task", "damaged task"],
+)
+def test_without_its_task_and_robot_no_plan_is_drawn_and_the_page_says_why(
+    attached: str,
+    task: str,
+    words: str,
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+    tmp_path: Path,
+) -> None:
+    urdf = lemur_capture.robot.drawn_urdf
+    whole = task_json(PlanningTask(lemur_capture, load_parameters().planner), urdf)
+    told = exchange(
+        answered(lemur_plan, "run.1", T0), ns=T0, task=whole if task == "{robot}" else task
+    )
+    write_bag(
+        tmp_path / "run",
+        told,
+        attached={"robot.urdf": attached.replace("{urdf}", urdf).encode()} if attached else {},
+    )
+    report = report_of_bag(tmp_path / "run", 20)
+    (request,) = report.requests
+    assert (request.code, request.plan) == (Status.SOLVED, None)
+    assert any(note.startswith(words) for note in report.notes)
+
+
+def test_an_answer_of_another_form_is_left_out_and_the_page_says_why(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As a definition of strangers may have it."""
+    answer: Any = SimpleNamespace(status=SimpleNamespace(code=0), plans=0.5)
+    monkeypatch.setattr(from_bag, "exchanges", lambda _: [recorded(None, answer)])
+    report = report_of_bag(write_bag(tmp_path / "run"), 20)
+    assert report.requests == ()
+    assert any(note.startswith("run.1 is left out, it is damaged: ") for note in report.notes)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        (None, "no parameters.yaml is attached: nothing measured is compared"),
+        (b": [", "parameters.yaml is damaged, and nothing measured is compared"),
+        (b"following_tolerance: -1", "parameters.yaml is damaged, and nothing measured"),
+    ],
+)
+def test_without_the_parameters_of_its_node_nothing_measured_is_compared_and_the_page_says_so(
+    parameters: bytes | None,
+    words: str,
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+    tmp_path: Path,
+) -> None:
+    task = task_json(PlanningTask(lemur_capture, load_parameters().planner))
+    told = exchange(answered(lemur_plan, "run.1", T0), task=task)
+    with BagWriter(tmp_path / "run", flush_interval=0.0) as bag:
+        bag.add_record(PROVENANCE, {"node": "/ff_planner"})
+        if parameters is not None:
+            bag.attach("parameters.yaml", "application/yaml", parameters)
+        bag.add_topic("/exchanges", type_name(type(told)), [])
+        bag.write("/exchanges", encode(told), T0, T0)
+    report = report_of_bag(tmp_path / "run", 20)
+    (request,) = report.requests
+    assert request.plan is not None
+    assert any(note.startswith(words) for note in report.notes)
 
 
 def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:

@@ -1,76 +1,53 @@
-"""Among what a plan of a bag is drawn, and what the node had heard of it by then."""
+"""Among what a plan of a bag is drawn."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 from xml.etree.ElementTree import tostring
 
 import numpy as np
-import pytest
-from answers import FRAME, answer_of
-from rclpy.serialization import serialize_message
+from answers import answer_of, exchange, write_bag
 
 from ff_planner_benchmark.problems import tumbling
-from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
-from ff_planner_ros.report import from_bag
+from ff_planner_ros.planning.problem.objective import DurationRange
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, with_capture_target
+from ff_planner_ros.planning.scenario.task_json import task_json
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.report.plan_words import obstacle_table
-from ff_planner_ros.ros.messages.to_messages import (
-    obstacles_message,
-    request_message,
-    scene_message,
-    target_body_message,
-    time_message,
-)
-from ff_planner_ros.runs.recorded_inputs import Moment, heard
 
-START = 1_000 * NANOSECONDS
 VELOCITY = np.array([0.1, -0.2, 0.4])
 
 
-@pytest.mark.parametrize("later", [2.0, -0.5])
-def test_all_is_drawn_where_it_is_at_the_first_point_and_the_goal_at_the_time_chosen(
-    monkeypatch: pytest.MonkeyPatch,
-    lemur_capture: PlanningProblem,
-    lemur_plan: Plan,
-    later: float,
+def test_a_plan_is_drawn_among_the_obstacles_of_its_task_and_the_goal_at_the_time_chosen(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
-    """Seen so long before, or after; of a range of durations the answer says which it was."""
-    capture, seen_ns = tumbling.problem("tumbling", 0), START - round(later * NANOSECONDS)
-    body = capture.target_body
+    """Of a range of durations the answer says which it was."""
+    capture = tumbling.problem("tumbling", 0)
+    body, robot = capture.target_body, lemur_capture.robot
     assert body is not None
-    request = request_message(capture, FRAME)
-    request.duration, request.duration_max = 5.0, 9.0
-    request.target_body = [target_body_message(body, seen_ns, FRAME)]
     rock = Sphere("rock", np.array([1.0, -2.0, 3.0]), 0.3, VELOCITY)
-    request.scene = [scene_message([rock], seen_ns, FRAME)]
-    answer = answer_of(lemur_plan, start_ns=START)
+    window, start = DurationRange(5.0, 9.0), lemur_capture.start
+    problem = replace(capture, robot=robot, start=start, duration=9.0, duration_range=window)
+    problem = with_capture_target(body, replace(problem, obstacles=(rock, *problem.obstacles)))
+    answer = answer_of(lemur_plan)
     answer.plans[0].duration = 7.5
-    answer.inputs.obstacles_stamp = answer.inputs.target_body_stamp = time_message(seen_ns)
-    monkeypatch.setattr(from_bag, "reported_plan", lambda *told: told)
-    exchange: Any = SimpleNamespace(request=request, response=answer)
-    (drawn,) = from_bag._phases(exchange, lemur_capture.robot, {})
-    _, _, (moved, *attached), scene, _ = drawn
-    np.testing.assert_allclose(moved.center, rock.center + later * VELOCITY, atol=1e-9)
-    assert [one.id for one in attached] == [one.id for one in body.obstacles]
-    grasp = body.grasp(np.array([later + 7.5])).positions[0]
-    np.testing.assert_allclose(scene.goal.position, grasp, rtol=0.0, atol=1e-8)
-
-
-def test_a_message_of_the_moment_itself_was_heard(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "run", flush_interval=0.0) as writer:
-        writer.add_topic("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", [])
-        for time in (START - 1, START, START + 1):
-            cdr = serialize_message(obstacles_message((), time, FRAME))
-            writer.write("/obstacles", cdr, time, time)
-    with open_bag(tmp_path / "run") as bag:
-        (found,) = heard(bag, {"obstacles": "/obstacles"}, [Moment(START, {}, ("obstacles",))])
-    assert found["obstacles"][-1].log_time_ns == START
+    text = task_json(PlanningTask(problem, load_parameters().planner))
+    bag = write_bag(tmp_path / "run", exchange(answer, task=text))
+    (request,) = report_of_bag(bag, 1).requests
+    drawn = request.plan
+    assert drawn is not None
+    assert drawn.obstacles is not None
+    assert drawn.goal is not None
+    assert {one.id for one in drawn.obstacles} == {one.id for one in problem.obstacles}
+    (moved,) = (one for one in drawn.obstacles if one.id == "rock")
+    assert isinstance(moved, Sphere)
+    assert (moved.center.tolist(), moved.velocity.tolist()) == ([1.0, -2.0, 3.0], VELOCITY.tolist())
+    grasp = body.grasp(np.array([7.5])).positions[0]
+    np.testing.assert_allclose(drawn.goal.position, grasp, rtol=0.0, atol=1e-8)
 
 
 def test_of_many_obstacles_those_are_listed_that_come_nearest_at_any_time(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from ff_planner_msgs.msg import Obstacle, ObstacleArray, ObstacleSphere, ObstacleSphereArray
+from ff_planner_msgs.msg import Obstacle, ObstacleSphere
 from ff_planner_msgs.msg import Scene as SceneMessage
+from heard_inputs import NamedPublishers, ScenesOfMessages
+from heard_inputs import scene_input as silent_input
 from rclpy.serialization import serialize_message
 from shape_msgs.msg import SolidPrimitive
 
@@ -17,7 +18,6 @@ from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.errors import InvalidInput, Retry, Status
 from ff_planner_ros.ros.inputs import scene_input as scene_input_module
 from ff_planner_ros.ros.inputs import speakers as speakers_module
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.messages.status_message import status_message
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 
@@ -25,118 +25,12 @@ FRAME = "inertial"
 SECOND = 1_000_000_000
 
 
-def _array(*radii: float, source: str = "vision", sec: int = 12) -> ObstacleSphereArray:
-    message = ObstacleSphereArray(source=source)
+def _scene(
+    *radii: float, bodies: tuple[Obstacle, ...] = (), source: str = "vision", sec: int = 12
+) -> SceneMessage:
+    message = SceneMessage(source=source, bodies=list(bodies))
     message.header.frame_id, message.header.stamp.sec = FRAME, sec
     message.spheres = [ObstacleSphere(id=f"c{i}", radius=radius) for i, radius in enumerate(radii)]
-    return message
-
-
-def _own(array: ObstacleSphereArray) -> SceneMessage:
-    """Return what a request brings itself, with the same spheres."""
-    return SceneMessage(header=array.header, spheres=array.spheres)
-
-
-@pytest.fixture
-def scene_input() -> SceneInput:
-    return SceneInput(FRAME)
-
-
-def _refusal(scene_input: SceneInput, own: SceneMessage | None = None) -> InvalidInput:
-    with pytest.raises(InvalidInput) as refusal:
-        scene_input.scene(own)
-    return refusal.value
-
-
-def test_without_any_message_there_is_no_scene(scene_input: SceneInput) -> None:
-    refusal = _refusal(scene_input)
-    assert (refusal.status, refusal.field) == (Status.NO_OBSTACLES, "obstacles")
-    assert "publish an empty array" in refusal.allowed
-
-
-def test_each_message_replaces_the_scene_and_keeps_its_stamp_and_source(
-    scene_input: SceneInput,
-) -> None:
-    scene_input.keep(_array(0.1, 0.2))
-    scene = scene_input.scene()
-    assert [(sphere.id, sphere.radius) for sphere in scene.spheres] == [("c0", 0.1), ("c1", 0.2)]
-    assert (scene.stamp_ns, scene.source) == (12_000_000_000, "vision")
-    scene_input.keep(_array(source="operator", sec=13))
-    scene = scene_input.scene()
-    assert (scene.spheres, scene.stamp_ns, scene.source) == ((), 13_000_000_000, "operator")
-
-
-@pytest.mark.parametrize("length", [0, 10, 60])
-def test_a_damaged_message_is_refused_until_the_next_one(
-    scene_input: SceneInput, length: int
-) -> None:
-    whole = serialize_message(_array(0.1, sec=12))
-    scene_input.keep(whole[:length])
-    refusal = _refusal(scene_input)
-    assert (refusal.status, refusal.field) == (Status.OUT_OF_RANGE, "obstacles")
-    assert (refusal.value, refusal.allowed) == ("damaged", "it must be of type ObstacleSphereArray")
-    scene_input.keep(whole)
-    assert len(scene_input.scene().spheres) == 1
-
-
-def test_a_damaged_target_body_is_refused(scene_input: SceneInput) -> None:
-    scene_input.callbacks()["target_body"](b"\0\1\0\0")
-    with pytest.raises(InvalidInput) as refusal:
-        scene_input.target_body(None, 0, 1.0, 1.0)
-    assert (refusal.value.field, refusal.value.value) == ("target_body", "damaged")
-
-
-@pytest.mark.parametrize("serialised", [False, True])
-def test_the_newest_stamp_counts_though_an_older_scene_comes_last(serialised: bool) -> None:
-    scene_input = SceneInput(FRAME, lambda: 100 * SECOND)
-    for sec in (13, 12, 14, 11):
-        message = _array(0.1, sec=sec)
-        scene_input.keep(serialize_message(message) if serialised else message)
-    assert scene_input.scene().stamp_ns == 14 * SECOND
-
-
-def test_a_stamp_that_is_left_out_or_ahead_of_now_counts_for_no_longer_than_until_the_next(
-    scene_input: SceneInput,
-) -> None:
-    scene_input = SceneInput(FRAME, lambda: 100 * SECOND)
-    for sec in (200, 50, 0, 40, 30):
-        scene_input.keep(_array(sec=sec))
-        assert scene_input.scene().stamp_ns == (sec if sec != 30 else 40) * SECOND
-
-
-def test_a_stamp_with_more_nanoseconds_than_a_second_is_refused(scene_input: SceneInput) -> None:
-    bad = _array(0.1)
-    bad.header.stamp.nanosec = 2_000_000_000
-    scene_input.keep(bad)
-    assert _refusal(scene_input).field == "obstacles.header.stamp.nanosec"
-    assert _refusal(scene_input, _own(bad)).field == "scene.header.stamp.nanosec"
-
-
-def test_serialised_or_not_it_is_the_same_scene(scene_input: SceneInput) -> None:
-    scene_input.keep(serialize_message(_array(0.1, 0.2)))
-    scene = scene_input.scene()
-    assert [(sphere.id, sphere.radius) for sphere in scene.spheres] == [("c0", 0.1), ("c1", 0.2)]
-    assert (scene.stamp_ns, scene.source) == (12 * SECOND, "vision")
-    assert scene_input.scene() is scene, "it is read once"
-
-
-def test_a_requests_own_scene_goes_before_those_heard_of_and_is_not_kept(
-    scene_input: SceneInput,
-) -> None:
-    scene_input.keep(_array(0.1))
-    scene_input.callbacks()["obstacle_bodies"](_bodies(Obstacle()))  # refused where it counts
-    own = scene_input.scene(_own(_array(0.2, sec=14)))
-    assert [sphere.radius for sphere in own.spheres] == [0.2]
-    assert (own.stamp_ns, own.source) == (14 * SECOND, "scene")
-    assert (own.bodies_stamp_ns, own.bodies_source) == (0, "")
-    assert scene_input.scene(SceneMessage(header=_array().header)).spheres == ()
-    scene_input.callbacks()["obstacle_bodies"](_bodies())
-    assert scene_input.scene().source == "vision"
-
-
-def _bodies(*bodies: Obstacle, sec: int = 13) -> ObstacleArray:
-    message = ObstacleArray(source="mapper", bodies=list(bodies))
-    message.header.frame_id, message.header.stamp.sec = FRAME, sec
     return message
 
 
@@ -147,40 +41,97 @@ def _panel(name: str, turning: float = 0.0) -> Obstacle:
     return body
 
 
-@pytest.mark.parametrize("serialised", [False, True])
-def test_bodies_and_spheres_make_the_scene_together_and_each_replaces_its_own_part(
-    scene_input: SceneInput, serialised: bool
-) -> None:
-    scene_input.keep(_array(0.1))
-    scene = scene_input.scene()
-    assert (scene.bodies_stamp_ns, scene.bodies_source) == (0, ""), "nobody needs to publish them"
-    assert scene.bodies == ()
-
-    def keep(message: ObstacleArray) -> None:
-        told = serialize_message(message) if serialised else message
-        scene_input.callbacks()["obstacle_bodies"](told)
-
-    keep(_bodies(_panel("panel"), _panel("mast")))
-    for radius in (0.1, 0.2):
-        scene_input.keep(_array(radius))
-        scene = scene_input.scene()
-        assert [body.id for body in scene.bodies] == ["panel", "mast"]
-        assert [sphere.radius for sphere in scene.spheres] == [radius]
-        assert (scene.bodies_stamp_ns, scene.bodies_source) == (13 * SECOND, "mapper")
-        assert (scene.stamp_ns, scene.source) == (12 * SECOND, "vision")
-    keep(_bodies(sec=15))
-    scene = scene_input.scene()
-    assert (scene.bodies, scene.bodies_stamp_ns) == ((), 15 * SECOND)
-    assert [sphere.radius for sphere in scene.spheres] == [0.2]
+@pytest.fixture
+def scene_input() -> ScenesOfMessages:
+    return silent_input()
 
 
-def test_a_name_of_a_sphere_is_no_name_of_a_body(scene_input: SceneInput) -> None:
-    scene_input.keep(_array(0.1))
-    scene_input.callbacks()["obstacle_bodies"](_bodies(_panel("panel"), _panel("c0")))
+def _refusal(scene_input: ScenesOfMessages, own: SceneMessage | None = None) -> InvalidInput:
+    with pytest.raises(InvalidInput) as refusal:
+        scene_input.scene(own)
+    return refusal.value
+
+
+def test_without_any_message_there_is_no_scene(scene_input: ScenesOfMessages) -> None:
     refusal = _refusal(scene_input)
-    assert (refusal.status, refusal.field) == (Status.OUT_OF_RANGE, "obstacle_bodies.bodies[1].id")
-    own = SceneMessage(header=_array().header, spheres=_array(0.1).spheres, bodies=[_panel("c0")])
-    assert _refusal(scene_input, own).field == "scene.bodies[0].id"
+    assert (refusal.status, refusal.field) == (Status.NO_OBSTACLES, "obstacles")
+    assert "publish an empty scene" in refusal.allowed
+
+
+def test_each_message_replaces_the_whole_scene_and_has_its_own_stamp_and_source(
+    scene_input: ScenesOfMessages,
+) -> None:
+    for message, ids in (
+        (_scene(0.1, 0.2, bodies=(_panel("panel"),)), ["c0", "c1", "panel"]),
+        (_scene(bodies=(_panel("panel"), _panel("mast")), sec=13), ["panel", "mast"]),
+        (_scene(0.3, source="operator", sec=14), ["c0"]),
+        (_scene(source="", sec=14), []),
+    ):
+        scene_input.keep(message)
+        scene = scene_input.scene()
+        assert [one.id for one in scene.obstacles] == ids
+        assert scene.stamp_ns == message.header.stamp.sec * SECOND
+        assert scene.source == message.source
+        assert scene_input.scene() is scene, "it is read once"
+
+
+@pytest.mark.parametrize("length", [0, 10, 60])
+def test_a_damaged_message_is_refused_until_the_next_one(
+    scene_input: ScenesOfMessages, length: int
+) -> None:
+    whole = serialize_message(_scene(0.1, sec=12))
+    scene_input.keep(whole[:length])
+    refusal = _refusal(scene_input)
+    assert (refusal.status, refusal.field) == (Status.OUT_OF_RANGE, "obstacles")
+    assert (refusal.value, refusal.allowed) == ("damaged", "it must be of type Scene")
+    scene_input.keep(whole)
+    assert len(scene_input.scene().obstacles) == 1
+
+
+def test_a_damaged_target_body_is_refused(scene_input: ScenesOfMessages) -> None:
+    scene_input.callbacks()["target_body"](b"\0\1\0\0")
+    with pytest.raises(InvalidInput) as refusal:
+        scene_input.target_body(None, 0, 1.0, 1.0)
+    assert (refusal.value.field, refusal.value.value) == ("target_body", "damaged")
+
+
+def test_the_newest_stamp_counts_though_an_older_scene_comes_last() -> None:
+    scene_input = silent_input(lambda: 100 * SECOND)
+    for sec in (13, 12, 14, 11):
+        message = _scene(0.1, sec=sec)
+        scene_input.keep(message)
+    assert scene_input.scene().stamp_ns == 14 * SECOND
+
+
+def test_a_stamp_that_is_left_out_or_ahead_of_now_counts_for_no_longer_than_until_the_next(
+    scene_input: ScenesOfMessages,
+) -> None:
+    scene_input = silent_input(lambda: 100 * SECOND)
+    for sec in (200, 50, 0, 40, 30):
+        scene_input.keep(_scene(sec=sec))
+        assert scene_input.scene().stamp_ns == (sec if sec != 30 else 40) * SECOND
+
+
+def test_a_stamp_with_more_nanoseconds_than_a_second_is_refused(
+    scene_input: ScenesOfMessages,
+) -> None:
+    bad = _scene(0.1)
+    bad.header.stamp.nanosec = 2_000_000_000
+    scene_input.keep(bad)
+    assert _refusal(scene_input).field == "obstacles.header.stamp.nanosec"
+    assert _refusal(scene_input, bad).field == "scene.header.stamp.nanosec"
+
+
+def test_a_requests_own_scene_goes_before_the_one_heard_of_and_is_not_kept(
+    scene_input: ScenesOfMessages,
+) -> None:
+    scene_input.keep(_scene(0.0))  # refused where it counts
+    own = scene_input.scene(_scene(0.2, bodies=(_panel("panel"),), sec=14))
+    assert [one.id for one in own.obstacles] == ["c0", "panel"]
+    assert (own.stamp_ns, own.source) == (14 * SECOND, "scene")
+    assert scene_input.scene(_scene()).obstacles == ()
+    scene_input.keep(_scene(0.1))
+    assert scene_input.scene().source == "vision"
 
 
 @pytest.mark.parametrize("own", [False, True])
@@ -192,36 +143,22 @@ def test_a_name_of_a_sphere_is_no_name_of_a_body(scene_input: SceneInput) -> Non
     ],
 )
 def test_a_body_that_turns_needs_the_time_when_it_was_there_and_one_at_rest_may_be_of_any(
-    scene_input: SceneInput, own: bool, sec: int, turning: float, status: Status | None
+    scene_input: ScenesOfMessages, own: bool, sec: int, turning: float, status: Status | None
 ) -> None:
-    scene_input.keep(_array(0.1, sec=1))
-    array = _bodies(_panel("panel", turning), sec=sec)
+    message = _scene(0.1, bodies=(_panel("panel", turning),), sec=sec)
     if not own:
-        scene_input.callbacks()["obstacle_bodies"](array)
-    brought = SceneMessage(header=array.header, bodies=array.bodies) if own else None
-    asked = (brought, 100 * SECOND, 1.0, 5.0)
+        scene_input.keep(message)
+    asked = (message if own else None, 100 * SECOND, 1.0, 5.0)
     if status is None:
-        assert len(scene_input.moving_scene(*asked).bodies) == 1
+        assert len(scene_input.moving_scene(*asked).obstacles) == 2
         return
     with pytest.raises(InvalidInput) as refused:
         scene_input.moving_scene(*asked)
-    field = f"{'scene' if own else 'obstacle_bodies'}.header.stamp"
+    field = f"{'scene' if own else 'obstacles'}.header.stamp"
     assert (refused.value.status, refused.value.field) == (status, field)
     # The age of what a request brings only grows.
     is_over = own and status is Status.STATE_TOO_OLD
     assert status_message(refused.value).retry == (Retry.CHANGED if is_over else Retry.LATER)
-
-
-def test_a_body_that_moves_without_a_stamp_is_of_nobody_knows_when(scene_input: SceneInput) -> None:
-    scene_input.keep(_array(0.1))
-    scene_input.callbacks()["obstacle_bodies"](_bodies(_panel("panel", 0.1), sec=0))
-    with pytest.raises(InvalidInput, match="when the bodies that move were there"):
-        scene_input.moving_scene(None, 100 * SECOND, 1.0)
-
-
-def test_bodies_without_spheres_are_no_scene(scene_input: SceneInput) -> None:
-    scene_input.callbacks()["obstacle_bodies"](_bodies())
-    assert _refusal(scene_input).status is Status.NO_OBSTACLES
 
 
 @pytest.mark.parametrize("where", ["topic", "request"])
@@ -230,20 +167,23 @@ def test_bodies_without_spheres_are_no_scene(scene_input: SceneInput) -> None:
     [
         ("frame", Status.WRONG_FRAME, "header.frame_id"),
         ("id", Status.OUT_OF_RANGE, "spheres[2].id"),
+        ("body", Status.OUT_OF_RANGE, "bodies[1].id"),
         ("radius", Status.OUT_OF_RANGE, "spheres[1].radius"),
         ("center", Status.NOT_FINITE, "spheres[1].center"),
         ("turning", Status.UNSUPPORTED, "spheres[1].twist.angular"),
     ],
 )
 def test_a_bad_scene_is_told_and_hides_the_good_one_until_the_next_good_one(
-    scene_input: SceneInput, where: str, spoil: str, status: Status, field: str
+    scene_input: ScenesOfMessages, where: str, spoil: str, status: Status, field: str
 ) -> None:
-    scene_input.keep(_array(0.5))
-    bad = _array(0.1, 0.2, 0.3)
+    scene_input.keep(_scene(0.5))
+    bad = _scene(0.1, 0.2, 0.3)
     if spoil == "frame":
         bad.header.frame_id = "map"
     elif spoil == "id":
         bad.spheres[2].id = "c0"
+    elif spoil == "body":
+        bad.bodies = [_panel("panel"), _panel("c0")]
     elif spoil == "radius":
         bad.spheres[1].radius = 0.0
     elif spoil == "center":
@@ -254,24 +194,26 @@ def test_a_bad_scene_is_told_and_hides_the_good_one_until_the_next_good_one(
         scene_input.keep(bad)
         refusal = _refusal(scene_input)
     else:
-        refusal = _refusal(scene_input, _own(bad))
+        refusal = _refusal(scene_input, bad)
     source = "obstacles" if where == "topic" else "scene"
     assert (refusal.status, refusal.field) == (status, f"{source}.{field}")
-    scene_input.keep(_array(0.4))
-    assert [sphere.radius for sphere in scene_input.scene().spheres] == [0.4]
+    scene_input.keep(_scene(0.4))
+    assert [sphere.radius for sphere in scene_input.scene().obstacles] == [0.4]
 
 
-def test_an_id_given_twice_is_told_with_the_place_of_the_first(scene_input: SceneInput) -> None:
-    bad = _array(0.1, 0.2, 0.3)
+def test_an_id_given_twice_is_told_with_the_place_of_the_first(
+    scene_input: ScenesOfMessages,
+) -> None:
+    bad = _scene(0.1, 0.2, 0.3)
     bad.spheres[2].id = "c1"
-    refusal = _refusal(scene_input, _own(bad))
+    refusal = _refusal(scene_input, bad)
     assert str(refusal) == (
         "scene.spheres[2].id is 'c1': every id must be given once, and spheres[1] has it already"
     )
 
 
-def _moving_among_still(sec: int) -> ObstacleSphereArray:
-    message = _array(0.1, 0.2, 0.3, sec=sec)
+def _moving_among_still(sec: int) -> SceneMessage:
+    message = _scene(0.1, 0.2, 0.3, sec=sec)
     message.spheres[1].twist.linear.x = -0.5
     return message
 
@@ -282,13 +224,13 @@ def _moving_among_still(sec: int) -> ObstacleSphereArray:
     [(100, None), (1, None), (101, None), (102, Status.STATE_IN_FUTURE)],
 )
 def test_one_sphere_that_moves_is_enough_to_need_the_time_when_it_was_there(
-    scene_input: SceneInput, own: bool, sec: int, status: Status | None
+    scene_input: ScenesOfMessages, own: bool, sec: int, status: Status | None
 ) -> None:
     """However long ago, for it moves uniformly; ahead of now by so much at most."""
     message, now_ns = _moving_among_still(sec), 100 * SECOND
     if not own:
         scene_input.keep(message)
-    asked = (_own(message) if own else None, now_ns, 1.0)
+    asked = (message if own else None, now_ns, 1.0)
     if status is None:
         assert scene_input.moving_scene(*asked).stamp_ns == sec * SECOND
         return
@@ -298,20 +240,23 @@ def test_one_sphere_that_moves_is_enough_to_need_the_time_when_it_was_there(
     assert (refused.value.status, refused.value.field) == (status, field)
 
 
-def test_without_a_stamp_a_requests_moving_spheres_are_of_now_and_others_of_nobody_knows_when(
-    scene_input: SceneInput,
+@pytest.mark.parametrize(
+    "moving", [_moving_among_still(0), _scene(0.1, bodies=(_panel("panel", 0.1),), sec=0)]
+)
+def test_without_a_stamp_a_requests_moving_obstacles_are_of_now_and_others_of_nobody_knows_when(
+    scene_input: ScenesOfMessages, moving: SceneMessage
 ) -> None:
     now_ns = 100 * SECOND
-    assert scene_input.moving_scene(_own(_moving_among_still(0)), now_ns, 1.0).stamp_ns == now_ns
-    assert scene_input.moving_scene(_own(_array(0.1, sec=0)), now_ns, 1.0).stamp_ns == 0
-    scene_input.keep(_moving_among_still(0))
-    with pytest.raises(InvalidInput, match="when the spheres that move were there"):
+    assert scene_input.moving_scene(moving, now_ns, 1.0).stamp_ns == now_ns
+    assert scene_input.moving_scene(_scene(0.1, sec=0), now_ns, 1.0).stamp_ns == 0
+    scene_input.keep(moving)
+    with pytest.raises(InvalidInput, match="when the obstacles that move were there"):
         scene_input.moving_scene(None, now_ns, 1.0)
 
 
-def test_what_rests_needs_no_time_and_may_be_of_any(scene_input: SceneInput) -> None:
+def test_what_rests_needs_no_time_and_may_be_of_any(scene_input: ScenesOfMessages) -> None:
     for sec in (0, 1, 100_000):
-        scene_input.keep(_array(0.1, sec=sec))
+        scene_input.keep(_scene(0.1, sec=sec))
         assert scene_input.moving_scene(None, 100 * SECOND, 1.0).stamp_ns == sec * SECOND
 
 
@@ -324,7 +269,7 @@ def test_what_rests_needs_no_time_and_may_be_of_any(scene_input: SceneInput) -> 
     ],
 )
 def test_a_target_body_is_as_old_and_as_early_as_it_may_be_and_no_more(
-    scene_input: SceneInput, own: bool, age: float, status: Status | None
+    scene_input: ScenesOfMessages, own: bool, age: float, status: Status | None
 ) -> None:
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
@@ -352,7 +297,7 @@ def test_a_target_body_stamped_ahead_never_becomes_a_measurement_of_now() -> Non
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
     now_ns = 100 * SECOND
-    scene_input = SceneInput(FRAME, lambda: now_ns)
+    scene_input = silent_input(lambda: now_ns)
 
     def refusal() -> InvalidInput:
         with pytest.raises(InvalidInput) as refused:
@@ -383,30 +328,22 @@ def test_a_target_body_stamped_ahead_never_becomes_a_measurement_of_now() -> Non
 
 def test_spheres_that_move_are_not_of_now_because_their_stamp_was_ahead() -> None:
     now_ns = 100 * SECOND
-    scene_input = SceneInput(FRAME, lambda: now_ns)
+    scene_input = silent_input(lambda: now_ns)
     scene_input.keep(_moving_among_still(103))
     for now_ns in range(100 * SECOND, 110 * SECOND, SECOND):
         with pytest.raises(InvalidInput, match=r"3\.000 s ahead of now"):
             scene_input.moving_scene(None, now_ns, 0.05)
 
 
-class Published:
+class Published(NamedPublishers):
     """Obstacles from publishers with numbers of their own, heard by a node that is told."""
 
     def __init__(self, *names: str) -> None:
-        self.names, self.unheard, self.told = list(names), list[str](), list[str]()
-        self.silent = ""  # topic that nobody publishes
-        publishers: Any = SimpleNamespace(
-            heard=lambda topic: [] if topic == self.silent else self.names,
-            heard_by_id=lambda _: {
-                (name, self.names[:place].count(name)): name
-                for place, name in enumerate(self.names)
-            },
-            unheard=lambda _: self.unheard,
-            are_several=lambda _: len(self.names) > 1,
-        )
+        super().__init__(*names)
+        self.told = list[str]()
         self.now_ns = 1000 * SECOND
-        self.input = SceneInput(FRAME, lambda: self.now_ns, publishers, self.told.append)
+        publishers: Any = self
+        self.input = ScenesOfMessages(FRAME, lambda: self.now_ns, publishers, self.told.append)
 
     def ask(self) -> Any:
         return self.input.moving_scene(None, self.now_ns, 0.05)
@@ -419,11 +356,11 @@ class Published:
 
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("sec", [989, 1, 1100, 1001])
-def test_an_obstacle_array_older_than_the_last_or_stamped_ahead_is_refused_aloud(
+def test_a_scene_older_than_the_last_or_stamped_ahead_is_refused_aloud(
     sec: int, moves: bool
 ) -> None:
     published = Published("/mapper")
-    array = _moving_among_still if moves else lambda sec: _array(0.1, sec=sec)
+    array = _moving_among_still if moves else lambda sec: _scene(0.1, sec=sec)
     published.input.keep(array(999), 1)
     assert published.ask().stamp_ns == 999 * SECOND
     published.input.keep(array(sec), 2)
@@ -444,54 +381,54 @@ def test_an_obstacle_array_older_than_the_last_or_stamped_ahead_is_refused_aloud
 @pytest.mark.law("NODE-06")
 def test_two_publishers_of_obstacles_that_contradict_each_other_are_refused_by_name() -> None:
     published = Published("/mapper", "/operator")
-    published.input.keep(_array(0.1, 0.2), 7)
-    assert len(published.ask().spheres) == 2, "the other one has said nothing"
-    published.input.keep(_array(0.1, 0.2, sec=13), 8)
-    published.input.keep(_array(0.1, 0.2, sec=13), 1)
-    assert len(published.ask().spheres) == 2, "they agree"
+    published.input.keep(_scene(0.1, 0.2), 7)
+    assert len(published.ask().obstacles) == 2, "the other one has said nothing"
+    published.input.keep(_scene(0.1, 0.2, sec=13), 8)
+    published.input.keep(_scene(0.1, 0.2, sec=13), 1)
+    assert len(published.ask().obstacles) == 2, "they agree"
     for number, radii, words in (
         (2, (0.1,), "one of them alone has c1"),
         (3, (0.1, 0.3), "c1 differs by 0.1 m"),
     ):
-        published.input.keep(_array(*radii, sec=14), number)
-        published.input.keep(_array(0.1, 0.2, sec=14), number + 7)
+        published.input.keep(_scene(*radii, sec=14), number)
+        published.input.keep(_scene(0.1, 0.2, sec=14), number + 7)
         refusal = published.refusal()
         assert (refusal.status, refusal.field) == (Status.CONTRADICTING_PUBLISHERS, "obstacles")
         assert "/mapper and /operator" in str(refusal)
         assert words in refusal.allowed
     published.names = ["/mapper"]
-    published.input.keep(_array(0.1, 0.2, sec=15), 4)
-    assert len(published.ask().spheres) == 2
+    published.input.keep(_scene(0.1, 0.2, sec=15), 4)
+    assert len(published.ask().obstacles) == 2
 
 
 def test_what_one_has_said_that_is_gone_is_no_scene_until_the_other_one_says_what_is() -> None:
     """Who follows the advice to stop all but one must not get the scene of the one he stopped."""
     published = Published("/mapper")
-    published.input.keep(_array(0.1, 0.2), 1)
+    published.input.keep(_scene(0.1, 0.2), 1)
     published.names = ["/mapper", "/operator"]
-    published.input.keep(_array(sec=13), 1)
+    published.input.keep(_scene(sec=13), 1)
     published.now_ns += 3600 * SECOND
     published.names = ["/mapper"]
     refusal = published.refusal()
     assert (refusal.status, refusal.field) == (Status.CONTRADICTING_PUBLISHERS, "obstacles")
     assert refusal.value == "published by /mapper and /operator (gone since)"
     assert "let who is right publish again" in refusal.allowed
-    published.input.keep(_array(0.1, 0.2, sec=14), 2)
-    assert len(published.ask().spheres) == 2
+    published.input.keep(_scene(0.1, 0.2, sec=14), 2)
+    assert len(published.ask().obstacles) == 2
     # And who was there alone, or was started again, has no other to be asked.
     published.names = []
-    assert len(published.ask().spheres) == 2
+    assert len(published.ask().obstacles) == 2
     published.names = ["/new_mapper"]
-    published.input.keep(_array(sec=15), 1)
-    assert published.ask().spheres == ()
+    published.input.keep(_scene(sec=15), 1)
+    assert published.ask().obstacles == ()
 
 
 def test_what_is_lost_on_the_way_hides_no_contradiction() -> None:
     """Two who speak at the same time, and a queue of one: nobody hears each of their messages."""
     published = Published("/mapper", "/operator")
-    published.input.keep(_array(0.1, 0.2, sec=11), 1)
+    published.input.keep(_scene(0.1, 0.2, sec=11), 1)
     for number in (7, 9, 12, 15):
-        published.input.keep(_array(sec=number + 5), number)
+        published.input.keep(_scene(sec=number + 5), number)
         assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
 
 
@@ -500,9 +437,9 @@ def test_of_three_publishers_one_that_contradicts_is_found_whoever_spoke_last(
     numbers: tuple[int, int],
 ) -> None:
     published = Published("/camera", "/mapper", "/operator")
-    published.input.keep(_array(0.1, 0.2, sec=11), 1)
+    published.input.keep(_scene(0.1, 0.2, sec=11), 1)
     for number in numbers:
-        published.input.keep(_array(sec=12), number)
+        published.input.keep(_scene(sec=12), number)
         assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
 
 
@@ -513,23 +450,23 @@ def test_a_scene_that_changes_beside_a_publisher_that_is_silent_contradicts_nobo
     published, passed = Published("/mapper", "/operator"), 0.0
     monkeypatch.setattr(speakers_module.time, "monotonic", lambda: 1000.0 + passed)
     for number in range(4, 8):
-        published.input.keep(_array(0.1 * number, sec=7 + number), number)
-        assert len(published.ask().spheres) == 1
+        published.input.keep(_scene(0.1 * number, sec=7 + number), number)
+        assert len(published.ask().obstacles) == 1
         passed += 20.0
-    published.input.keep(_array(sec=20), 1)
+    published.input.keep(_scene(sec=20), 1)
     assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
 
 
 def test_two_publishers_of_bodies_that_contradict_each_other_are_refused_by_name() -> None:
     published = Published("/mapper", "/operator")
-    published.input.keep(_array(0.1), 1)
-    keep = published.input.callbacks()["obstacle_bodies"]
+    keep = published.input.keep
     # Each tells where the panel is by then.
-    keep(_bodies(_panel("panel", 0.1), sec=900), 8)
+    keep(_scene(0.1, bodies=(_panel("panel", 0.1),), sec=900), 8)
     turned = _panel("panel", 0.1)
     turned.pose.orientation.z, turned.pose.orientation.w = math.sin(0.05), math.cos(0.05)
-    keep(_bodies(turned, sec=901), 1)
-    assert len(published.input.moving_scene(None, published.now_ns, 0.05).bodies) == 1, "they agree"
+    keep(_scene(0.1, bodies=(turned,), sec=901), 1)
+    scene = published.input.moving_scene(None, published.now_ns, 0.05)
+    assert len(scene.obstacles) == 2, "they agree"
     wide = deepcopy(turned)
     wide.primitive[0].dimensions[1] += 0.3
     for number, bodies, words in (
@@ -538,11 +475,10 @@ def test_two_publishers_of_bodies_that_contradict_each_other_are_refused_by_name
         (4, (_panel("panel", 0.1),), "panel differs by 0.112"),
         (5, (_ball("panel"),), "panel differs in its shape"),
     ):
-        keep(_bodies(turned, sec=902), number + 7)
-        keep(_bodies(*bodies, sec=902), number)
+        keep(_scene(0.1, bodies=(turned,), sec=902), number + 7)
+        keep(_scene(0.1, bodies=bodies, sec=902), number)
         refusal = published.refusal()
-        assert refusal.status is Status.CONTRADICTING_PUBLISHERS
-        assert refusal.field == "obstacle_bodies"
+        assert (refusal.status, refusal.field) == (Status.CONTRADICTING_PUBLISHERS, "obstacles")
         assert "/mapper and /operator" in str(refusal)
         assert words in refusal.allowed
 
@@ -553,32 +489,17 @@ def _ball(name: str) -> Obstacle:
     return body
 
 
-def test_bodies_older_than_the_last_or_stamped_ahead_are_refused_aloud() -> None:
-    published = Published("/mapper")
-    published.input.keep(_array(0.1), 1)
-    keep = published.input.callbacks()["obstacle_bodies"]
-    keep(_bodies(_panel("panel"), sec=999), 1)
-    assert published.ask().bodies_stamp_ns == 999 * SECOND
-    keep(_bodies(_panel("panel"), sec=998), 2)
-    refusal = published.refusal()
-    assert refusal.field == "obstacle_bodies.header.stamp"
-    assert refusal.value == "1.000 s before that of the message before"
-    assert str(refusal) in published.told[0]
-    keep(_bodies(_panel("panel"), sec=1001), 3)
-    assert published.refusal().status is Status.STATE_IN_FUTURE
-
-
 def test_two_publishers_that_have_published_once_contradict_each_other() -> None:
     published = Published("/mapper", "/operator")
-    published.input.keep(_array(0.1, 0.2), 1)
-    published.input.keep(_array(sec=11), 1)
+    published.input.keep(_scene(0.1, 0.2), 1)
+    published.input.keep(_scene(sec=11), 1)
     assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
     # However long ago, but for one that was started again.
     published.now_ns += 3600 * SECOND
     assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
     published.names = ["/mapper", "/mapper"]
-    published.input.keep(_array(sec=13), 1)
-    assert published.ask().spheres == ()
+    published.input.keep(_scene(sec=13), 1)
+    assert published.ask().obstacles == ()
 
 
 @pytest.mark.parametrize(
@@ -590,13 +511,13 @@ def test_a_publisher_that_speaks_once_is_heard_whatever_numbers_the_other_one_ha
     """Or else a plan leads through what the mapper has seen, once another one saw nothing."""
     published = Published("/mapper", "/operator")
     for number in first:
-        published.input.keep(_array(0.1, 0.2), number)
+        published.input.keep(_scene(0.1, 0.2), number)
     for sec, number in enumerate(second, start=11):
-        published.input.keep(_array(sec=sec), number)
+        published.input.keep(_scene(sec=sec), number)
         assert published.refusal().status is Status.CONTRADICTING_PUBLISHERS
     # One that changes its mind, and the other one after it, agree again.
-    published.input.keep(_array(sec=20), first[-1] + 1)
-    assert published.ask().spheres == ()
+    published.input.keep(_scene(sec=20), first[-1] + 1)
+    assert published.ask().obstacles == ()
 
 
 def test_two_publishers_of_target_bodies_that_contradict_each_other_are_refused_by_name() -> None:
@@ -627,7 +548,7 @@ def test_two_publishers_of_target_bodies_that_contradict_each_other_are_refused_
 
 def test_a_publisher_that_the_node_cannot_hear_is_named_where_nothing_was_received() -> None:
     published = Published()
-    published.unheard = ["/mapper offers durability volatile, this node needs transient_local"]
+    published.why_unheard = ["/mapper offers durability volatile, this node needs transient_local"]
     assert "/mapper offers durability volatile" in published.refusal().allowed
     with pytest.raises(InvalidInput, match="/mapper offers"):
         published.input.target_body(None, 0, 1.0, 1.0)
@@ -647,10 +568,10 @@ def test_an_old_scene_of_what_moves_is_refused_and_not_carried_out_of_the_way(
     own: bool, sec: int, max_age: float, status: Status | None
 ) -> None:
     now_ns = 100 * SECOND
-    scene_input, message = SceneInput(FRAME, lambda: now_ns), _moving_among_still(sec)
+    scene_input, message = silent_input(lambda: now_ns), _moving_among_still(sec)
     if not own:
-        scene_input.keep(serialize_message(message))
-    asked = (_own(message) if own else None, now_ns, 0.05, max_age)
+        scene_input.keep(message)
+    asked = (message if own else None, now_ns, 0.05, max_age)
     if status is None:
         assert scene_input.moving_scene(*asked).stamp_ns == sec * SECOND
         return
@@ -661,9 +582,9 @@ def test_an_old_scene_of_what_moves_is_refused_and_not_carried_out_of_the_way(
     assert refused.value.field == (field if sec > 0 else f"{field}.sec")
     if sec > 0:
         assert "at most 5 s old (parameter obstacles_max_age)" in refused.value.allowed
-    still = _array(0.1, sec=max(sec, 0))
+    still = _scene(0.1, sec=max(sec, 0))
     scene_input.keep(still)
-    assert scene_input.moving_scene(None, now_ns, 0.05, max_age).spheres, "of any age"
+    assert scene_input.moving_scene(None, now_ns, 0.05, max_age).obstacles, "of any age"
 
 
 def test_latched_obstacles_may_come_as_long_as_discovery_takes(
@@ -683,11 +604,5 @@ def test_latched_obstacles_may_come_as_long_as_discovery_takes(
         published.names, shown[0] = names, 1000.0 + seconds
         assert published.input.may_come() is may_come
     shown[0] = 1000.0
-    published.input.keep(_array())
-    assert published.input.may_come(), "bodies have a publisher, too"
-    published.silent = "obstacle_bodies"
-    assert not published.input.may_come(), "nobody needs to publish them"
-    published.silent = ""
-    published.input.callbacks()["obstacle_bodies"](_bodies())
+    published.input.keep(_scene())
     assert not published.input.may_come()
-    assert not SceneInput(FRAME).may_come(), "in a replay nothing comes"

@@ -11,6 +11,7 @@ from unittest.mock import Mock
 
 import pytest
 from ff_planner_msgs.msg import TargetBody
+from heard_inputs import scene_input, state_input
 from rclpy.clock import ClockChange, ROSClock
 from robots import LEMUR_URDF
 from ros_processes import FRAME, Scene
@@ -23,8 +24,6 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.model import load_robot
 from ff_planner_ros.ros import session
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
-from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.to_messages import target_body_message, time_message
 from ff_planner_ros.ros.outputs.clock_health import ClockWatch
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
@@ -41,8 +40,9 @@ class Configured:
 
     def __init__(self, problem: PlanningProblem, patch: pytest.MonkeyPatch) -> None:
         robot, self.scene = problem.robot, Scene(problem)
-        self.states = StateInput(robot, FRAME, "chaser_state", PARAMETERS.odometry)
-        self.scenes = SceneInput(FRAME, lambda: NOW)
+        self.now_ns = NOW
+        self.states = state_input(robot, "chaser_state", PARAMETERS.odometry, lambda: self.now_ns)
+        self.scenes = scene_input(lambda: self.now_ns)
         self.output, self.service, self.node = (
             Mock(tracking=None, execution=Mock(last=None, controller=None)),
             Mock(last=None),
@@ -84,7 +84,7 @@ class Configured:
         state.pose.position.x += x
         self.states.callbacks()["chaser_state"](state)
         obstacles = self.scene.obstacles()
-        obstacles.header.stamp = time_message(stamp_ns)
+        obstacles.header.stamp, obstacles.source = time_message(stamp_ns), "mapper"
         self.scenes.keep(obstacles)
 
     def hear_body(self, age: float, **changes: Any) -> None:
@@ -148,7 +148,7 @@ def test_what_is_not_stamped_has_no_age_and_limits_that_are_told_are_those_in_fo
     configured: Configured,
 ) -> None:
     """By the clock of a real day, which is not 1,000 s after the first of January 1970."""
-    now_ns = 1_793_000_000 * NANOSECONDS
+    now_ns = configured.now_ns = 1_793_000_000 * NANOSECONDS
     configured.node.get_clock.return_value.now.return_value = SimpleNamespace(
         nanoseconds=now_ns, to_msg=lambda: time_message(now_ns)
     )
@@ -177,6 +177,7 @@ def test_each_age_is_how_long_ago_that_was_measured(configured: Configured, age:
     health = configured.diagnosed()
     assert health.state_age == pytest.approx(age)
     assert health.obstacles_age == pytest.approx(age)
+    assert health.obstacles_source == "mapper"
     assert health.target_age == pytest.approx(2.0 * age)
     assert health.obstacles == len(configured.scene.obstacles().spheres)
     assert (health.state_max_age, health.target_max_age) == (
@@ -205,7 +206,7 @@ def test_a_locked_joint_that_is_measured_elsewhere_is_told_with_what_to_set(
     configured: Configured, lemur_capture: PlanningProblem
 ) -> None:
     robot = load_robot(LEMUR_URDF, "chaser", "end_effector", held_at={"joint_1": 0.3})
-    states = StateInput(robot, FRAME, "chaser_state", PARAMETERS.odometry)
+    states = state_input(robot, "chaser_state", PARAMETERS.odometry, lambda: NOW)
     vars(configured.session).update(_states=states)
     state = Scene(lemur_capture).state(NOW)
     state.joint_positions[0], state.joint_velocities[0] = 0.3, 0.0

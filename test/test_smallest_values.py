@@ -10,7 +10,8 @@ from unittest.mock import Mock
 import pytest
 from ff_planner_msgs.msg import Approach, PlanRequest
 from geometry_msgs.msg import Vector3
-from ros_processes import FRAME, Scene
+from heard_inputs import scene_input
+from ros_processes import Scene
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -20,7 +21,6 @@ from ff_planner_ros.planning.problem.objective import DurationRange
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.requests.reading import Knowledge, read_request
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -77,7 +77,7 @@ def test_durations_and_limits_that_nothing_keeps_are_refused_as_what_they_are(
         request = Scene(lemur_capture).complete_request()
         field = spoil(request, value)
         knowledge = Knowledge(
-            lemur_capture.robot, load_parameters(), Mock(), SceneInput(FRAME), None, NOW
+            lemur_capture.robot, load_parameters(), Mock(), scene_input(), None, NOW
         )
         with pytest.raises(InvalidInput) as refused:
             read_request(request, knowledge)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import random
 import sys
+import time
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from heard_inputs import NamedPublishers, StatesOfMessages, scene_input, state_input
 from nav_msgs.msg import Odometry
-from rclpy.serialization import serialize_message
 from robots import LEMUR_URDF, random_urdf
 from sensor_msgs.msg import JointState
 
@@ -23,8 +23,6 @@ from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW
 from ff_planner_ros.ros.inputs.contradictions import of_joints
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, heard_with
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
-from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 
 FRAME, SENSOR = "inertial", "imu"
@@ -42,8 +40,8 @@ PARAMETERS = OdometryParameters(
 class Fed:
     """A state input with its callbacks by topic, and the question at a time."""
 
-    def __init__(self, robot: Robot, source: str, clock: Callable[[], int] | None = None) -> None:
-        self.input = StateInput(robot, FRAME, source, PARAMETERS, clock)
+    def __init__(self, robot: Robot, source: str, clock: Callable[[], int] = time.time_ns) -> None:
+        self.input = state_input(robot, source, PARAMETERS, clock)
         callbacks = self.input.callbacks()
         self.keep: dict[str, Callable[[Any], None]] = {
             topic.name: callbacks[topic.name]
@@ -162,9 +160,9 @@ def test_each_source_subscribes_to_its_own_topics(states: Fed, testbed: Fed) -> 
 
 @pytest.mark.parametrize("source", STATE_SOURCES)
 def test_the_node_subscribes_only_to_what_an_input_takes(source: str, states: Fed) -> None:
-    taken = states.input.callbacks() | SceneInput(FRAME).callbacks()
+    taken = states.input.callbacks() | scene_input().callbacks()
     heard = [topic.name for topic in heard_with(source)]
-    assert heard[-3:] == ["obstacles", "obstacle_bodies", "target_body"]
+    assert heard[-2:] == ["obstacles", "target_body"]
     assert set(heard) <= taken.keys() == INPUT_TOPICS.keys()
 
 
@@ -499,7 +497,7 @@ class Navigation:
             "joint_states": _joints(self._problem.robot, stamp_ns),
         }
         for topic, keep in self.fed.keep.items():
-            keep(serialize_message(messages[topic]))
+            keep(messages[topic])
 
     def refusal(self) -> InvalidInput:
         return self.fed.refusal(self.now_ns)
@@ -578,39 +576,35 @@ def test_a_stored_message_is_read_when_it_is_asked_for_and_a_huge_one_is_not_sto
     states: Fed, lemur_capture: PlanningProblem
 ) -> None:
     message = _chaser_state(lemur_capture)
-    states.keep["chaser_state"](serialize_message(message))
+    states.keep["chaser_state"](message)
     assert states.ask().stamp_ns == NOW_NS
     states.keep["chaser_state"](b"\0\1\0\0" + bytes(20))
     assert states.refusal(0).value == "damaged"
     message.joint_names = [f"tentacle_{i}" for i in range(10_000)]
-    states.keep["chaser_state"](serialize_message(message))
+    states.keep["chaser_state"](message)
     assert states.refusal().status is Status.UNKNOWN_JOINT
 
 
-def test_joint_states_of_others_leave_the_arm_alone_where_they_are_serialised(
+def test_joint_states_whose_names_begin_as_the_arms_are_of_others(
     testbed: Fed, lemur: Robot
 ) -> None:
     longer = [f"{name}_of_another_arm" for name in lemur.joint_names]
-    testbed.keep["odometry"](serialize_message(_odometry()))
-    testbed.keep["joint_states"](serialize_message(_joints(lemur)))
+    testbed.keep["odometry"](_odometry())
+    testbed.keep["joint_states"](_joints(lemur))
     others = JointState(name=longer, position=[0.1] * 7, velocity=[0.0] * 7)
     others.header.stamp = time_message(NOW_NS)
-    testbed.keep["joint_states"](serialize_message(others))
+    testbed.keep["joint_states"](others)
     assert testbed.ask().stamp_ns == NOW_NS
 
 
-class TwoPublishers:
+class TwoPublishers(NamedPublishers):
     """Two publishers of states, heard in turn, each with numbers of its own."""
 
     def __init__(self, problem: PlanningProblem, source: str) -> None:
         self.now_ns, self._problem, self._numbers = NOW_NS, problem, {"a": 0, "b": 500}
-        self.names = ["/nav_a", "/nav_b"]
-        publishers: Any = SimpleNamespace(
-            heard_by_id=lambda _: dict(enumerate(self.names)),
-            unheard=lambda _: [],
-            are_several=lambda _: len(self.names) > 1,
-        )
-        self.input = StateInput(
+        super().__init__("/nav_a", "/nav_b")
+        publishers: Any = self
+        self.input = StatesOfMessages(
             problem.robot, FRAME, source, PARAMETERS, lambda: self.now_ns, publishers
         )
 
@@ -629,7 +623,7 @@ class TwoPublishers:
             "joint_states": joints,
         }
         for topic, keep in self.input.callbacks().items():
-            keep(serialize_message(messages[topic]), self._numbers[who])
+            keep(messages[topic], self._numbers[who])
 
     def ask(self) -> Any:
         return self.input.snapshot(self.now_ns, MAX_AGE, MAX_LEAD)
@@ -752,7 +746,7 @@ def test_a_joint_that_is_measured_elsewhere_than_locked_or_moving_is_refused_wit
         setattr(told, name, [*(getattr(arm, name) if told is arm else [7.0]), value])
     fed.keep["odometry"](_odometry())
     for message in {id(one): one for one in (told, arm)}.values():
-        fed.keep["joint_states"](serialize_message(message))
+        fed.keep["joint_states"](message)
     limits = NOW_NS, MAX_AGE, MAX_LEAD, WITHIN
     if not wrong:
         fed.input.snapshot(*limits)
@@ -780,7 +774,7 @@ def test_a_chaser_state_may_name_a_locked_joint_which_must_be_where_it_is_locked
     for at, message in ((0.3, "a"), (1.2, "b")):
         state = _chaser_state(lemur_capture, NOW_NS + (message == "b"))
         state.joint_positions[0], state.joint_velocities[0] = at, 0.0
-        fed.keep["chaser_state"](serialize_message(state))
+        fed.keep["chaser_state"](state)
         if at == 0.3:
             kept = fed.input.snapshot(NOW_NS, MAX_AGE, MAX_LEAD, WITHIN).state
             assert kept.joint_positions.tolist() == state.joint_positions.tolist()[1:]

@@ -9,6 +9,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import PlanRequest
+from heard_inputs import scene_input
 from ros_processes import FRAME, Scene
 from scipy.spatial.transform import Rotation
 
@@ -18,7 +19,6 @@ from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.status_message import status_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
@@ -242,7 +242,7 @@ def asked(
 ) -> ReadRequest:
     states = Mock()
     states.snapshot.return_value = snapshot(running, NOW - late_ns)
-    scenes = SceneInput(FRAME)
+    scenes = scene_input()
     scenes.keep(Scene(problem).obstacles())
     return read_request(request, Knowledge(problem.robot, PARAMETERS, states, scenes, running, NOW))
 

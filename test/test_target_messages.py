@@ -11,10 +11,11 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import Goal, ObstacleSphereArray, PlanRequest, TargetBody
+from ff_planner_msgs.msg import Goal, PlanRequest, Scene, TargetBody
+from heard_inputs import scene_input
 from matplotlib.patches import Circle
 from rclpy.serialization import serialize_message
-from recorded_requests import only_request
+from recorded_requests import motions_in, only_request
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
@@ -24,8 +25,7 @@ from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.bag.export import export_npz
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.bag.robot_plans import robot_plans
-from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
@@ -43,11 +43,9 @@ from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
 from ff_planner_ros.ros.messages.to_messages import (
-    obstacles_message,
     plan_message,
     request_message,
     scene_message,
@@ -87,7 +85,7 @@ def asked(
     problem: PlanningProblem,
     request: PlanRequest,
     body: TargetBody | None = None,
-    obstacles: ObstacleSphereArray | None = None,
+    obstacles: Scene | None = None,
 ) -> ReadRequest:
     """Read a request whose plan starts two seconds from now."""
     parameters = replace(
@@ -96,9 +94,9 @@ def asked(
         target_max_age=MAX_AGE,
         state_future_tolerance=MAX_LEAD,
     )
-    states, scenes = Mock(), SceneInput(FRAME, lambda: NOW)
+    states, scenes = Mock(), scene_input(lambda: NOW)
     states.snapshot.return_value = Snapshot(problem.start, NOW, "chaser_state")
-    scenes.keep(obstacles or obstacles_message((), NOW, FRAME))
+    scenes.keep(obstacles or scene_message((), NOW, FRAME))
     if body is not None:
         scenes.callbacks()[TARGET_BODY.name](serialize_message(body))
     return read_request(request, Knowledge(problem.robot, parameters, states, scenes, None, NOW))
@@ -281,7 +279,7 @@ def test_a_capture_fixes_the_orientation(problem: PlanningProblem) -> None:
 
 def test_an_obstacle_and_an_attached_sphere_have_different_names(problem: PlanningProblem) -> None:
     rock = Sphere(body_of(problem).obstacles[1].id, np.array([50.0, 0.0, 0.0]), 0.1)
-    scene = obstacles_message((rock,), NOW, FRAME)
+    scene = scene_message((rock,), NOW, FRAME)
     refusal = refused(problem, request_message(problem, FRAME), message(problem), scene)
     assert refusal.field == "target_body.obstacles[1].id"
 
@@ -290,8 +288,8 @@ def test_an_obstacle_and_an_attached_sphere_have_different_names(problem: Planni
 ROCKS = (Sphere("rock", np.array([9.0, -1.0, 2.0]), 0.3, np.array([-0.1, 0.02, 0.0])),)
 
 
-def moving(stamp_ns: int) -> ObstacleSphereArray:
-    return obstacles_message(ROCKS, stamp_ns, FRAME)
+def moving(stamp_ns: int) -> Scene:
+    return scene_message(ROCKS, stamp_ns, FRAME)
 
 
 @pytest.mark.parametrize("stamp", [NOW - 6 * NANOSECONDS, NOW - 900 * NANOSECONDS])
@@ -476,23 +474,30 @@ def test_markers_show_the_body_where_it_is_when_the_arm_is_shown(
 
 @pytest.mark.parametrize("ahead", [0.0, 2.5])
 def test_an_offline_bag_of_a_capture_is_the_same_task_again(
-    problem: PlanningProblem, plan: Plan, ahead: float, tmp_path: Path
+    problem: PlanningProblem, ahead: float, tmp_path: Path
 ) -> None:
     rock = Sphere("rock", np.array([30.0, 0.0, 0.0]), 0.2, np.array([0.1, 0.0, 0.0]))
     asked_for = replace(problem, obstacles=(rock, *problem.obstacles))
     task = PlanningTask(asked_for, SETTINGS, ahead=ahead)
-    record_answer(tmp_path / "bag", task, plan, 0.5)
+    record_answer(tmp_path / "bag", task, perform(task), 0.5)
     recorded = only_request(tmp_path / "bag")
-    assert recorded.read_request().task.digest == task.digest
+    assert recorded.planned_task().digest == task.digest
+    begins, asked_ns = (
+        nanoseconds(one)
+        for one in (
+            recorded.answer.plans[0].joint_trajectory.header.stamp,
+            recorded.answer.inputs.received_stamp,
+        )
+    )
+    assert begins - asked_ns == round(ahead * NANOSECONDS)
     # What `verify` makes of the bag is what was planned.
-    recovered = robot_plans(tmp_path / "bag")
-    (scene,) = recovered.scenes.values()
+    ((_, robot, motion, scene, *_),) = motions_in(tmp_path / "bag")
+    assert scene is not None
     assert scene.target_body is not None
     assert (scene.target_body.position == body_of(problem).position).all()
     assert [one.id for one in scene.obstacles] == [one.id for one in asked_for.obstacles]
     assert (scene.obstacles[0].center == rock.center).all()
-    (motion,) = recovered.motions.values()
-    assert verify(*recovered.robots.values(), motion, scene).passed
+    assert verify(robot, motion, scene).passed
     # And so is what a report draws.
     (reported,) = report_of_bag(tmp_path / "bag", 1).requests
     drawn = reported.plan
@@ -527,15 +532,16 @@ def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
     assert made.trajectory.time[-1] > made.duration + 0.9
     record_answer(tmp_path / "bag", free, made, 0.5)
     recorded = only_request(tmp_path / "bag")
-    assert recorded.read_request().task.digest == free.digest
+    assert recorded.planned_task().digest == free.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
-    assert recorded.response is not None
-    assert recorded.response.plans[0].duration == made.duration
+    assert recorded.answer is not None
+    assert recorded.answer.plans[0].duration == made.duration
 
     body = body_of(free.problem)
     (center,), (attitude,), _ = moved(body, np.array([made.duration]))
     place = center + attitude.apply(body.grasp_position.copy())
-    (scene,) = robot_plans(tmp_path / "bag").scenes.values()
+    ((*_, scene, _, _),) = motions_in(tmp_path / "bag")
+    assert scene is not None
     assert scene.capture_time == made.duration
     (reported,) = report_of_bag(tmp_path / "bag", 1).requests
     assert reported.weights == (1.0, 0.0, 0.02, 0.0)
@@ -569,7 +575,7 @@ def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
         assert (arrays["bag/target_body/quaternions_xyzw"] == turns).all()
 
 
-def test_a_range_of_a_target_that_moves_with_the_frame_is_no_request(
+def test_a_range_of_a_target_that_moves_with_the_frame_is_refused_and_not_recorded_without_that(
     problem: PlanningProblem, plan: Plan, tmp_path: Path
 ) -> None:
     window = DurationRange(1.0, 2.0 * problem.duration, np.array([0.0, 1.0, 0.0]))

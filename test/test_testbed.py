@@ -15,25 +15,22 @@ import rclpy
 from builtin_interfaces.msg import Duration
 from ff_planner_msgs.msg import (
     ChaserState,
-    ObstacleArray,
-    ObstacleSphereArray,
+    Exchange,
     Plan,
     PlanAnswer,
     PlanInputs,
     PlanStatus,
+    Scene,
     TargetBody,
 )
-from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
-from service_msgs.msg import ServiceEventInfo
 from test_tumbling import body_of, moved
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from unique_identifier_msgs.msg import UUID
 
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
@@ -46,22 +43,19 @@ from ff_planner_ros.demo.testbed import (
     with_sensor_noise,
 )
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.messages.from_messages import (
-    bodies_from_message,
-    spheres_from_message,
+    scene_from_message,
     state_from_message,
     target_body_from_message,
 )
-from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
+from ff_planner_ros.ros.messages.interfaces import EXCHANGES
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.ros.qos import EVENT_QOS
-from ff_planner_ros.ros.requests.action_events import ActionEvents
+from ff_planner_ros.ros.qos import EXCHANGES_QOS
 from ff_planner_ros.simulation.free_floating import carried_back
 
 PERFECT = Imperfections()
@@ -172,8 +166,7 @@ class Watcher:
         self.node = rclpy.create_node("watcher")
         self._changed = threading.Condition()
         self.states: list[ChaserState] = []
-        self.obstacles: list[ObstacleSphereArray] = []
-        self.obstacle_bodies: list[ObstacleArray] = []
+        self.obstacles: list[Scene] = []
         self.bodies: list[TargetBody] = []
         self.node.create_subscription(
             TargetBody, "target_body", self._keeper(self.bodies), STATE_QOS
@@ -182,18 +175,10 @@ class Watcher:
         self.node.create_subscription(
             ChaserState, "chaser_state", self._keeper(self.states), STATE_QOS
         )
-        self.node.create_subscription(
-            ObstacleSphereArray, "obstacles", self._keeper(self.obstacles), late
-        )
-        self.node.create_subscription(
-            ObstacleArray, "obstacle_bodies", self._keeper(self.obstacle_bodies), late
-        )
+        self.node.create_subscription(Scene, "obstacles", self._keeper(self.obstacles), late)
         self.controller = self.node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 10)
-        # What the planner tells of its action.
-        self._events = ActionEvents(self.node, ACTION, EVENT_QOS)
-        self._served = self.node.create_publisher(
-            PlanTrajectory.Event, SERVICE + SERVICE_EVENTS, EVENT_QOS
-        )
+        # What the planner tells of its requests.
+        self._exchanges = self.node.create_publisher(Exchange, EXCHANGES, EXCHANGES_QOS)
 
     def _keeper(self, kept: list[Any]) -> Callable[[Any], None]:
         def keep(message: Any) -> None:
@@ -205,15 +190,14 @@ class Watcher:
 
     def wait_until_heard(self) -> None:
         """Wait until the testbed would hear whatever is told."""
-        events = (ACTION + GOAL_EVENTS, ACTION + RESULT_EVENTS, SERVICE + SERVICE_EVENTS)
-        topics = (*events, CONTROLLER_TOPIC)
+        topics = (EXCHANGES, CONTROLLER_TOPIC)
         self.wait_until(
             lambda: self.states and all(self.node.count_subscribers(topic) for topic in topics)
         )
 
     def tell_goal(self) -> None:
         """Tell that the planner was asked."""
-        self._events.goal_received(SEND_GOAL.Request(goal_id=UUID()))
+        self._exchanges.publish(Exchange(interface="action", event="received"))
 
     def tell_result(self, status: Status, *plans: JointTrajectory, **inputs: Any) -> None:
         """Tell what the planner answered, and what that was made from; all but the last capture."""
@@ -225,17 +209,12 @@ class Watcher:
             ],
             inputs=PlanInputs(**inputs),
         )
-        self._events.result_sent(GET_RESULT.Request(goal_id=UUID()), 4, answer)
+        self._exchanges.publish(Exchange(interface="action", event="answered", answer=[answer]))
 
-    def tell_served(self, kind: int, *told: Status) -> None:
-        """Tell that the service was asked, or what it answered."""
-        answers = [PlanAnswer(status=PlanStatus(code=int(one))) for one in told]
-        self._served.publish(
-            PlanTrajectory.Event(
-                info=ServiceEventInfo(event_type=kind),
-                response=[PlanTrajectory.Response(answer=one) for one in answers],
-            )
-        )
+    def tell_publication(self, event: str) -> None:
+        """Tell of a request to publish a plan, or to reject it."""
+        answer = [] if event == "received" else [PlanAnswer()]
+        self._exchanges.publish(Exchange(interface="publish_plan", event=event, answer=answer))
 
     def state_number(self, number: int) -> ChaserState:
         """Return a state by its number, as soon as it has come."""
@@ -250,7 +229,7 @@ class Watcher:
         self.wait_until(lambda: self.states and stamp(self.states[-1]) >= stamp_ns)
 
 
-def stamp(message: ChaserState | ObstacleSphereArray | TargetBody) -> int:
+def stamp(message: ChaserState | Scene | TargetBody) -> int:
     return nanoseconds(message.header.stamp)
 
 
@@ -286,7 +265,8 @@ def running_testbed(
 def test_the_scene_is_there_for_whoever_comes_late(lemur_capture: PlanningProblem) -> None:
     with running_testbed(lemur_capture, epoch=0.0) as (watcher, _):
         watcher.wait_until(lambda: watcher.obstacles)
-        spheres = spheres_from_message(watcher.obstacles[0], FRAME)
+        spheres = scene_from_message(watcher.obstacles[0], "obstacles", FRAME)
+    assert watcher.obstacles[0].source == "testbed"
     for found, sphere in zip(spheres, lemur_capture.obstacles, strict=True):
         assert (found.id, found.radius) == (sphere.id, sphere.radius)
         assert np.array_equal(found.center, sphere.center)
@@ -315,7 +295,7 @@ def test_target_body_and_obstacles_come_through_their_places_at_its_epoch() -> N
     if ahead > 0.0:
         np.testing.assert_allclose(center, body_of(drawn).position, atol=1e-9)
     # Obstacles of its own; what is fixed to the body is told with it.
-    (sphere,) = spheres_from_message(watcher.obstacles[0], FRAME)
+    (sphere,) = scene_from_message(watcher.obstacles[0], "obstacles", FRAME)
     lead = (epoch_ns - stamp(watcher.obstacles[0])) / NANOSECONDS
     np.testing.assert_allclose(sphere.center, [9.0 - 0.5 * lead, 0.0, 0.0], atol=1e-9)
 
@@ -454,14 +434,17 @@ def test_after_a_refusal_it_waits_again_where_it_waited(lemur_capture: PlanningP
         watcher.wait_until(lambda: watcher.states[-1].pose == first.pose)
 
 
-def test_it_hears_the_service_like_the_action(lemur_capture: PlanningProblem) -> None:
+def test_a_request_to_publish_a_plan_does_not_let_time_run(lemur_capture: PlanningProblem) -> None:
     with running_testbed(lemur_capture, epoch=None) as (watcher, _):
         watcher.wait_until_heard()
         first = watcher.states[0]
-        watcher.tell_served(ServiceEventInfo.REQUEST_RECEIVED)
-        watcher.wait_until(lambda: watcher.states[-1].pose != first.pose)
-        watcher.tell_served(ServiceEventInfo.RESPONSE_SENT, Status.START_IN_COLLISION)
-        watcher.wait_until(lambda: watcher.states[-1].pose == first.pose)
+        for event in ("received", "published"):
+            watcher.tell_publication(event)
+        watcher.tell_goal()
+        watcher.tell_result(Status.START_IN_COLLISION)
+        heard = len(watcher.states)
+        watcher.wait_until(lambda: len(watcher.states) > heard + 20)
+        assert watcher.states[-1].pose == first.pose
 
 
 def test_a_plan_that_nobody_flies_lets_it_wait_again(lemur_capture: PlanningProblem) -> None:
@@ -505,7 +488,7 @@ def test_a_target_body_waits_with_the_chaser_and_moves_from_where_it_was_seen() 
     assert (Rotation.from_quat(last.quaternion_xyzw.copy()) * attitude.inv()).magnitude() < 1e-9
 
 
-def test_bodies_of_the_scene_wait_with_the_chaser_on_their_topic(
+def test_bodies_that_move_wait_with_the_chaser_beside_spheres(
     lemur_capture: PlanningProblem,
 ) -> None:
     panel = ObstacleBody(
@@ -516,9 +499,8 @@ def test_bodies_of_the_scene_wait_with_the_chaser_on_their_topic(
     )
     among = replace(lemur_capture, obstacles=(panel, *lemur_capture.obstacles))
     with running_testbed(among, epoch=None) as (watcher, _):
-        watcher.wait_until(lambda: len(watcher.obstacle_bodies) > 3)
-        (seen,) = bodies_from_message(watcher.obstacle_bodies[-1], FRAME)
-        spheres = spheres_from_message(watcher.obstacles[-1], FRAME)
+        watcher.wait_until(lambda: len(watcher.obstacles) > 3)
+        *spheres, seen = scene_from_message(watcher.obstacles[-1], "obstacles", FRAME)
     assert isinstance(seen, ObstacleBody)
     assert (seen.angular_velocity == panel.angular_velocity).all()
     turned = Rotation.from_quat(seen.quaternion_xyzw.copy()).as_rotvec()
@@ -530,7 +512,7 @@ def test_moving_obstacles_wait_with_the_chaser(lemur_capture: PlanningProblem) -
     rock = Sphere("rock", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.5, 0.0, 0.0]))
     with running_testbed(replace(lemur_capture, obstacles=(rock,)), epoch=None) as (watcher, _):
         watcher.wait_until(lambda: len(watcher.obstacles) > 3)
-        (sphere,) = spheres_from_message(watcher.obstacles[-1], FRAME)
+        (sphere,) = scene_from_message(watcher.obstacles[-1], "obstacles", FRAME)
     # The node carries it on from the stamp: a lead later it is at its place.
     np.testing.assert_allclose(sphere.center, [9.0 - 0.5 * LEAD, 0.0, 0.0], atol=1e-9)
     assert stamp(watcher.obstacles[-1]) > stamp(watcher.obstacles[0])

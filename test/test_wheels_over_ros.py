@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import ChaserState
-from recorded_requests import only_request
+from recorded_requests import motions_in, only_request
 from robots import CONFIG, LEMUR_SCENARIO
 
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
@@ -28,7 +26,6 @@ from ff_planner_ros.ros.messages.from_messages import state_from_message
 from ff_planner_ros.ros.messages.to_messages import answer_with_plan, plan_message, state_message
 from ff_planner_ros.runs.differences import differences
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
@@ -59,17 +56,16 @@ def test_a_state_tells_what_its_wheels_hold(solved: tuple[PlanningTask, Plan]) -
 
 
 def test_an_answer_tells_what_the_wheels_hold_and_give(solved: tuple[PlanningTask, Plan]) -> None:
-    _, plan = solved
+    task, plan = solved
     assert plan.wheels is not None
     answer = answer_with_plan(plan, [plan_message(plan, 1, "inertial")], "plan_1", 0.1)
     read = plan_from_answer(answer).wheels
     assert read is not None
     np.testing.assert_array_equal(read.momenta, plan.wheels.momenta)
     np.testing.assert_array_equal(read.torques, plan.wheels.torques)
-    assert not differences(answer, answer)
+    assert not differences(answer, task, plan)
     other = replace(plan, wheels=replace(plan.wheels, momenta=plan.wheels.momenta + 1e-3))
-    changed = answer_with_plan(other, [plan_message(other, 1, "inertial")], "plan_1", 0.1)
-    (found,) = differences(answer, changed)
+    (found,) = differences(answer, task, other)
     assert found.quantity == "wheel_momenta"
     assert "wheel" in found.where
     free = perform(load_task(LEMUR_SCENARIO, Defaults(SETTINGS)))
@@ -81,20 +77,16 @@ def test_a_recorded_plan_is_replayed_to_the_last_bit_exported_and_verified(
 ) -> None:
     task, plan = solved
     record_answer(tmp_path / "bag", task, plan, 0.1)
-    with open_bag(tmp_path / "bag") as opened:
-        (request,) = recorded_run(opened).requests
-    assert replay(request).verdict is Verdict.IDENTICAL
+    assert replay(only_request(tmp_path / "bag")).verdict is Verdict.IDENTICAL
     (recorded,) = read_plans(tmp_path / "bag")
     columns = recorded.columns()
     assert plan.wheels is not None
     np.testing.assert_array_equal(columns["wheel_2_momentum_Nms"], plan.wheels.momenta[:, 1])
     np.testing.assert_array_equal(columns["wheel_3_torque_Nm"], plan.wheels.torques[:, 2])
-    found = robot_plans(tmp_path / "bag")
-    (robot,) = found.robots.values()
+    ((_, robot, motion, *_),) = motions_in(tmp_path / "bag")
     assert robot.base is Base.ATTITUDE_HELD
     assert robot.wheels is not None
     assert robot.wheels.momentum == (4.0, 4.0, 4.0)
-    (motion,) = found.motions.values()
     assert verify(robot, motion).passed
 
 
@@ -137,5 +129,5 @@ def test_a_weight_on_the_wheels_is_recorded_and_replayed(
     assert load_task(tmp_path / "weighted.yaml", Defaults(SETTINGS)).digest == task.digest
     record_answer(tmp_path / "bag", task, plan, 0.1)
     recorded = only_request(tmp_path / "bag")
-    assert recorded.read_request().task.problem.objective.wheel_momentum == 5.0
+    assert recorded.planned_task().problem.objective.wheel_momentum == 5.0
     assert replay(recorded).verdict is Verdict.IDENTICAL

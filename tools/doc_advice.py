@@ -14,7 +14,7 @@ ADVICE = {
     Status.STATE_IN_FUTURE: "Synchronise the clocks of publisher and node. `/diagnostics` and "
     "`inputs.state_clock_offset` tell the offset. With simulated time, `state_future_tolerance` "
     "must cover the period of `/clock`.",
-    Status.NO_OBSTACLES: "Publish `obstacles`, transient local. An empty array says that nothing "
+    Status.NO_OBSTACLES: "Publish `obstacles`, transient local. An empty scene says that nothing "
     "is in the way.",
     Status.START_IN_COLLISION: "Read which bodies the message names. If they only look like "
     "touching, correct the shape or the obstacle's radius. If they do touch, move the joint that "

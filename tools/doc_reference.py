@@ -16,7 +16,6 @@ from security_policy import interfaces
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.errors import REMEDIES, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.parameters.controller import HandOver
 from ff_planner_ros.ros.recorder.recorded_topics import _topics
 
 DEFINITIONS = Path(__file__).resolve().parents[1] / "msg_defs"
@@ -26,11 +25,13 @@ FIRST = ("PlanTrajectory", "PlanRequest", "Goal", "Objective", "Limits", "PlanAn
 
 # Where an answer may say something else than its code.
 RETRY_OTHERWISE = {
-    Status.STATE_TOO_OLD: ". Of a state or scene in the request `retry` is `CHANGED`: it only ages",
-    Status.TARGET_TOO_OLD: ". Of a target body in the request `retry` is `CHANGED`: it only ages",
-    Status.NO_ACTIVE_PLAN: ". Of a plan that has yet to begin `retry` is `LATER`",
+    Status.STATE_TOO_OLD: ". Of a state or scene in the request `retry` is `RETRY_CHANGED`: it "
+    "only ages",
+    Status.TARGET_TOO_OLD: ". Of a target body in the request `retry` is `RETRY_CHANGED`: it only "
+    "ages",
+    Status.NO_ACTIVE_PLAN: ". Of a plan that has yet to begin `retry` is `RETRY_LATER`",
     Status.TOO_LATE: ". Of a `start_time` in the request, and at `~/publish_plan`, `retry` is "
-    "`CHANGED`: it is only further over",
+    "`RETRY_CHANGED`: it is only further over",
 }
 
 
@@ -38,6 +39,8 @@ def codes() -> str:
     """Return a section for each status: its cause, what to do, and what a program learns."""
     text = (MESSAGES / "PlanStatus.msg").read_text(encoding="utf-8")
     classes = dict(re.findall(r"^#   (\d)xx +(.*)$", text, re.MULTILINE))
+    retries = dict(re.findall(r"^uint8 (\w+)=(\d+)", text, re.MULTILINE))
+    constants = {int(number): name for name, number in retries.items()}
     causes = re.findall(r"^uint16 (\w+)=(\d+) *(?:# (.*))?$", text, re.MULTILINE)
     parts = []
     for name, number, cause in causes:
@@ -50,8 +53,8 @@ def codes() -> str:
         told = f"`field` is `{field}`" if field else "`field` names the value at fault"
         told += RETRY_OTHERWISE.get(status, "")
         parts.append(
-            f"### {number} {name}\n\n{_sentence(cause)} `retry` is `{retry.name}`; {told}.\n\n"
-            f"**What to do:** {ADVICE[status]}\n"
+            f"### {number} {name}\n\n{_sentence(cause)} `retry` is `{constants[retry]}`; {told}."
+            f"\n\n**What to do:** {ADVICE[status]}\n"
         )
     return "\n" + "\n".join(parts) + "\n"
 
@@ -175,24 +178,18 @@ def _help(parser: ArgumentParser, action: Action) -> str:
 
 
 def bag_topics() -> Iterator[tuple[str, ...]]:
-    """Yield what a node records: with simulated time, a controller's action and either state."""
-    yield "topic", "type", "the planner"
+    """Yield what a node records with simulated time and either state."""
+    yield "the planner", "topics"
     directions = {row.name: row.direction for row in interfaces()}
-    parameters = load_parameters()
-    told = set[str]()
+    node: Any = SimpleNamespace(
+        resolve_topic_name=str, get_parameter=lambda _: SimpleNamespace(value=True)
+    )
+    found = {one: dict[str, None]() for one in ("subscribes", "publishes", "ROS itself")}
     for source in ("chaser_state", "odometry"):
-        controller = replace(parameters.controller, hand_over=HandOver.ACTION)
-        node: Any = SimpleNamespace(
-            resolve_topic_name=str,
-            resolve_service_name=str,
-            get_parameter=lambda _: SimpleNamespace(value=True),
-        )
-        chosen = replace(parameters, state_source=source, controller=controller)
-        for topic in _topics(node, chosen):
-            if topic.name not in told:
-                told.add(topic.name)
-                kind = f"`{_name_of(topic.message_type)}`"
-                yield f"`{topic.name}`", kind, directions.get(topic.name, "")
+        for topic in _topics(node, replace(load_parameters(), state_source=source)):
+            found[directions.get(topic.name, "ROS itself")][f"`{topic.name}`"] = None
+    for direction, topics in found.items():
+        yield direction, ", ".join(topics)
 
 
 def _name_of(kind: Any) -> str:

@@ -44,10 +44,10 @@ BLOCK = re.compile(
 
 
 def retries() -> Iterator[tuple[str, ...]]:
-    yield "retry", "name", "meaning"
+    yield "retry", "constant", "meaning"
     text = (MESSAGES / "PlanStatus.msg").read_text(encoding="utf-8")
     for name, number, meaning in re.findall(r"^uint8 (\w+)=(\d+) *# (.*)$", text, re.MULTILINE):
-        assert Retry[name] == int(number)
+        assert name.removeprefix("RETRY_") == Retry(int(number)).name
         yield number, f"`{name}`", meaning
 
 

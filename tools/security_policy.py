@@ -43,7 +43,8 @@ OF_LIFECYCLE: tuple[str, ...] = (
     "get_state",
 )
 OF_LIFECYCLE += ("get_transition_graph",)
-SERVICE_EVENTS = "/_service_event"
+# A bag attaches it.
+NOT_RECORDED = {"robot_model"}
 ROW = re.compile(
     r"^\| (subscribes|publishes|service|action) \| `([\w/~]+)` \| `([\w/]+)` \| ([\w, -]*) "
     r"\| (\w+) \|",
@@ -77,36 +78,27 @@ def interfaces() -> list[Interface]:
 def profiles() -> dict[str, set[Rule]]:
     """Return the rules of every node, by its name; names as the node itself would write them."""
     found: dict[str, set[Rule]] = defaultdict(set)
-    heard: set[str] = set()  # by the recorder, and by whoever may see everything
+    heard: set[str] = set()  # by whoever may see everything
     for row in interfaces():
         # Of others, `~` is another node.
         of_others = row.name.replace("~", NODE)
-        mine, theirs, topics = {
-            "subscribes": (SUBSCRIBE, PUBLISH, [""]),
-            "publishes": (PUBLISH, SUBSCRIBE, [""]),
-            "service": (REPLY, REQUEST, [SERVICE_EVENTS]),
-            "action": (
-                EXECUTE,
-                CALL,
-                [f"/_action/{one}{SERVICE_EVENTS}" for one in ("send_goal", "get_result")],
-            ),
+        mine, theirs = {
+            "subscribes": (SUBSCRIBE, PUBLISH),
+            "publishes": (PUBLISH, SUBSCRIBE),
+            "service": (REPLY, REQUEST),
+            "action": (EXECUTE, CALL),
         }[row.direction]
         found[NODE].add(Rule(mine, row.name))
         found[row.other_side].add(Rule(theirs, of_others))
         if row.direction in ("subscribes", "publishes"):
             heard.add(row.name)
-        elif not row.type.startswith("std_srvs/"):  # the recorder is not told of by itself
-            found[NODE] |= {Rule(PUBLISH, f"{row.name}{topic}") for topic in topics}
-            heard |= {f"{of_others}{topic}" for topic in topics}
-        if row.direction == "action":
-            heard |= {f"{row.name}/_action/{one}" for one in ("feedback", "status")}
     for name in ("executive", "screen"):
-        topics = [one for one in heard if "/_" not in one]
-        found[name] |= {Rule(SUBSCRIBE, topic) for topic in topics}
+        found[name] |= {Rule(SUBSCRIBE, topic) for topic in heard}
     found[NODE] |= {Rule(PUBLISH, "~/transition_event")}
     found[NODE] |= {Rule(REPLY, f"~/{one}") for one in OF_LIFECYCLE}
     events = {"/rosout", "/parameter_events", f"{NODE}/transition_event"}
-    found[RECORDER] |= {Rule(SUBSCRIBE, topic) for topic in heard | events}
+    recorded = (heard | events) - NOT_RECORDED - {"/parameter_events"}
+    found[RECORDER] |= {Rule(SUBSCRIBE, topic) for topic in recorded}
     found["operator"] |= {Rule(SUBSCRIBE, topic) for topic in events}
     found["operator"] |= {Rule(REQUEST, f"{NODE}/{one}") for one in OF_NODES + OF_LIFECYCLE}
     for name, rules in found.items():

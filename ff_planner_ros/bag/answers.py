@@ -75,6 +75,8 @@ def answer_row(plan: RecordedPlan) -> dict[str, Cell]:
     row: dict[str, Cell] = {
         "plan_id": plan.plan_id,
         "topic": plan.topic,
+        "interface": plan.interface or None,
+        "requester": plan.requester or None,
         "asked_ns": plan.asked_ns or None,
         "answered_ns": plan.answered_ns,
         "start_ns": plan.start_ns or None,

@@ -1,128 +1,136 @@
-"""Pairs the requests in a bag with their responses; the only reader of their events."""
+"""The requests in a bag, each with its answer and with the task that was planned."""
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
-from ff_planner_ros.messages.service_events import (
-    GOAL_EVENT,
-    GOAL_EVENTS,
-    REQUEST_RECEIVED,
-    RESPONSE_SENT,
-    RESULT_EVENT,
-    RESULT_EVENTS,
-    SERVICE_EVENT,
-    SERVICE_EVENTS,
-)
+from ff_planner_ros.errors import InvalidInput, Status
 
-SERVICE, ACTION = "service", "action"  # where a request comes in
+if TYPE_CHECKING:  # to read a bag's table loads no Pinocchio
+    from ff_planner_ros.planning.task.planning_task import PlanningTask
 
-Request = TypeVar("Request")
-Response = TypeVar("Response")
+EXCHANGE = "ff_planner_msgs/msg/Exchange"
+_TEXT = "std_msgs/msg/String"
+WITHOUT_EXCHANGES = f"it holds no {EXCHANGE}, which the node publishes on the topic exchanges"
+PUBLISH_PLAN = "publish_plan"  # the interface of requests to publish a plan or to reject it
+_RECEIVED, _DROPPED = "received", "dropped"
+# What an exchange consists of, beside the request, the task and the answer
+_WORDS = ("plan_id", "interface", "requester", "event", "task", "versions")
 
 
 @dataclass(frozen=True, eq=False)
-class Exchange(Generic[Request, Response]):
-    """A request and its response."""
+class Exchange:
+    """A request with its answer, as they were recorded."""
 
-    door: str  # SERVICE or ACTION
-    name: str  # of the service or action, resolved
-    logged_ns: int  # when the request was recorded, or else its response, by the recorder's clock
-    received_ns: int = 0  # when the request came, by the node's clock; zero without a request
-    request: Request | None = None  # None where the bag holds the response alone
-    response: Response | None = None  # None where the bag holds no response
-    answered_ns: int = 0  # when the response went out, by the node's clock; zero without a response
-    answered_by: Message | None = None  # the event that holds the response; None without one
+    planner: str  # namespace of the planner, without a trailing slash
+    topic: str
+    plan_id: str
+    interface: str  # service, action, replanning or publish_plan
+    requester: str
+    event: str  # answered, published, rejected or cancelled; received: without an answer
+    logged_ns: int  # when the answer, or else the request, was recorded
+    request: Any  # as it was decoded; None: one of publish_plan
+    answer: Any  # as it was decoded; None: the bag holds no answer
+    task: str  # all that the plan depends on, in JSON; empty: refused before it was complete
+    versions: str  # of what planned, in JSON
+    urdfs: tuple[str, ...]  # of the bag: tasks name them
+    asked_ns: int = 0  # when the request came, by the node's clock; zero: not recorded
+    answered_ns: int = 0  # when the answer went out, by the node's clock; zero without an answer
 
     @property
-    def namespace(self) -> str:
-        """Namespace of the planner, without a trailing slash."""
-        return self.name.rpartition("/")[0]
+    def status(self) -> Status | None:
+        """Status of the answer; None without an answer, or if it is unknown here."""
+        if self.answer is None or self.answer.status.code not in iter(Status):
+            return None
+        return Status(self.answer.status.code)
+
+    def planned_task(self) -> PlanningTask:
+        """Return the task that was planned.
+
+        Raises:
+            InvalidInput: The bag lacks the task or its URDF, or a value is refused.
+        """
+        from ff_planner_ros.planning.scenario.task_json import task_from_json, urdf_digest
+
+        if not self.task:
+            missing = "it was refused before its task was complete"
+            if self.answer is None:
+                missing = "recording, or the planner, ended before its answer"
+            raise InvalidInput(Status.OUT_OF_RANGE, "task", "missing", missing)
+        return task_from_json(self.task, {urdf_digest(one): one for one in self.urdfs})
 
 
-def exchanges(
-    bag: Bag,
-    read_request: Callable[[Any], Request],
-    read_response: Callable[[Message, Any], Response | None],
-) -> list[Exchange[Request, Response]]:
-    """Return every request with its response, in the order in which the requests were recorded.
+def exchanges(bag: Bag) -> Iterator[Exchange]:
+    """Yield every request for a plan, in the order of the answers; those without one come last.
 
-    Args:
-        bag: An open bag, which gets a note for each event that cannot be understood.
-        read_request: Called with each request, as it was decoded.
-        read_response: Called with the event's message and the answer, as it was decoded; None
-            leaves the answer out.
+    What cannot be understood makes a note.
 
     Raises:
         BagError: The disk fails.
     """
-    asked: dict[object, deque[Exchange[Request, Response]]] = defaultdict(deque)
-    answered: list[tuple[object, Exchange[Request, Response]]] = []
-    for message, event in bag.decoded(SERVICE_EVENT, GOAL_EVENT, RESULT_EVENT):
+    for one in _exchanges(bag):
+        if one.interface != PUBLISH_PLAN:
+            yield one
+
+
+def publication_exchanges(bag: Bag) -> Iterator[Exchange]:
+    """Yield every request to publish or to reject a plan, as `exchanges` does."""
+    for one in _exchanges(bag):
+        if one.interface == PUBLISH_PLAN:
+            yield one
+
+
+def exchange_count(bag: Bag) -> int:
+    """Return the number of messages that `exchanges` reads."""
+    return sum(one.message_count for one in bag.topics.values() if one.type_name == EXCHANGE)
+
+
+def _exchanges(bag: Bag) -> Iterator[Exchange]:
+    urdfs = urdfs_in(bag)
+    open_ones = dict[tuple[str, ...], Exchange]()
+    for message, content in bag.decoded(EXCHANGE):
         try:
-            stamp_ns = nanoseconds(event.info.stamp)
-            for door, name, key, request, response in list(_parts(message, event)):
-                at = (door, name, message.log_time_ns)
-                if request is not None:
-                    asked[key].append(Exchange(*at, stamp_ns, read_request(request)))
-                elif (read := read_response(message, response)) is not None:
-                    answered.append((key, Exchange(*at, 0, None, read, stamp_ns, message)))
+            one = _exchange(message, content, urdfs)
         except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
-            bag.note(f"an event on {message.topic} cannot be understood: {error}")
-    found = [_joined(asked[key], alone) for key, alone in answered]
-    found += [exchange for waiting in asked.values() for exchange in waiting]
-    return sorted(found, key=lambda exchange: exchange.logged_ns)
+            bag.note(f"an exchange on {message.topic} cannot be understood: {error}")
+            continue
+        key = (one.topic, one.interface, one.plan_id)
+        if one.event == _RECEIVED:
+            open_ones[key] = one
+        elif one.event != _DROPPED:
+            before = open_ones.pop(key, None)
+            yield one if before is None else replace(one, asked_ns=before.asked_ns)
+    yield from open_ones.values()
 
 
-def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any, Any]]:
-    """Yield door, name, key, and either the request or the response, of all that an event holds."""
-    kind, topic = event.info.event_type, message.topic
-    if message.type_name == SERVICE_EVENT:
-        name = topic.removesuffix(SERVICE_EVENTS)
-        key = (name, _bytes(event.info.client_gid), int(event.info.sequence_number))
-        if kind == REQUEST_RECEIVED:
-            yield from ((SERVICE, name, key, one.request, None) for one in event.request)
-        elif kind == RESPONSE_SENT:
-            yield from ((SERVICE, name, key, None, one.answer) for one in event.response)
-    elif message.type_name == GOAL_EVENT and kind == REQUEST_RECEIVED:
-        name = topic.removesuffix(GOAL_EVENTS)
-        for one in event.request:
-            yield ACTION, name, (name, _bytes(one.goal_id.uuid)), one.goal.request, None
-    elif message.type_name == RESULT_EVENT and kind == RESPONSE_SENT:
-        name = topic.removesuffix(RESULT_EVENTS)
-        goals = [_bytes(one.goal_id.uuid) for one in event.request]
-        for number, one in enumerate(event.response):
-            goal = goals[number] if number < len(goals) else None
-            yield ACTION, name, (name, goal), None, one.result.answer
-
-
-def answer_in(event: Any) -> Any:
-    """Return the answer in a decoded event of a response."""
-    response = event.response[0]
-    return value_at(response, "result", response).answer
-
-
-def _bytes(values: Any) -> bytes:
-    if isinstance(values, int):  # by another definition; `bytes` would make so many zeros of it
-        raise TypeError("an identity is one number")
-    return bytes(values)
-
-
-def _joined(
-    waiting: deque[Exchange[Request, Response]], alone: Exchange[Request, Response]
-) -> Exchange[Request, Response]:
-    """Return a response with its request; alone where the bag does not hold the request."""
-    if not waiting:
-        return alone
-    return replace(
-        waiting.popleft(),
-        response=alone.response,
-        answered_ns=alone.answered_ns,
-        answered_by=alone.answered_by,
+def _exchange(message: Message, content: Any, urdfs: tuple[str, ...]) -> Exchange:
+    words = {name: str(value_at(content, name)) for name in _WORDS}
+    at_ns, answer = nanoseconds(content.header.stamp), value_at(content, "answer[0]", None)
+    is_request = words["event"] == _RECEIVED
+    return Exchange(
+        planner=message.topic.rpartition("/")[0],
+        topic=message.topic,
+        logged_ns=message.log_time_ns,
+        request=value_at(content, "request[0]", None),
+        answer=answer,
+        urdfs=urdfs,
+        asked_ns=at_ns if is_request else 0,
+        answered_ns=0 if is_request else at_ns,
+        **words,
     )
+
+
+def urdfs_in(bag: Bag) -> tuple[str, ...]:
+    """Return the URDFs in a bag: attached, or on a topic of texts.
+
+    Raises:
+        BagError: The disk fails.
+    """
+    attached = [one.decode(errors="replace") for one in bag.attachments.values()]
+    said = [str(value_at(content, "data", "")) for _, content in bag.decoded(_TEXT)]
+    return tuple(dict.fromkeys(one for one in (*attached, *said) if one.startswith("<")))

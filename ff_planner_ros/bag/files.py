@@ -8,10 +8,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ff_planner_ros.bag.mcap.mcap_file import McapFile
-from ff_planner_ros.bag.mcap.mcap_index import open_mcap
-from ff_planner_ros.bag.mcap.mcap_records import printable, unreadable
 from ff_planner_ros.bag.progress_bar import progress_bar
-from ff_planner_ros.common.shown import shown
+from ff_planner_ros.common.shown import printable, shown
 from ff_planner_ros.common.text_file import not_a_file
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import BagError, InvalidInput
@@ -46,9 +44,9 @@ def open_files(path: Path) -> Iterator[tuple[list[McapFile], list[str]]]:
                 try:
                     if reason := not_a_file(one):
                         raise BagError(f"bag {one}: {reason}")
-                    files.append(open_mcap(one, stack.enter_context(one.open("rb")), progress))
+                    files.append(McapFile(one, stack.enter_context(one.open("rb")), progress))
                 except (OSError, ValueError) as error:  # a character that no path can have
-                    refusals.append(unreadable(one, error))
+                    refusals.append(_unreadable(one, error))
                 except BagError as error:
                     refusals.append(error)
         if not files:
@@ -70,7 +68,7 @@ def _mcap_files(path: Path) -> tuple[list[Path], list[str]]:
     try:
         found = sorted(path.iterdir(), key=_natural)
     except OSError as error:
-        raise unreadable(path, error) from None
+        raise _unreadable(path, error) from None
     files = [file for file in found if file.suffix == ".mcap"]
     foreign = [file for file in found if file.suffix in _FOREIGN]
     if not files and foreign:
@@ -104,6 +102,10 @@ def _note_several(files: list[McapFile]) -> None:
             f"by their names it and those beside it are files of {len(stems)} bags, {names}: they "
             "are read as one"
         )
+
+
+def _unreadable(path: Path, error: OSError | ValueError) -> BagError:
+    return BagError(f"bag {path} cannot be read: {getattr(error, 'strerror', None) or error}")
 
 
 def _some(paths: list[Path]) -> str:

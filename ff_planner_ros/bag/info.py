@@ -8,12 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.bag.exchanges import Exchange
-from ff_planner_ros.bag.mcap.mcap_records import printable
 from ff_planner_ros.bag.mcap.rosbag2_metadata import ROSBAG2, custom_data
-from ff_planner_ros.bag.plans import RecordedPlan, planning_exchanges
+from ff_planner_ros.bag.plans import NO_ANSWER, RecordedPlan, recorded_requests
 from ff_planner_ros.bag.publications import Publication, publications
 from ff_planner_ros.bag.reader import Bag, open_bag
+from ff_planner_ros.common.shown import printable
 from ff_planner_ros.common.times import NANOSECONDS
 
 _MOST_REQUESTS = 20  # listed one by one: a screen has not many more lines
@@ -75,30 +74,25 @@ def bag_document(path: Path) -> dict[str, Any]:
 
 def _requests(bag: Bag) -> dict[str, Any]:
     """Return the answers, and the number of requests in all and of each status."""
-    found = planning_exchanges(bag)
-    namespaces = sorted({exchange.namespace for exchange in found})
-    if len(namespaces) > 1:
+    found = recorded_requests(bag)
+    planners = sorted({one.topic.rpartition("/")[0] for one in found})
+    if len(planners) > 1:
         bag.note(
-            f"it is of {len(namespaces)} planners, {', '.join(namespaces)}: the robot.urdf "
-            "attached is of one of them"
+            f"it is of {len(planners)} planners, {', '.join(planners)}: the robot.urdf attached "
+            "is of one of them"
         )
-    answered = [(one, one.response) for one in found if one.response is not None]
-    answered.sort(key=lambda pair: pair[1].answered_ns)
-    counts = Counter(plan.status for _, plan in answered)
-    # Some recorders do not say which request a response belongs to.
-    unanswered = sum(one.request is not None for one in found) - len(answered)
-    if unanswered > 0:
-        counts["no answer"] = unanswered
+    counts = Counter(one.status for one in found)
     return {
         "request_count": counts.total(),
         "requests_by_status": dict(counts.most_common()),
-        "answers": [_answer(bag, one, plan) for one, plan in answered],
+        "answers": [_answer(bag, one) for one in found if one.status != NO_ANSWER],
     }
 
 
-def _answer(bag: Bag, exchange: Exchange[Any, RecordedPlan], plan: RecordedPlan) -> dict[str, Any]:
+def _answer(bag: Bag, plan: RecordedPlan) -> dict[str, Any]:
     return {
-        "name": exchange.name,
+        "interface": plan.interface,
+        "requester": plan.requester,
         "plan_id": plan.plan_id,
         "answered_ns": plan.answered_ns,
         "answered_after_s": (plan.answered_ns - bag.start_ns) / NANOSECONDS,
@@ -147,7 +141,7 @@ def _request_lines(told: Mapping[str, Any]) -> Iterator[str]:
     listed = ", ".join(f"{count} {status}" for status, count in counts.items())
     yield f"requests  {told['request_count']}{': ' if listed else ''}{listed}"
     for one in answers[:_MOST_REQUESTS]:
-        words = "  ".join(_short(one[key]) for key in ("name", "status", "plan_id", "message"))
+        words = "  ".join(_short(one[key]) for key in ("interface", "status", "plan_id", "message"))
         words += f"  first guess: {one['first_guess']}" if one["first_guess"] else ""
         yield f"  {one['answered_after_s']:9.3f} s  {words}"
     if len(answers) > _MOST_REQUESTS:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from ff_planner_ros.bag.answers import Cell, answer_row, asked_in, solver_in
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
-from ff_planner_ros.bag.reader import Bag, Message, open_bag
+from ff_planner_ros.bag.reader import Bag, open_bag
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.shown import in_a_line
@@ -41,6 +42,7 @@ from ff_planner_ros.planning.motion.plan import (
 from ff_planner_ros.robot.urdf.urdf_faults import Faults
 from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
+NO_ANSWER = "no answer"
 _TARGET_BODY_COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     "positions": ("target_body_", AXES, "_m"),
     "quaternions_xyzw": ("target_body_", QUATERNION, ""),
@@ -51,12 +53,12 @@ _TARGET_BODY_COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
 
 @dataclass(frozen=True, eq=False)
 class RecordedPlan:
-    """An answer of the planner, and the plan in it if there is one."""
+    """A request with its answer, and the plan in it if there is one."""
 
     plan_id: str  # as the planner named it
-    topic: str  # of the service's events or the action's results
+    topic: str  # of the planner's exchanges
     answered_ns: int  # when the answer was recorded, since the epoch
-    status: str  # name of the status (`SOLVED`), or its number if this version does not know it
+    status: str  # name of the status, its number if this version does not know it, or NO_ANSWER
     message: str  # of the status
     start_ns: int  # of the plan, since the epoch; zero without a plan
     # In the order of the trajectory's columns; of a refusal: as in the plan before, or else after
@@ -78,6 +80,8 @@ class RecordedPlan:
     sliding: frozenset[str] = frozenset()  # prismatic joints, by the URDF in the bag
     # Each phase of a sequence, with times from its own first point on; empty: a single phase
     phases: tuple[Trajectory, ...] = ()
+    interface: str = ""  # that the request came by: service, action, replanning
+    requester: str = ""  # who asked
 
     FACTS = ("plan_id", "status", "message", "trajectory")
     __repr__ = in_a_line
@@ -137,17 +141,24 @@ def recorded_plans(bag: Bag) -> list[RecordedPlan]:
     Raises:
         BagError: The disk fails.
     """
-    return plans_of(planning_exchanges(bag))
+    return [one for one in recorded_requests(bag) if one.status != NO_ANSWER]
 
 
-def plans_of(asked: Sequence[Exchange[dict[str, Cell], RecordedPlan]]) -> list[RecordedPlan]:
-    """Return the answers among the `planning_exchanges`, in the order of the answers."""
-    found = [
-        (one.namespace, replace(one.response, asked=one.request or {}, asked_ns=one.received_ns))
-        for one in asked
-        if one.response is not None
-    ]
-    return _with_joint_names(sorted(found, key=lambda pair: pair[1].answered_ns))
+def recorded_requests(bag: Bag) -> list[RecordedPlan]:
+    """Return every request with its answer, in their order; those without an answer come last.
+
+    Raises:
+        BagError: The disk fails.
+    """
+    found = list[tuple[str, RecordedPlan]]()
+    sliding: frozenset[str] | None = None
+    for one in exchanges(bag):
+        sliding = _sliding(one.urdfs) if sliding is None else sliding
+        try:
+            found.append((one.planner, replace(recorded_plan(one), sliding=sliding)))
+        except BagError as error:
+            bag.note(str(error))
+    return _with_joint_names(found)
 
 
 def _with_joint_names(found: Sequence[tuple[str, RecordedPlan]]) -> list[RecordedPlan]:
@@ -160,44 +171,27 @@ def _with_joint_names(found: Sequence[tuple[str, RecordedPlan]]) -> list[Recorde
     return plans
 
 
-def planning_exchanges(bag: Bag) -> list[Exchange[dict[str, Cell], RecordedPlan]]:
-    """Return every request, its fields by column, with its answer.
-
-    Raises:
-        BagError: The disk fails.
-    """
-    sliding = _sliding(bag)
-
-    def read_answer(message: Message, answer: Any) -> RecordedPlan | None:
-        try:
-            return replace(recorded_plan(message, answer), sliding=sliding)
-        except BagError as error:
-            bag.note(str(error))
-            return None
-
-    return exchanges(bag, asked_in, read_answer)
+def _sliding(urdfs: Iterable[str]) -> frozenset[str]:
+    """Return the prismatic joints of URDFs; those that are invalid have none."""
+    found = set[str]()
+    for urdf in urdfs:
+        with suppress(InvalidInput):
+            robot = read_elements(urdf, Faults())
+            found |= {one.get("name", "") for one in robot.findall("joint[@type='prismatic']")}
+    return frozenset(found)
 
 
-def _sliding(bag: Bag) -> frozenset[str]:
-    """Return the prismatic joints of the attached URDF; empty without a valid URDF."""
-    try:
-        robot = read_elements(bag.attachments["robot.urdf"].decode(), Faults())
-    except (InvalidInput, LookupError, UnicodeDecodeError):
-        return frozenset()
-    return frozenset(one.get("name", "") for one in robot.findall("joint[@type='prismatic']"))
-
-
-def recorded_plan(message: Message, answer: Any) -> RecordedPlan:
-    """Return a decoded answer as plain arrays.
+def recorded_plan(exchange: Exchange) -> RecordedPlan:
+    """Return a request and its answer as plain arrays.
 
     Raises:
         BagError: The answer cannot be understood, or its arrays do not fit each other.
     """
     try:
-        return _recorded_plan(message, answer)
+        return _recorded_plan(exchange)
     except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
-        name = value_at(answer, "plan_id", "") or "an answer"
-        raise BagError(f"{name} on {message.topic} cannot be understood: {error}") from None
+        name = exchange.plan_id or "an answer"
+        raise BagError(f"{name} on {exchange.topic} cannot be understood: {error}") from None
 
 
 def _motion_of_no_points(joints: int) -> Trajectory:
@@ -206,41 +200,56 @@ def _motion_of_no_points(joints: int) -> Trajectory:
     return Trajectory(np.empty(0), **{part: np.empty((0, w)) for part, w in widths.items()})
 
 
-def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
-    code = int(answer.status.code)
-    plan = answer.plans[0] if code == Status.SOLVED else None
-    metrics = value_at(answer, "metrics[0]", None)
-    return RecordedPlan(
-        plan_id=str(answer.plan_id),
-        topic=message.topic,
-        answered_ns=message.log_time_ns,
+def _recorded_plan(exchange: Exchange) -> RecordedPlan:
+    request, answer = exchange.request, exchange.answer
+    asked = RecordedPlan(
+        plan_id=exchange.plan_id,
+        topic=exchange.topic,
+        answered_ns=exchange.logged_ns,
+        status=NO_ANSWER,
+        message="",
+        start_ns=0,
+        joint_names=(),
+        trajectory=None,
+        metrics={},
+        asked={} if request is None else asked_in(request),
+        asked_ns=exchange.asked_ns,
+        interface=exchange.interface,
+        requester=exchange.requester,
+    )
+    if answer is None:
+        return asked
+    code, metrics = int(answer.status.code), value_at(answer, "metrics[0]", None)
+    answered = replace(
+        asked,
         status=status_name(code),
         message=str(answer.status.message),
-        start_ns=0 if plan is None else nanoseconds(plan.joint_trajectory.header.stamp),
-        joint_names=() if plan is None else tuple(map(str, plan.joint_trajectory.joint_names)),
-        trajectory=None if plan is None else trajectory_of(answer),
         metrics={} if metrics is None else _metrics(metrics),
         solver=solver_in(answer),
-        duration=None if plan is None else _duration(answer),
-        target_body={} if plan is None else _target_body(answer),
-        wheels=None if plan is None else wheels_of(answer),
-        phases=() if plan is None else _phases(answer),
+    )
+    if code != Status.SOLVED:
+        return answered
+    plans, motion = answer.plans, answer.plans[0].joint_trajectory
+    return replace(
+        answered,
+        start_ns=nanoseconds(motion.header.stamp),
+        joint_names=tuple(map(str, motion.joint_names)),
+        trajectory=trajectory_of(plans),
+        duration=_duration(plans),
+        target_body=_target_body(plans),
+        wheels=wheels_of(plans),
+        phases=tuple(map(trajectory_in, plans)) if len(plans) > 1 else (),
     )
 
 
-def _phases(answer: Any) -> tuple[Trajectory, ...]:
-    """Return the motion of each phase of a sequence; empty for a single plan."""
-    return tuple(map(trajectory_in, answer.plans)) if len(answer.plans) > 1 else ()
-
-
-def _duration(answer: Any) -> float | None:
+def _duration(plans: Sequence[Any]) -> float | None:
     """Return when the last goal is reached, from the first point on [s]; None: not recorded."""
-    last = len(answer.plans) - 1
-    told = value_at(answer.plans[last], "duration", 0.0)
-    return begin_of(answer, last) + told if told else None
+    last = len(plans) - 1
+    told = value_at(plans[last], "duration", 0.0)
+    return begin_of(plans, last) + told if told else None
 
 
-def _target_body(answer: Any) -> dict[str, Array]:
+def _target_body(plans: Sequence[Any]) -> dict[str, Array]:
     """Return the predicted motion of the captured body; empty: no capture.
 
     In a sequence it is NaN before the phase of the capture; in the phases after, the end effector
@@ -248,7 +257,7 @@ def _target_body(answer: Any) -> dict[str, Array]:
     """
     found: BodyMotion | None = None
     before, place = 0, np.empty(7)
-    for plan in answer.plans:
+    for plan in plans:
         motion = trajectory_in(plan)
         if found is not None:
             found = found.followed_by(with_end_effector(motion, place, slice(1, None)))

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pinocchio
 
+from ff_planner_ros.planning.scenario.scenario import FORMAT
+
 # The metadata record of MCAP that holds it.
 PROVENANCE = "ff_planner_ros"
 # Names of distributions, of wheels and of ROS packages.
@@ -25,24 +27,31 @@ _DISTRIBUTIONS = {
 _GIT_PATIENCE = 5.0  # [s]
 
 
-def provenance(**more: str) -> dict[str, str]:
-    """Return the provenance of this process: versions by package, `host`, `platform`, `started`.
+def versions() -> dict[str, str]:
+    """Return what a plan depends on beside its task: versions by package, machine and format.
 
-    `git` is there only if the package runs from a checkout; `more` are entries of the caller.
+    `git` is there only if the package runs from a checkout.
     """
-    known = {
+    description = _git_description(Path(__file__).resolve().parents[2])
+    return {
         **{name: _version(names) for name, names in _DISTRIBUTIONS.items()},
         # Where ROS installs it, it is no Python distribution.
         "pin": str(pinocchio.__version__),
         "python": platform.python_version(),
         "platform": platform.platform(),
+        "scenario_format": str(FORMAT),
+    } | ({"git": description} if description else {})
+
+
+def provenance(**more: str) -> dict[str, str]:
+    """Return the provenance of this process: `versions`, host, distribution, start, and `more`."""
+    return {
+        **versions(),
         "host": platform.node(),
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
         "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
         **more,
     }
-    description = _git_description(Path(__file__).resolve().parents[2])
-    return known | ({"git": description} if description else {})
 
 
 def _version(names: tuple[str, ...]) -> str:

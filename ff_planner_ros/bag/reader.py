@@ -13,11 +13,10 @@ from typing import Any
 from mcap.records import Channel
 
 from ff_planner_ros.bag.files import open_files
-from ff_planner_ros.bag.mcap.decoding import ENCODINGS, Decoder
+from ff_planner_ros.bag.mcap.decoding import ENCODINGS, decoder
 from ff_planner_ros.bag.mcap.mcap_file import Block, McapFile, RawMessage
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.messages.service_events import recorded_name
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,7 @@ class Message:
     """A message of a bag, not decoded."""
 
     topic: str
-    type_name: str  # as of `recorded_name`: `package/msg/Name`
+    type_name: str  # `package/msg/Name`
     log_time_ns: int  # when it was received, since the epoch
     publish_time_ns: int  # when it was published, since the epoch
     cdr: bytes
@@ -47,7 +46,6 @@ class Bag:
     def __init__(self, path: Path, files: Sequence[McapFile], notes: Sequence[str]) -> None:
         """Combine the contents of files: at least one, open, in order."""
         self._mcap_files, self._notes = files, list(notes)
-        self._decoders: dict[tuple[str, str], Decoder] = {}  # by topic and type
         self.path = path  # as given to `open_bag`
         self.files = tuple(file.path for file in files)
         self.library = files[0].library  # that wrote it
@@ -93,13 +91,11 @@ class Bag:
         """
         with progress_bar("checking", self.size) as progress:
             for file in self._mcap_files:
-                for block in sorted(file.blocks, key=lambda block: block.offset):
+                for block in sorted(file.blocks):
                     file.messages(block, ())
                     progress(block.length)
         return [
-            (file.path.name, block)
-            for file in self._mcap_files
-            for block in sorted(file.damaged, key=lambda block: block.offset)
+            (file.path.name, block) for file in self._mcap_files for block in sorted(file.damaged)
         ]
 
     def messages(
@@ -129,7 +125,7 @@ class Bag:
         """
         for file, channel, message in self._in_order(set(type_names)):
             try:
-                content = file.decoder_of(channel)(message.cdr)
+                content = _content(file, channel, message.cdr)
             except BagError as error:
                 file.note(f"{message.topic} ({message.type_name}): {error}")
             else:
@@ -141,15 +137,11 @@ class Bag:
         Raises:
             BagError: The definition cannot be read, or the message does not fit it.
         """
-        key = (message.topic, message.type_name)
-        if key not in self._decoders:
-            for file in self._mcap_files:
-                for channel in file.channels.values():
-                    if (channel.topic, _type_name(file, channel)) == key:
-                        self._decoders.setdefault(key, file.decoder_of(channel))
-        if key not in self._decoders:
-            raise BagError(f"{message.topic} is no topic of {self.path}")
-        return self._decoders[key](message.cdr)
+        for file in self._mcap_files:
+            for channel in file.channels.values():
+                if (channel.topic, _type_name(file, channel)) == (message.topic, message.type_name):
+                    return _content(file, channel, message.cdr)
+        raise BagError(f"{message.topic} is no topic of {self.path}")
 
     def _in_order(
         self, wanted: set[str], only: Callable[[bytes], bool] | None = None
@@ -211,9 +203,23 @@ def _channels_of(file: McapFile, wanted: set[str]) -> set[int]:
 
 
 def _may_hold(block: Block, channels: set[int] | None) -> bool:
-    return block.channels is None or channels is None or not block.channels.isdisjoint(channels)
+    return not block.channels or channels is None or not block.channels.isdisjoint(channels)
+
+
+def _content(file: McapFile, channel: Channel, cdr: bytes) -> Any:
+    """Return the content of a message of a channel.
+
+    Raises:
+        BagError: The message cannot be decoded.
+    """
+    if channel.message_encoding != "cdr":
+        raise BagError(f"its messages are in {channel.message_encoding!a}, not in cdr")
+    if channel.schema_id not in file.schemas:
+        raise BagError("the bag carries no definition of it")
+    schema = file.schemas[channel.schema_id]
+    return decoder(schema.name, schema.encoding, schema.data)(cdr)
 
 
 def _type_name(file: McapFile, channel: Channel) -> str:
     schema = file.schemas.get(channel.schema_id)
-    return recorded_name(schema.name) if schema else ""
+    return schema.name if schema else ""

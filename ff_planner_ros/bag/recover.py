@@ -14,9 +14,7 @@ from mcap.records import Channel
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from ff_planner_ros.bag.files import open_files
-from ff_planner_ros.bag.mcap.mcap_file import McapFile
-from ff_planner_ros.bag.mcap.mcap_index import Progress
-from ff_planner_ros.bag.mcap.mcap_records import printable
+from ff_planner_ros.bag.mcap.mcap_file import McapFile, Progress
 from ff_planner_ros.bag.mcap.rosbag2_metadata import (
     ROSBAG2,
     FileInfo,
@@ -25,8 +23,8 @@ from ff_planner_ros.bag.mcap.rosbag2_metadata import (
     custom_data,
     metadata,
 )
-from ff_planner_ros.bag.mcap.salvage import salvaged
 from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.common.shown import printable
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
 
@@ -169,10 +167,8 @@ class _Copy:
         numbers: dict[int, int] = {}  # of the channels, in the new file
         for channel in file.channels:
             self._register(file, channel, writer, numbers)
-        for block in sorted({*file.blocks, *file.damaged}, key=lambda block: block.offset):
-            found = [] if file.is_left_out(block) else file.messages(block, None)
-            # Reading may find that it is damaged.
-            for raw in salvaged(file, block) if file.is_left_out(block) else found:
+        for block in sorted(file.blocks, key=lambda block: block.offset):
+            for raw in file.messages(block):
                 self._register(file, raw.channel, writer, numbers)
                 topic = file.channels[raw.channel].topic
                 writer.add_message(

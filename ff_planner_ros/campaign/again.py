@@ -9,7 +9,6 @@ from typing import Any
 
 from ff_planner_ros.analysis.json_file import json_document
 from ff_planner_ros.baselines import OPTIMAL
-from ff_planner_ros.campaign.changes import SET, TIMES, Change, changed, is_inertia, require_key
 from ff_planner_ros.campaign.run import CASES, PARAMETERS, scenario_directory
 from ff_planner_ros.campaign.sources import (
     SCENARIO,
@@ -24,6 +23,14 @@ from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.scenario.changes import (
+    SET,
+    TIMES,
+    Change,
+    changed,
+    is_inertia,
+    require_key,
+)
 from ff_planner_ros.planning.scenario.scenario import Defaults
 from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.robot.urdf.urdf_xml import read_shapes

@@ -9,10 +9,10 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from ff_planner_ros.campaign.changes import Change, Draw, changed
 from ff_planner_ros.campaign.sources import Generated, Source, content, task_of
 from ff_planner_ros.campaign.study import MethodOfStudy, Study, random_changes
 from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.planning.scenario.changes import Change, Draw, changed
 from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _DIGITS = 16  # of an id

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.baselines import METHODS, OPTIMAL
-from ff_planner_ros.campaign.changes import Change, Draw
 from ff_planner_ros.campaign.sources import (
     BODIES,
     KINDS,
@@ -36,6 +35,7 @@ from ff_planner_ros.common.plain_values import text
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.scenario.changes import Change, Draw
 from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _SOURCES = ("scenarios", "generated", "bag")

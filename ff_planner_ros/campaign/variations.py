@@ -7,7 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.campaign.changes import (
+from ff_planner_ros.common.forms import Form, Schema, of_mapping
+from ff_planner_ros.common.plain_values import mapping, number, sequence
+from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.errors import Faults, InvalidInput, Status
+from ff_planner_ros.planning.scenario.changes import (
     CHOICE,
     NORMAL,
     PLUS,
@@ -17,10 +21,6 @@ from ff_planner_ros.campaign.changes import (
     Change,
     require_key,
 )
-from ff_planner_ros.common.forms import Form, Schema, of_mapping
-from ff_planner_ros.common.plain_values import mapping, number, sequence
-from ff_planner_ros.common.shown import quoted
-from ff_planner_ros.errors import Faults, InvalidInput, Status
 
 RANGE = "range"  # of a grid: from the first to the second number, the third says how many
 _DISTRIBUTIONS = (UNIFORM, NORMAL, CHOICE)

@@ -28,11 +28,11 @@ def add_replay(add: Add) -> None:
         replay_bag,
         "plan the requests of a bag again and compare",
         parents=[_bag()],
-        description="Plan every request of a bag again: the recorded state, obstacles, parameters "
-        "and robot, the same code, no ROS graph. Or ask what if.",
+        description="Plan every recorded task of a bag again, by the same code and without ROS, "
+        "and compare the answers. Or ask what if.",
         epilog="Exit code: 0 every answer recurred, to the last bit or within tolerance, or does "
-        "not depend on its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
-        "all in the bag; 2 bad bag.",
+        "not depend on a task (BUSY, CANCELLED, ...); 3 one did not, or its task is not whole in "
+        "the bag; 2 bad bag.",
     )
     replay.add_argument(
         "--set",
@@ -40,8 +40,8 @@ def add_replay(add: Add) -> None:
         dest="changes",
         metavar="KEY=VALUE",
         help="what if: plan with this changed and print both answers; may be given several times "
-        "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...; an unknown "
-        "key gets the list)",
+        "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...), by the key "
+        "of a scenario",
     )
 
 

@@ -62,10 +62,6 @@ def plan_scenario(options: Namespace) -> int:
     _refuse_of_optimal(options)
     try:
         task, watch = task_of(options.scenario, options)
-        if options.bag is not None:
-            from ff_planner_ros.runs.offline_bag import record_answer, require_recordable
-
-            require_recordable(task)
     except FfPlannerError as error:
         _write_answer(options.json, error, 0.0)
         raise
@@ -80,6 +76,8 @@ def plan_scenario(options: Namespace) -> int:
     try:
         _write_answer(options.json, answer, solve_time, task)
         if options.bag is not None:
+            from ff_planner_ros.runs.offline_bag import record_answer
+
             record_answer(options.bag, task, answer, solve_time, options.scenario, options.method)
     except (OSError, FfPlannerError) as error:
         # What was found is said all the same.

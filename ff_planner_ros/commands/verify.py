@@ -17,6 +17,8 @@ from ff_planner_ros.analysis.plan_document import (
     planned_scene,
     uncertainty_in,
 )
+from ff_planner_ros.bag.exchanges import exchanges
+from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.campaign.methods import method_of
 from ff_planner_ros.commands import NO_PLAN, SCENARIOS, SOLVED
 from ff_planner_ros.commands.monte_carlo import Draw, print_monte_carlo, uncertainty_of
@@ -24,14 +26,16 @@ from ff_planner_ros.commands.options import refuse_given
 from ff_planner_ros.commands.printed import print_notes, write_json
 from ff_planner_ros.commands.tasks import task_of
 from ff_planner_ros.common.text_table import print_table
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status, fields_placed
+from ff_planner_ros.messages.plans import plan_of_task
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import Limits, lasting
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty
 from ff_planner_ros.planning.robust.robust import withstood
 from ff_planner_ros.planning.scenario.scenario import limits_from
 from ff_planner_ros.planning.task.following import phase_tasks
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
@@ -97,26 +101,47 @@ def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
     if source.suffix in SCENARIOS:
         task, watch = task_of(source, options)
         planned = perform(task, watch, method_of(options.method, task))
-        usual = withstood(task.settings.robust)
-        for number, (one, found) in enumerate(phase_tasks(task, planned), start=1):
-            name = f"{source.name}, phase {number}" if planned.then else source.name
-            problem = lasting(one.problem, found.duration)
-            scene, motion = scene_of(problem), found.trajectory
-            yield _Motion(name, problem.robot, motion, scene, problem.limits, usual)
+        yield from _motions_of(source.name, task, planned)
     elif source.suffix == ".json":
         yield from _motions_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
-        from ff_planner_ros.bag.robot_plans import robot_plans
-
-        recorded = robot_plans(source)
-        print_notes(recorded.notes)
-        for plan_id, motion in recorded.motions.items():
-            seen, limits = recorded.scenes.get(plan_id), recorded.limits[plan_id]
-            robot = recorded.robots[plan_id]
-            yield _Motion(plan_id, robot, motion, seen, limits, recorded.uncertainty)
+        yield from _motions_in_bag(source)
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
+
+
+def _motions_of(name: str, task: PlanningTask, plan: Plan) -> Iterator[_Motion]:
+    usual = withstood(task.settings.robust)
+    for number, (one, found) in enumerate(phase_tasks(task, plan), start=1):
+        problem = lasting(one.problem, found.duration)
+        called = f"{name}, phase {number}" if plan.then else name
+        scene, motion = scene_of(problem), found.trajectory
+        yield _Motion(called, problem.robot, motion, scene, problem.limits, usual)
+
+
+def _motions_in_bag(source: Path) -> Iterator[_Motion]:
+    """Yield each plan of a bag.
+
+    Raises:
+        BagError: The bag cannot be read, or holds no plan.
+        InvalidInput: A task or an answer is damaged.
+    """
+    refusals, count = list[str](), 0
+    with open_bag(source) as bag:
+        for one in exchanges(bag):
+            if one.status is Status.SOLVED:
+                with fields_placed(one.plan_id):
+                    task = one.planned_task()
+                    plan = plan_of_task(task, one.answer)
+                yield from _motions_of(one.plan_id, task, plan)
+                count += 1
+            elif one.answer is not None:
+                refusals.append(f"{one.plan_id}: {one.answer.status.message}")
+        print_notes(bag.notes)
+        if not count:
+            reasons = "; ".join([f"its answers: {'; '.join(refusals) or 'none'}", *bag.notes])
+            raise BagError(f"bag {source} holds no plan; {reasons}")
 
 
 def _motions_in_json(source: Path) -> Iterator[_Motion]:

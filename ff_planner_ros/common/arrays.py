@@ -169,6 +169,8 @@ def normalising_to(quaternion_xyzw: Array) -> Array:
     Normalised once more, a unit quaternion may change by rounding. Numbers a little longer or
     shorter do not; nearly always some that differ by less than 1e-9 are found.
     """
+    if (unit_quaternion("", quaternion_xyzw) == quaternion_xyzw).all():
+        return quaternion_xyzw
     for step, steps in _SCALES:
         away = step * np.arange(steps)
         for candidate in np.outer(np.column_stack([1.0 + away, 1.0 - away]), quaternion_xyzw):

@@ -123,15 +123,20 @@ def names_in(kind: Any, block: str = "", place: str = "") -> dict[str, str]:
         block: Prefix of the keys.
         place: Prefix of the paths.
     """
-    places = {key: there for key, there, _ in places_in(kind, block)}
+    return {
+        dotted(block, key): ".".join(filter(None, (place, path)))
+        for key, path in _paths(kind).items()
+    }
+
+
+@cache  # a scene asks for each of a thousand spheres
+def _paths(kind: Any) -> dict[str, str]:
+    paths = {key: path for key, path, _ in places_in(kind)}
     for key, one in declared(kind).items():
         if one.message is not None and one.form.of is not None:
-            places[dotted(block, key)] = one.message
-    # What may be absent is not counted; what `place` counts is one of many.
-    return {
-        key: ".".join(filter(None, (place, there.replace(_ENTRY, ""))))
-        for key, there in places.items()
-    }
+            paths[key] = one.message
+    # What may be absent is not counted; what the place of the message counts is one of many.
+    return {key: path.replace(_ENTRY, "") for key, path in paths.items()}
 
 
 # Makes a new entry for an array of a message, given the message and the array's name.

@@ -33,17 +33,20 @@ def share_directory() -> Path:
     return installed
 
 
-def resolve_uri(uri: str, relative_to: Path, field: str = "robot.urdf") -> Path:
+def resolve_uri(uri: str, relative_to: Path | None, field: str = "robot.urdf") -> Path:
     """Return the absolute path of the robot description that a URI names.
 
     Args:
         uri: `package://PACKAGE/PATH`, or a path; `~` is the home directory.
-        relative_to: Directory that a relative path starts from.
+        relative_to: Directory that a relative path starts from; None: what names it comes from
+            elsewhere, and no file of this machine is read.
         field: Field that holds the URI, for errors.
 
     Raises:
-        InvalidInput: There is no such package or no such file.
+        InvalidInput: There is no such package or no such file, or no file is read.
     """
+    if relative_to is None:
+        raise _refused(field, uri, "what comes from elsewhere names no file of this machine")
     if uri.startswith(PACKAGE_SCHEME):
         path = _path_in_package(uri, field)
     else:

@@ -11,6 +11,7 @@ from typing import Any
 
 # Of a value in a message: what was received may be a million numbers, and a log line is read.
 LONGEST_VALUE = 300
+_LONGEST_LINE = 900  # [characters]
 _FIRST = 12  # entries of a list that are shown
 _MOST_BITS = 10_000  # of a whole number that is written out; Python itself refuses 14,000
 
@@ -131,7 +132,7 @@ def in_log(text: str) -> str:
     return "\n    ".join(printable(line, len(line)) for line in text.splitlines())
 
 
-def printable(text: str, longest: int) -> str:
+def printable(text: str, longest: int = _LONGEST_LINE) -> str:
     """Return a text on one line, without control characters; if too long, without its middle."""
     kept = text if len(text) <= longest else _ends(text, longest)
     if kept.isprintable():

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import replace
-
-from ff_planner_msgs.msg import PlanAnswer
+from typing import TYPE_CHECKING
 
 from ff_planner_ros.console.entries import PLANNED, Entry
-from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.messages.plans import metrics_from_message, plan_from_answer
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.messages.plans import metrics_from_message, plan_of_task
 from ff_planner_ros.planning.task.task import PlanningTask
+
+if TYPE_CHECKING:  # or it was decoded where ROS is not installed
+    from ff_planner_msgs.msg import PlanAnswer
 
 
 def entry_of_answer(
@@ -28,8 +27,8 @@ def entry_of_answer(
     plan = None
     if status is Status.SOLVED and task is not None:
         try:
-            plan = _plan_of(answer)
-        except (ValueError, IndexError) as error:
+            plan = plan_of_task(task, answer)
+        except InvalidInput as error:
             missing = f"its motion cannot be read: {error}"
     words = answer.status.message
     # Why a request was refused is why it cannot be read again: nothing else is said twice.
@@ -52,15 +51,3 @@ def _word(status: Status | None) -> str:
     if status is None:
         return "unknown status"
     return PLANNED if status is Status.SOLVED else f"refused, {status.name}"
-
-
-def _plan_of(answer: PlanAnswer) -> Plan:
-    """Return the plan of an answer, with those of the phases that follow."""
-    first, *others = (plan_from_answer(_alone(answer, k)) for k in range(len(answer.plans)))
-    return replace(first, then=tuple(others))
-
-
-def _alone(answer: PlanAnswer, phase: int) -> PlanAnswer:
-    one = copy(answer)
-    one.plans = [answer.plans[phase]]
-    return one

@@ -36,7 +36,6 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
-from ff_planner_ros.ros.client import RefusedGoals
 from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.from_messages import state_from_message, target_body_from_message
 from ff_planner_ros.ros.outputs.prediction import (
@@ -107,7 +106,6 @@ class MissionExecutive:
             PublishedPlan, "published_plan", self._keep_plan, LATCHED_QOS
         )
         self._planner = ActionClient(self._node, PlanTrajectory, "plan_trajectory_action")
-        self._refused = RefusedGoals(self._node)
         self._publication = self._node.create_client(PublishPlan, "ff_planner/publish_plan")
         self._controller = self._node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
         # A thread of its own and an event: spinning until a future is complete leaks in Jazzy.
@@ -253,7 +251,6 @@ class MissionExecutive:
             ),
             deadline,
         )
-        self._refused.require_accepted(handle)
         try:
             answer: PlanAnswer = self._asked(handle.get_result_async, deadline).result.answer
             return answer

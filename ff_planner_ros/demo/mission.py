@@ -68,7 +68,7 @@ def _said(error: FfPlannerError) -> str:
 
 def ends_of_phases(answer: PlanAnswer) -> list[float]:
     """Return the time at which each phase reaches its goal, from the first phase's start [s]."""
-    return [begin_of(answer, phase) + one.duration for phase, one in enumerate(answer.plans)]
+    return [begin_of(answer.plans, phase) + one.duration for phase, one in enumerate(answer.plans)]
 
 
 def phases_said(request: PlanRequest, answer: PlanAnswer) -> list[str]:

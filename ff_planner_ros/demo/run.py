@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.drawing.figures import save_figures
 from ff_planner_ros.analysis.drawing.scene import save_scene
 from ff_planner_ros.analysis.methods import Method
-from ff_planner_ros.bag.robot_plans import robot_plans
+from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import print_table
@@ -119,9 +119,10 @@ def _demonstrate(
         for method, flight in shown.flights.items():
             flown[method] = fly(method, flight, stage, starting + planning[method])
     (bag,) = (metadata.parent for metadata in directory.glob("*/metadata.yaml"))
-    recorded = robot_plans(bag)
-    ids = {method: report["plan_id"] for method, report in flown.items()}
-    motions = {method: recorded.motions[plan_id] for method, plan_id in ids.items()}
+    by_id = {one.plan_id: one for one in read_plans(bag)}
+    recorded = {method: by_id[report["plan_id"]] for method, report in flown.items()}
+    found = {method: one.trajectory for method, one in recorded.items()}
+    motions = {method: motion for method, motion in found.items() if motion is not None}
 
     print_table(
         "Plans, and deviations at their end",
@@ -130,7 +131,7 @@ def _demonstrate(
             *("solve time [s]", "deviation [mm]", "deviation [deg]"),
         ),
         [
-            _figures(method.name, recorded.metrics[ids[method]], report)
+            _figures(method.name, recorded[method].metrics, report)
             for method, report in flown.items()
         ],
     )

@@ -12,9 +12,8 @@ import numpy as np
 import pinocchio as pin
 from ff_planner_msgs.msg import (
     ChaserState,
-    ObstacleArray,
-    ObstacleSphereArray,
     PlanAnswer,
+    Scene,
     TargetBody,
 )
 from rclpy.node import Node
@@ -31,11 +30,10 @@ from ff_planner_ros.planning.problem.target_body import TargetBody as FreeBody
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE
+from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE, OBSTACLES
 from ff_planner_ros.ros.messages.joint_names import joint_order
 from ff_planner_ros.ros.messages.to_messages import (
-    bodies_message,
-    obstacles_message,
+    scene_message,
     state_message,
     target_body_message,
 )
@@ -120,12 +118,8 @@ class SimulatedTestbed:
         self._true = with_heavier_arm(scenario.robot, imperfections.arm_heavier)
         self._system = FreeFloatingSystem(self._true, self._first, self._begin)
 
-        self._obstacles = node.create_publisher(ObstacleSphereArray, "obstacles", LATCHED_QOS)
-        self._obstacle_bodies = None  # nobody needs to publish that there are none
-        if any(one.body is None for one in scenario.obstacle_bodies):
-            self._obstacle_bodies = node.create_publisher(
-                ObstacleArray, "obstacle_bodies", LATCHED_QOS
-            )
+        self._name = node.get_name()
+        self._obstacles = node.create_publisher(Scene, OBSTACLES.name, LATCHED_QOS)
         self._publish_obstacles()
         if any(one.moves for one in scenario.obstacles):
             node.create_timer(1.0 / _BODY_RATE, self._hold_obstacles)
@@ -145,9 +139,7 @@ class SimulatedTestbed:
         free = tuple(one for one in self._scenario.obstacles if one.body is None)
         since_epoch = self._begin if self._wait.stands_still() else self._seconds(stamp_ns)
         there = carried(free, since_epoch)
-        self._obstacles.publish(obstacles_message(there, stamp_ns, SCENARIO_FRAME))
-        if self._obstacle_bodies is not None:
-            self._obstacle_bodies.publish(bodies_message(there, stamp_ns, SCENARIO_FRAME))
+        self._obstacles.publish(scene_message(there, stamp_ns, SCENARIO_FRAME, self._name))
 
     def _hold_obstacles(self) -> None:
         if self._wait.stands_still():

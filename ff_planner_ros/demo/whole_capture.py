@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.analysis.methods import PLANNED
+from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import print_table
@@ -20,13 +21,11 @@ from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.demo.flights import Flight, Stage, Testbed, node_command, running, wait_for_node
 from ff_planner_ros.demo.flights import fly as fly_over_ros
 from ff_planner_ros.demo.run import demonstrated
-from ff_planner_ros.errors import BagError, FfPlannerError, Status
+from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.ros.background import StopRequest
-from ff_planner_ros.ros.messages.phases import efforts_of
-from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.whole_flight import fly
 
@@ -70,11 +69,8 @@ def _demonstrate(directory: Path, stop: StopRequest) -> None:
         report = fly_over_ros(PLANNED, Flight("whole", (), {}), stage, lead)
     (bag,) = (metadata.parent for metadata in directory.glob("*/metadata.yaml"))
     with open_bag(bag) as opened:
-        recorded = recorded_run(opened).requests[-1]
-    if recorded.response is None:
-        raise BagError(f"bag {bag} does not hold the answer")
-    replayed = replay(recorded)
-    task = recorded.read_request().task.ended_at(*efforts_of(recorded.response))
+        *_, recorded = exchanges(opened)
+    replayed, task = replay(recorded), recorded.planned_task()
     phases = report["phases"]
     print_table("Deviations from the prediction, over ROS", _HEADER, _rows(map(_off, phases)))
     in_mujoco = ((one.end_effector, one.chaser, one.grasp) for one in fly(task, perform(task)))

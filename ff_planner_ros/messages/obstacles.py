@@ -1,8 +1,8 @@
-"""Obstacles from ROS messages, or from messages decoded from a bag without ROS."""
+"""Obstacles from ROS messages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from ff_planner_ros.robot.collision.solids import (
     hull_of_vertices,
 )
 
-BODIES = "bodies"  # field of a scene, of an array of a topic, and of a target body
+BODIES = "bodies"  # field of a scene and of a target body
 # Numbers of shape_msgs/SolidPrimitive for each kind, and of ff_planner_msgs/Obstacle for a capsule.
 PRIMITIVES = {"box": 1, "sphere": 2, "cylinder": 3, "cone": 4, "capsule": 101}
 _PRISM = 5
@@ -27,21 +27,8 @@ _PRISM = 5
 MAX_TRIANGLES = 2 * MAX_MESH_VERTICES
 
 
-def spheres_of(message: Any, source: str) -> tuple[Sphere, ...]:
-    """Return the spheres of a scene or an obstacle array, at the message's stamp.
-
-    Args:
-        source: Topic or field of the message; prefix of the fields that errors name.
-
-    Raises:
-        InvalidInput: A sphere is invalid or has an angular velocity, or two share an id.
-    """
-    _require_unique(source, {"spheres": message.spheres})
-    return tuple(_sphere(f"{source}.spheres[{i}]", one) for i, one in enumerate(message.spheres))
-
-
-def bodies_of(message: Any, source: str) -> tuple[Obstacle, ...]:
-    """Return the bodies of a scene or an obstacle array, at the message's stamp.
+def obstacles_of(message: Any, source: str) -> tuple[Obstacle, ...]:
+    """Return the spheres and bodies of a scene, at its stamp.
 
     A body whose primitive is a sphere becomes a `Sphere`.
 
@@ -49,28 +36,13 @@ def bodies_of(message: Any, source: str) -> tuple[Obstacle, ...]:
         source: Topic or field of the message; prefix of the fields that errors name.
 
     Raises:
-        InvalidInput: A body is invalid, or two share an id.
+        InvalidInput: An obstacle is invalid, a sphere has an angular velocity, or two share an id.
     """
-    _require_unique(source, {BODIES: value_at(message, BODIES, ())})
-    found = list[Obstacle]()
-    for index, one in enumerate(value_at(message, BODIES, ())):
-        place = f"{source}.{BODIES}[{index}]"
-        solid = solid_in(one, place)
-        with fields_named(names_in(ObstacleBody, f"obstacles[{one.id}]", place)):
-            body = ObstacleBody(shape=solid, **values_in(ObstacleBody, one))
-            found.append(simplest(body))
-    return tuple(found)
-
-
-def scene_obstacles_of(message: Any, source: str) -> tuple[Obstacle, ...]:
-    """Return the spheres and bodies of a scene, at its stamp.
-
-    Raises:
-        InvalidInput: An obstacle is invalid, or two share an id.
-    """
-    bodies = value_at(message, BODIES, ())
-    _require_unique(source, {"spheres": message.spheres, BODIES: bodies})
-    return (*spheres_of(message, source), *bodies_of(message, source))
+    _require_unique(message, source)
+    return (
+        *(_sphere(f"{source}.spheres[{i}]", one) for i, one in enumerate(message.spheres)),
+        *(_body(f"{source}.{BODIES}[{i}]", one) for i, one in enumerate(message.bodies)),
+    )
 
 
 def attached_bodies_of(message: Any, source: str) -> tuple[AttachedBody, ...]:
@@ -80,7 +52,7 @@ def attached_bodies_of(message: Any, source: str) -> tuple[AttachedBody, ...]:
         InvalidInput: A body is invalid or has a velocity of its own.
     """
     found = list[AttachedBody]()
-    for index, one in enumerate(value_at(message, BODIES, ())):
+    for index, one in enumerate(message.bodies):
         place = f"{source}.{BODIES}[{index}]"
         for part in ("twist.linear", "twist.angular"):
             require_zero(one, part, "what is fixed to a body moves with it", place)
@@ -131,9 +103,9 @@ def _vector(message: Any, field: str) -> Array:
     return finite_vector(field, (message.x, message.y, message.z), 3)
 
 
-def _require_unique(source: str, arrays: dict[str, Iterable[Any]]) -> None:
+def _require_unique(message: Any, source: str) -> None:
     first: dict[str, str] = {}
-    for name, entries in arrays.items():
+    for name, entries in (("spheres", message.spheres), (BODIES, message.bodies)):
         for index, one in enumerate(entries):
             place = f"{name}[{index}]"
             if first.setdefault(one.id, place) != place:
@@ -157,6 +129,12 @@ def _sphere(field: str, message: Any) -> Sphere:
         )
     with fields_named(names_in(Sphere, f"obstacles[{message.id}]", field)):
         return Sphere(**values_in(Sphere, message))
+
+
+def _body(field: str, message: Any) -> Obstacle:
+    solid = solid_in(message, field)
+    with fields_named(names_in(ObstacleBody, f"obstacles[{message.id}]", field)):
+        return simplest(ObstacleBody(shape=solid, **values_in(ObstacleBody, message)))
 
 
 def _primitive(message: Any, field: str) -> Solid:

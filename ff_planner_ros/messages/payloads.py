@@ -1,10 +1,10 @@
-"""Payloads from ROS messages, or from messages decoded from a bag, and robots that hold them."""
+"""Payloads from ROS messages, and robots that hold them."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.common.declared_messages import names_in, values_in
 from ff_planner_ros.errors import fields_named
 from ff_planner_ros.messages.obstacles import BODIES, require_zero, solid_in
 from ff_planner_ros.robot.model import Robot
@@ -32,13 +32,13 @@ def payload_in(request: Any) -> Payload | None:
     Raises:
         InvalidInput: The payload is invalid; the error names its field.
     """
-    found = value_at(request, PAYLOAD, ())
-    if not len(found):
+    if not request.payload:
         return None
+    (message,) = request.payload
     with fields_named(_NAMES):
-        bodies = enumerate(found[0].bodies)
+        bodies = enumerate(message.bodies)
         shapes = tuple(_shape(f"{PAYLOAD}.{BODIES}[{index}]", one) for index, one in bodies)
-        return Payload(**values_in(Payload, found[0], FIELD), shapes=shapes)
+        return Payload(**values_in(Payload, message, FIELD), shapes=shapes)
 
 
 def _shape(place: str, message: Any) -> HeldShape:

@@ -1,10 +1,10 @@
-"""Target bodies from ROS messages, or from messages decoded from a bag without ROS."""
+"""Target bodies from ROS messages."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.common.declared_messages import names_in, values_in
 from ff_planner_ros.errors import fields_named
 from ff_planner_ros.messages.obstacles import attached_bodies_of, require_zero
 from ff_planner_ros.planning.problem.goal_words import GoalKind
@@ -16,14 +16,9 @@ NAMED_AS = names_in(TargetBody, FIELD, FIELD)  # fields of the message, by those
 _FIXED = "the sphere is fixed to the body"
 
 
-def is_capture(phase: Any) -> bool:
-    """Return whether the goal of a request or of one of its later phases is a capture."""
-    return bool(value_at(phase, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE)
-
-
 def captures(request: Any) -> bool:
     """Return whether any phase of a request captures the target body."""
-    return any(map(is_capture, (request, *value_at(request, "then", ()))))
+    return any(one.goal.kind == GoalKind.CAPTURE for one in (request, *request.then))
 
 
 def target_body_in(message: Any) -> TargetBody:
@@ -43,11 +38,10 @@ def target_body_in(message: Any) -> TargetBody:
     with fields_named(names):
         given = values_in(TargetBody, message, FIELD)
         given["obstacles"] = (*given.get("obstacles", ()), *bodies)
-        urdf = value_at(message, "urdf", "")
-        if urdf:
+        if message.urdf:
             # Its inertia counts where the message has none.
             if not given["inertia"].any():
                 del given["inertia"]
             # It comes from elsewhere, and names no file of this machine.
-            given = with_urdf(given, urdf, f"{FIELD}.urdf")
+            given = with_urdf(given, message.urdf, f"{FIELD}.urdf")
         return TargetBody(**given)

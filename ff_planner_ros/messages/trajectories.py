@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -44,21 +45,21 @@ def trajectory_in(plan: Any) -> Trajectory:
     )
 
 
-def trajectory_of(answer: Any) -> Trajectory:
-    """Return the trajectory over all phases of an answer, one plan after the other.
+def trajectory_of(plans: Sequence[Any]) -> Trajectory:
+    """Return the trajectory over the plans of all phases, one after the other.
 
     Raises:
         ValueError: Two arrays of a plan differ in their number of points or joints.
     """
-    first, *others = (trajectory_in(plan) for plan in answer.plans)
+    first, *others = map(trajectory_in, plans)
     for phase, motion in enumerate(others, start=1):
-        first = first.followed_by(motion, begin_of(answer, phase))
+        first = first.followed_by(motion, begin_of(plans, phase))
     return first
 
 
-def begin_of(answer: Any, phase: int) -> float:
+def begin_of(plans: Sequence[Any], phase: int) -> float:
     """Return when a phase (0: the first) begins, from the first phase's first point on [s]."""
-    begins = [nanoseconds(answer.plans[k].joint_trajectory.header.stamp) for k in (0, phase)]
+    begins = [nanoseconds(plans[k].joint_trajectory.header.stamp) for k in (0, phase)]
     return (begins[1] - begins[0]) / NANOSECONDS
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ff_planner_ros.common.arrays import Array, finite_vector
@@ -43,9 +44,9 @@ def wheels_in(plan: Any) -> WheelMotion | None:
     return WheelMotion(momenta, torques)
 
 
-def wheels_of(answer: Any) -> WheelMotion | None:
-    """Return the wheels' motion over all phases of an answer; None if a phase lacks it."""
-    first, *others = (wheels_in(plan) for plan in answer.plans)
+def wheels_of(plans: Sequence[Any]) -> WheelMotion | None:
+    """Return the wheels' motion over the plans of all phases; None if a phase lacks it."""
+    first, *others = map(wheels_in, plans)
     for after in others:
         first = None if first is None or after is None else first.followed_by(after)
     return first

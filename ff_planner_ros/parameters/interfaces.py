@@ -99,7 +99,6 @@ class QosParameters:
     odometry: SubscriptionQos
     joint_states: SubscriptionQos
     obstacles: SubscriptionQos
-    obstacle_bodies: SubscriptionQos
     target_body: SubscriptionQos
     joint_trajectory: PublisherQos
     predicted_chaser_path: PublisherQos

@@ -12,21 +12,18 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from ff_planner_ros.bag.answers import Cell
-from ff_planner_ros.bag.exchanges import Exchange
-from ff_planner_ros.bag.mcap.mcap_records import printable
-from ff_planner_ros.bag.plans import RecordedPlan, planning_exchanges, plans_of
+from ff_planner_ros.bag.plans import RecordedPlan, recorded_requests
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.publications import publications
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.intervals import percent
-from ff_planner_ros.errors import BagError, FfPlannerError
+from ff_planner_ros.common.shown import printable
+from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.report.statistics import Group, Rate, Row, grouped
 
 T = TypeVar("T")
@@ -34,8 +31,6 @@ T = TypeVar("T")
 # Endings of files that make their directory a bag, even if it is damaged.
 _OF_BAGS = (".mcap", ".db3", ".zstd", ".bag")
 _METADATA = "metadata.yaml"
-NO_ANSWER = "no answer"
-_NO_PLAN = RecordedPlan("", "", 0, NO_ANSWER, "", 0, (), None, {})  # has the columns of a row
 _ALL = 10**9  # plans of a bag
 # So many bags or more are read by one process a core: to start one takes as long as to read a few.
 _FOR_PROCESSES = 24
@@ -167,7 +162,7 @@ class _Bag:
     rows: list[Row]
     publications: list[Row]
     notes: list[str]
-    told: str  # times of all requests, and all rows without the bag's name: equal for copies
+    told: str  # all rows without the bag's name: equal for copies
 
 
 def _named(directory: Path, paths: Sequence[Path]) -> dict[str, Path]:
@@ -204,49 +199,34 @@ def _bag(path: Path, name: str) -> _Bag | str:
     notes = list[str]()
     try:
         with open_bag(path) as bag:
-            asked, published = planning_exchanges(bag), publications(bag)
+            asked, published = recorded_requests(bag), publications(bag)
             notes += [f"{name}: {note}" for note in bag.notes]
         rows = list(_rows(path, name, asked, notes))
-        told = repr([[one.received_ns for one in asked], *({**row, "bag": ""} for row in rows)])
+        told = repr([{**row, "bag": ""} for row in rows])
         return _Bag(rows, [{"bag": name, **one.row()} for one in published], notes, told)
     except FfPlannerError as error:
         return str(error)
 
 
-def _rows(
-    path: Path,
-    name: str,
-    asked: Sequence[Exchange[dict[str, Cell], RecordedPlan]],
-    notes: list[str],
-) -> Iterator[Row]:
-    plans = plans_of(asked)
-    rows: list[dict[str, Any]] = [plan.row() for plan in plans]
-    unanswered = sum(one.request is not None for one in asked) - len(plans)
-    solved = [row["plan_id"] for row in rows if row["status"] == "SOLVED"]
+def _rows(path: Path, name: str, asked: Sequence[RecordedPlan], notes: list[str]) -> Iterator[Row]:
+    solved = any(one.status == Status.SOLVED.name for one in asked)
     measured = _measured(path, name, notes) if solved else {}
-    for row in rows:
-        off = measured.get(str(row["plan_id"]), (None, None, None))
-        told = {"bag": name, "solved": row["status"] == "SOLVED", **row}
+    for one in asked:
+        off = measured.get(one.plan_id, (None, None, None))
+        told = {"bag": name, "solved": one.status == Status.SOLVED.name, **one.row()}
         yield told | dict(zip(MEASURED, off, strict=True))
-    empty = dict.fromkeys(_NO_PLAN.row()) | dict.fromkeys(MEASURED)
-    for _ in range(unanswered):  # some recorders do not say which request it was
-        yield {"bag": name, "solved": False} | empty | {"status": NO_ANSWER}
 
 
 def _measured(path: Path, name: str, notes: list[str]) -> dict[str, tuple[float, ...]]:
     """Return the values of `MEASURED` by plan id."""
-    if find_spec("ff_planner_msgs") is None:
-        note = "without ROS nothing measured is compared with the plans"
-        if note not in notes:
-            notes.append(note)
-        return {}
-    from ff_planner_ros.report.from_bag import report_of_bag
+    from ff_planner_ros.report.from_bag import WITHOUT_ROS, report_of_bag
 
     try:
         report = report_of_bag(path, _ALL)
     except FfPlannerError as error:
         notes.append(f"{name}: nothing measured is compared: {error}")
         return {}
+    notes += [note for note in report.notes if note == WITHOUT_ROS]
     found = {}
     for request in report.requests:
         phases = () if request.plan is None else (request.plan, *request.then)

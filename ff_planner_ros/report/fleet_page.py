@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote
 from xml.etree.ElementTree import Element
@@ -51,23 +50,20 @@ def save_fleet_page(fleet: Fleet, file: Path, most_plans: int) -> list[str]:
     """
     pages: dict[str, Path] = {}
     notes: list[str] = []
-    if find_spec("ff_planner_msgs") is None:
-        notes.append("without ROS no run gets a page of its own")
-    else:
-        directory = file.with_name(file.stem if file.suffix == ".html" else f"{file.name}_runs")
-        directory.mkdir(exist_ok=True)
-        worst = fleet.runs[:PAGES]
-        bags = [fleet.read[run.name] for run in worst]
-        files = [directory / f"{n:02d}_{bag.name}.html" for n, bag in enumerate(bags, start=1)]
-        pays = len(worst) >= _FOR_PROCESSES
-        with progress_bar("drawing runs", len(worst), unit="runs", per_unit=1) as advance:
-            wrong = on_all_cores(_save_page_of, pays, bags, files, [most_plans] * len(worst))
-            for run, page, error in zip(worst, files, wrong, strict=True):
-                if error:
-                    notes.append(f"{run.name}: {error}")
-                else:
-                    pages[run.name] = page.relative_to(file.parent)
-                advance(1)
+    directory = file.with_name(file.stem if file.suffix == ".html" else f"{file.name}_runs")
+    directory.mkdir(exist_ok=True)
+    worst = fleet.runs[:PAGES]
+    bags = [fleet.read[run.name] for run in worst]
+    files = [directory / f"{n:02d}_{bag.name}.html" for n, bag in enumerate(bags, start=1)]
+    pays = len(worst) >= _FOR_PROCESSES
+    with progress_bar("drawing runs", len(worst), unit="runs", per_unit=1) as advance:
+        wrong = on_all_cores(_save_page_of, pays, bags, files, [most_plans] * len(worst))
+        for run, page, error in zip(worst, files, wrong, strict=True):
+            if error:
+                notes.append(f"{run.name}: {error}")
+            else:
+                pages[run.name] = page.relative_to(file.parent)
+            advance(1)
     title = fleet.directory.resolve().name
     save_html(title, _sections(title, fleet, pages), file)
     return notes

@@ -2,47 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from collections import deque
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from ff_planner_msgs.msg import Plan as PlanMessage
-from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.analysis.drawing.tracking import deviations, measured_motion
+from ff_planner_ros.bag.exchanges import WITHOUT_EXCHANGES, Exchange, exchange_count, exchanges
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.publications import publications
 from ff_planner_ros.bag.reader import Bag, open_bag
-from ff_planner_ros.bag.robot_plans import asked_phases, attached_robot, phases_of
-from ff_planner_ros.bag.scenes import asked_scene
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
-from ff_planner_ros.messages.payloads import robot_holding
+from ff_planner_ros.common.yaml_file import yaml_document
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.messages.plans import (
     metrics_from_message,
-    plan_from_answer,
+    plan_of_task,
     solver_report_from_message,
 )
-from ff_planner_ros.messages.target_bodies import captures
-from ff_planner_ros.messages.trajectories import trajectory_in
-from ff_planner_ros.messages.wheels import wheels_in
-from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
-from ff_planner_ros.planning.problem.problem import (
-    Objective,
-    TargetBody,
-    with_attached,
-)
-from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.report.received_scenes import (
-    SCENE_TOPICS,
-    heard_on,
-    obstacles_at_start,
-    since_stamp,
-)
+from ff_planner_ros.parameters import NodeParameters, default_values
+from ff_planner_ros.parameters.values import flattened, parameters_of
+from ff_planner_ros.planning.problem.problem import Objective, lasting
+from ff_planner_ros.planning.problem.scene import Scene, scene_of
+from ff_planner_ros.planning.task.following import phase_tasks
+from ff_planner_ros.report.from_topics import PublishedMotion, published_motions
 from ff_planner_ros.report.run_report import (
     Report,
     ReportedPlan,
@@ -52,18 +40,14 @@ from ff_planner_ros.report.run_report import (
     robot_facts,
 )
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
-from ff_planner_ros.ros.messages.from_messages import target_body_from_message
-from ff_planner_ros.runs.installed import (
-    PlanExchange,
-    as_installed,
-    brief_exchanges,
-    never_published,
-    with_motion,
-)
-from ff_planner_ros.runs.measured import Window, fill_windows
-from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 
+if TYPE_CHECKING:  # it reads measurements as the node does, by ROS
+    from ff_planner_ros.runs.measured import Window
+
+_PARAMETERS = "parameters.yaml"
+_PUBLISHED = "ff_planner_msgs/msg/PublishedPlan"
+_PUBLISHED_ALONE = "It was published on a topic: twists of the chaser are differences of its path."
+WITHOUT_ROS = "without ROS nothing measured is compared with the plans"
 _UNPUBLISHED = "It was asked for with plan_only, and never published: nobody executed it."
 
 
@@ -77,107 +61,153 @@ def report_of_bag(path: Path, most_plans: int) -> Report:
         return _report_of_bag(bag, most_plans)
 
 
+@dataclass(eq=False)
+class _Row:
+    """A request of the bag, as far as the page needs it."""
+
+    request: ReportedRequest
+    planner: str  # its namespace
+    frame: str = ""  # inertial frame of the plan
+    spans: Sequence[tuple[int, int]] = ()  # first and last point of each phase's plan [ns]
+    exchange: Exchange | None = None  # of a plan to draw
+    published: PublishedMotion | None = None  # to draw, in a bag without exchanges
+
+
 def _report_of_bag(bag: Bag, most_plans: int) -> Report:
     notes: list[str] = []
     parameters = _parameters(bag, notes)
-    robot = None
-    try:
-        robot = attached_robot(bag.path, bag.attachments)
-    except FfPlannerError as error:
-        notes.append(f"no plan is drawn: {error}")
-    found = brief_exchanges(bag)
-    requests = [_request(exchange) for exchange in found]
-    solved = [k for k, request in enumerate(requests) if request.code == Status.SOLVED]
-    drawn = solved[max(len(solved) - most_plans, 0) :] if robot is not None else []
-    if robot is not None and len(drawn) < len(solved):
-        notes.append(
-            f"of {len(solved)} plans the last {len(drawn)} are drawn; --plans N draws more"
-        )
-    if robot is not None and drawn:
-        found = [with_motion(bag, one) if k in drawn else one for k, one in enumerate(found)]
-        plans = _plans(bag, robot, parameters, found, drawn, notes)
-        requests = [_with_plans(one, plans.get(k, [])) for k, one in enumerate(requests)]
+    rows, drawn = list[_Row](), deque[_Row]()
+    for exchange in exchanges(bag):
+        try:
+            rows.append(_row(exchange))
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            notes.append(f"{exchange.plan_id or 'an answer'} is left out, it is damaged: {error}")
+            continue
+        if rows[-1].spans:
+            drawn.append(rows[-1])
+            rows[-1].exchange = exchange
+        elif rows[-1].request.code == Status.SOLVED:
+            notes.append(f"{exchange.plan_id or 'an answer'} is not drawn: it holds no plan")
+        if len(drawn) > most_plans:
+            drawn.popleft().exchange = None  # a long run's plans do not fit the memory
+    if not exchange_count(bag):
+        notes.append(f"nothing of it can be planned again: {WITHOUT_EXCHANGES}")
+        drawn = deque(map(_published_row, published_motions(bag)), most_plans)
+        rows += drawn
+    solved = sum(bool(row.spans) for row in rows)
+    if len(drawn) < solved:
+        notes.append(f"of {solved} plans the last {len(drawn)} are drawn; --plans N draws more")
+    unpublished = never_published(bag, rows)
+    rows.sort(key=lambda row: row.request.asked_ns or row.request.answered_ns or 0)
+    robot = _draw(bag, parameters, rows, unpublished, notes)
     facts = (*_bag_facts(bag), *(robot_facts(robot) if robot else ()))
-    published = tuple(publications(bag))
-    return Report(bag.path.name, facts, (*bag.notes, *notes), tuple(requests), published)
+    requests = tuple(row.request for row in rows)
+    return Report(bag.path.name, facts, (*bag.notes, *notes), requests, tuple(publications(bag)))
 
 
-def _with_plans(request: ReportedRequest, plans: Sequence[ReportedPlan]) -> ReportedRequest:
-    return replace(request, plan=plans[0], then=tuple(plans[1:])) if plans else request
+def _draw(
+    bag: Bag,
+    parameters: NodeParameters | None,
+    rows: Sequence[_Row],
+    unpublished: Container[str],
+    notes: list[str],
+) -> Robot | None:
+    """Add the plans to draw, one a phase, to their requests; what cannot be drawn makes a note.
+
+    Returns:
+        The robot of the last one.
+    """
+    plans = dict[int, list[ReportedPlan]]()
+    robot: Robot | None = None
+    for number, row in enumerate(rows):
+        if row.published is not None:
+            robot = row.published.robot
+            plan = reported_plan(robot, row.published.motion, None, Scene())
+            plans[number] = [replace(plan, remarks=(*plan.remarks, _PUBLISHED_ALONE))]
+        if row.exchange is None:
+            continue
+        try:
+            robot, plans[number] = _phases(row.exchange)
+        except FfPlannerError as error:
+            notes.append(f"{row.request.plan_id or 'an answer'} is not drawn: {error}")
+            continue
+        if row.request.plan_id in unpublished:
+            remarked = [replace(p, remarks=(*p.remarks, _UNPUBLISHED)) for p in plans[number]]
+            plans[number] = remarked
+    if robot is not None and find_spec("ff_planner_msgs") is None:
+        notes.append(WITHOUT_ROS)
+    elif robot is not None:
+        executed = [row for row in rows if row.spans and row.request.plan_id not in unpublished]
+        later = {k: executed[executed.index(rows[k]) :] for k in plans if rows[k] in executed}
+        _compare(bag, robot, parameters, plans, {k: _windows(of) for k, of in later.items()})
+    for number, (first, *then) in plans.items():
+        rows[number].request = replace(rows[number].request, plan=first, then=tuple(then))
+    return robot
 
 
-def _plans(
+def _compare(
     bag: Bag,
     robot: Robot,
     parameters: NodeParameters | None,
-    found: Sequence[PlanExchange],
-    drawn: Sequence[int],
-    notes: list[str],
-) -> dict[int, list[ReportedPlan]]:
-    """Return the plans to draw, one a phase, by the number of their request.
-
-    What cannot be drawn makes a note.
-    """
-    plans: dict[int, list[ReportedPlan]] = {}
-    windows: dict[int, list[Window]] = {}
-    heard_of = {topic: heard_on(bag, found, drawn, topic) for topic in SCENE_TOPICS}
-    unpublished = never_published(bag, found)
-    executed = [one for one in found if one.response and one.response.plan_id not in unpublished]
-    for k in drawn:
-        try:
-            received = {
-                topic.name: as_installed(bag.decode(messages[k]), topic.message_type)
-                for topic, messages in heard_of.items()
-                if k in messages
-            }
-            phases = _phases(found[k], robot_holding(robot, found[k].request), received)
-            if found[k] in executed:
-                windows[k] = _windows(executed, executed.index(found[k]))
-            else:
-                phases = [replace(one, remarks=(*one.remarks, _UNPUBLISHED)) for one in phases]
-            plans[k] = phases
-        except (BagError, InvalidInput, LookupError, ValueError) as error:
-            notes.append(
-                f"{value_at(found[k].response, 'plan_id', 'an answer')} is not drawn: {error}"
-            )
+    plans: dict[int, list[ReportedPlan]],
+    windows: Mapping[int, Sequence[Window]],
+) -> None:
+    """Add what was measured to the plans that have windows; None: the bag lacks `parameters`."""
     if parameters is not None:
+        from ff_planner_ros.runs.measured import fill_windows
+
         fill_windows(bag, robot, parameters, [one for of_one in windows.values() for one in of_one])
-    for k, of_one in windows.items():
-        pairs = zip(plans[k], of_one, strict=True)
-        plans[k] = [_with_measured(plan, window, parameters) for plan, window in pairs]
-    return plans
+    for number, of_one in windows.items():
+        pairs = zip(plans[number], of_one, strict=True)
+        plans[number] = [_with_measured(plan, window, parameters) for plan, window in pairs]
 
 
 def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
     """Return the node's parameters; None: they are not in the bag, which makes a note."""
     try:
-        node = bag.metadata.get(PROVENANCE, {}).get("node", "")
-        recorded = RecordedParameters(bag, node)
-    except BagError as error:
-        notes.append(str(error))
-        return None
-    notes += recorded.notes
-    return recorded.at(bag.end_ns)
+        written = bag.attachments[_PARAMETERS].decode()
+        values = flattened(yaml_document(written, _PARAMETERS, "damaged"))
+        known = default_values()
+        return parameters_of({**known, **{k: v for k, v in values.items() if k in known}})
+    except KeyError:
+        if "node" in bag.metadata.get(PROVENANCE, {}):
+            notes.append(f"no {_PARAMETERS} is attached: nothing measured is compared")
+    except (InvalidInput, TypeError, ValueError, AttributeError) as error:
+        notes.append(f"{_PARAMETERS} is damaged, and nothing measured is compared: {error}")
+    return None
 
 
-def _request(exchange: PlanExchange) -> ReportedRequest:
-    """Return the row of a table."""
-    return replace(
-        reported_request(exchange.door, exchange.request, exchange.response),
-        asked_ns=exchange.received_ns or None,
+def _row(exchange: Exchange) -> _Row:
+    request = reported_request(exchange)
+    if request.start_ns is None:
+        return _Row(request, exchange.planner)
+    frame = str(value_at(exchange.answer, "plans[0].chaser_path.header.frame_id", ""))
+    return _Row(request, exchange.planner, frame, [_span(one) for one in exchange.answer.plans])
+
+
+def _published_row(found: PublishedMotion) -> _Row:
+    end_ns = found.start_ns + round(float(found.motion.time[-1]) * NANOSECONDS)
+    request = ReportedRequest(
+        plan_id="",
+        door=found.topic,
+        start_ns=found.start_ns,
+        message="no answer is in the bag",
+        points=len(found.motion.time),
+    )
+    planner, span = found.topic.rpartition("/")[0], (found.start_ns, end_ns)
+    return _Row(request, planner, found.frame, [span], published=found)
+
+
+def reported_request(exchange: Exchange) -> ReportedRequest:
+    """Return the row of a request and its answer, without the plans to draw."""
+    request, answer = exchange.request, exchange.answer
+    found = ReportedRequest(
+        plan_id=exchange.plan_id,
+        door=exchange.interface,
+        message="no answer is in the bag",
+        asked_ns=exchange.asked_ns or None,
         answered_ns=exchange.answered_ns or None,
     )
-
-
-def reported_request(
-    door: str, request: PlanRequest | None, answer: PlanAnswer | None
-) -> ReportedRequest:
-    """Return the row of a request and its answer, without the plans to draw.
-
-    Args:
-        door: Interface that the request came in by.
-    """
-    found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
         weights = tuple(value_at(request.objective, one.name) for one in fields(Objective))
         found = replace(found, weights=weights)
@@ -193,84 +223,75 @@ def reported_request(
         found = replace(found, duration=value_at(answer, "plans[0].duration", 0.0) or None)
     found = replace(
         found,
-        plan_id=answer.plan_id,
         received_ns=nanoseconds(answer.inputs.received_stamp) or None,
         code=answer.status.code,
         message=answer.status.message,
         solve_time=answer.solver.solve_time or None,
         guessed=len(answer.inputs.first_guess) > 0,
+        made_from=tuple(_made_from(answer.inputs)),
     )
-    if answer.metrics:
+    if len(answer.metrics):
         metrics = metrics_from_message(answer.metrics[0])
         solver = solver_report_from_message(answer.solver)
         found = replace(found, metrics=metrics, solver=solver)
-    if _is_plan(answer):
+    points = value_at(answer, "plans[0].joint_trajectory.points", ())
+    if answer.status.code == Status.SOLVED and len(points):
         start_ns, _ = _span(answer.plans[0])
-        points = len(answer.plans[0].joint_trajectory.points)
-        found = replace(found, start_ns=start_ns, points=points)
+        found = replace(found, start_ns=start_ns, points=len(points))
     return found
 
 
-def _phases(
-    exchange: PlanExchange, robot: Robot, received: Mapping[str, Any]
-) -> list[ReportedPlan]:
-    """Return the plan of each phase with its scene; `received` has messages by topic name."""
-    answer = exchange.response
-    if answer is None or not answer.plans:
-        raise BagError("the bag holds no plan of it")
-    plan = plan_from_answer(answer)
-    motions = [trajectory_in(one) for one in answer.plans]
-    if plan.joint_names != robot.joint_names:
-        names, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)
-        allowed = f"the robot of the bag has {wanted}"
-        raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
-    for motion in motions:
-        require_sound_samples(robot, motion)
-    request, told = exchange.request, Scene()
-    body: TargetBody | None = None
-    if request is not None:
-        body_message = received.get(TARGET_BODY.name)
-        body_message = request.target_body[0] if request.target_body else body_message
-        told = asked_scene(request).scene
-        told = replace(told, capture_time=answer.plans[0].duration)
-        if captures(request) and body_message is not None:
-            body = target_body_from_message(body_message, body_message.header.frame_id)
-            body = body.after(since_stamp(answer.inputs.target_body_stamp, answer))
-            told = replace(told, target_body=body)
-    obstacles = obstacles_at_start(request, answer, received)
-    if obstacles is not None and body is not None:
-        obstacles = with_attached(obstacles, body)
-    around, drawn = replace(told, obstacles=obstacles or ()), list[ReportedPlan]()
-    of_phases = phases_of(motions, robot, around, asked_phases(request), plan.duration)
-    for message, (motion, holding, scene) in zip(answer.plans, of_phases, strict=True):
-        known = None if obstacles is None else tuple(scene.obstacles)
-        wheels = wheels_in(message)
-        drawn.append(reported_plan(holding, motion, known, scene, wheels))
-    return drawn
+def _made_from(inputs: Any) -> Iterator[tuple[str, str]]:
+    """Yield age and source of each input that an answer names, when the request was read."""
+    read_ns = nanoseconds(inputs.received_stamp)
+    for name in ("state", "joint_states", "obstacles", "target_body"):
+        if stamp_ns := nanoseconds(value_at(inputs, f"{name}_stamp")):
+            source = str(value_at(inputs, f"{name}_source", ""))
+            age = f"{(read_ns - stamp_ns) / NANOSECONDS:.3f} s old"
+            yield name.replace("_", " "), f"{age}, {source}" if source else age
 
 
-def _windows(found: Sequence[PlanExchange], k: int) -> list[Window]:
+def never_published(bag: Bag, rows: Sequence[_Row]) -> frozenset[str]:
+    """Return the ids of the plans that were requested with `plan_only` and never published.
+
+    Raises:
+        BagError: The disk fails.
+    """
+    waiting = {
+        row.request.plan_id
+        for row in rows
+        if row.exchange is not None and value_at(row.exchange.request, "plan_only", False)
+    }
+    if waiting:  # or else there is no need to look through the bag
+        messages = bag.decoded(_PUBLISHED)
+        waiting -= {str(value_at(message, "plan_id", "")) for _, message in messages}
+    return frozenset(waiting)
+
+
+def _phases(exchange: Exchange) -> tuple[Robot, list[ReportedPlan]]:
+    """Return the robot, and the plan of each phase with its scene."""
+    task = exchange.planned_task()
+    plan = plan_of_task(task, exchange.answer)
+    drawn = list[ReportedPlan]()
+    for of_phase, one in phase_tasks(task, plan):
+        problem = lasting(of_phase.problem, one.duration)
+        scene, obstacles = scene_of(problem), tuple(problem.obstacles)
+        drawn.append(reported_plan(problem.robot, one.trajectory, obstacles, scene, one.wheels))
+    return task.problem.robot, drawn
+
+
+def _windows(executed: Sequence[_Row]) -> list[Window]:
     """Return the time window of each phase of a plan, cut where the next plan starts."""
-    namespace = found[k].namespace
-    mine, *later = (
-        [_span(plan) for plan in exchange.response.plans]
-        for exchange in found[k:]
-        if exchange.namespace == namespace
-        and exchange.response is not None
-        and _is_plan(exchange.response)
-    )
-    frame = value_at(found[k].response, "plans[0].chaser_path.header.frame_id")
-    taken_ns = [start_ns for (start_ns, _), *_ in later]
-    return [Window(namespace, frame, start, min([end, *taken_ns])) for start, end in mine]
+    from ff_planner_ros.runs.measured import Window
+
+    first, *others = executed
+    later = [row.spans[0][0] for row in others if row.planner == first.planner]
+    return [
+        Window(first.planner, first.frame, start, min([end, *later])) for start, end in first.spans
+    ]
 
 
-def _is_plan(answer: PlanAnswer) -> bool:
-    return answer.status.code == Status.SOLVED and bool(
-        value_at(answer, "plans[0].joint_trajectory.points", ())
-    )
-
-
-def _span(plan: PlanMessage) -> tuple[int, int]:
+def _span(plan: Any) -> tuple[int, int]:
     """Return the times of a plan's first and last point [ns]."""
     motion = plan.joint_trajectory
     start_ns = nanoseconds(motion.header.stamp)

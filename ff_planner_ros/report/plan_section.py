@@ -48,6 +48,8 @@ def _at_worst(request: ReportedRequest, plan: ReportedPlan) -> Iterator[Element]
 
 def _in_numbers(request: ReportedRequest, plan: ReportedPlan) -> Iterator[Element]:
     yield element("div", element("h3", "Metrics, as planned"), pairs(_metrics(request)))
+    if request.made_from:
+        yield element("div", element("h3", "Made from"), pairs(request.made_from))
     if plan.deviations is not None:
         heading = element("h3", "Measured against planned, at worst")
         yield element("div", heading, _deviations(plan.deviations))

@@ -76,6 +76,8 @@ class ReportedRequest:
     solver: SolverReport | None = None  # of the plan, or of the best attempt
     solve_time: float | None = None  # wall clock of the answer [s]
     guessed: bool = False  # whether a library's plan was tried first
+    # Age and source of each input, in words, when the request was read
+    made_from: tuple[tuple[str, str], ...] = ()
     plan: ReportedPlan | None = None  # None: there is no plan, or it is not drawn
     # Picture of the scenario, if it was refused before any search; None: not drawn
     asked: go.Figure | None = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
 import time
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import Future
@@ -13,24 +12,20 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from rclpy.action import ActionClient
-from rclpy.action.client import ClientGoalHandle
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.messages.service_events import RESULT_EVENTS
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.whole import captured_bodies
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
-from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT
+from ff_planner_ros.ros.messages.interfaces import ACTION
 from ff_planner_ros.ros.messages.phases import not_in_requests, phase_message
 from ff_planner_ros.ros.messages.request_values import (
     REQUEST_KEYS,
@@ -46,52 +41,8 @@ from ff_planner_ros.ros.messages.to_messages import (
     state_message,
     target_body_message,
 )
-from ff_planner_ros.ros.qos import EVENT_QOS
 
 _INTERVAL = 0.2  # [s] between looks at the clock while waiting
-# The answer to a refused goal is on its way while the client hears the no [s].
-_REFUSAL_PATIENCE = 2.0
-
-
-class RefusedGoals:
-    """Listens for the answers to rejected goals, which rclpy does not pass to their clients."""
-
-    def __init__(self, node: Node) -> None:
-        """Subscribe to the events of results; the caller has an executor spin the node."""
-        self._answers: dict[bytes, PlanAnswer] = {}
-        self._came = threading.Condition()
-        self._events = node.create_subscription(
-            GET_RESULT.Event, ACTION + RESULT_EVENTS, self._keep, EVENT_QOS
-        )
-
-    @property
-    def can_hear(self) -> bool:
-        """Whether a planner publishes these events."""
-        return bool(self._events.get_publisher_count())
-
-    def require_accepted(self, goal: ClientGoalHandle) -> None:
-        """Raise the planner's answer to a goal if the planner rejected the goal.
-
-        Raises:
-            FfPlannerError: The goal was rejected; the status is BUSY if no answer arrives in time.
-        """
-        if goal.accepted:
-            return
-        key = bytes(goal.goal_id.uuid)
-        with self._came:
-            self._came.wait_for(lambda: key in self._answers, _REFUSAL_PATIENCE)
-            answer = self._answers.get(key)
-        if answer is None:
-            words = "the planner refused the goal; its log and /diagnostics say why"
-            raise FfPlannerError(Status.BUSY, words)
-        raise FfPlannerError(Status(answer.status.code), answer.status.message)
-
-    def _keep(self, event: GET_RESULT.Event) -> None:
-        with self._came:
-            for asked, told in zip(event.request, event.response, strict=True):
-                if told.status == GoalStatus.STATUS_UNKNOWN:
-                    self._answers[bytes(asked.goal_id.uuid)] = told.result.answer
-            self._came.notify_all()
 
 
 def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> PlanRequest:
@@ -151,7 +102,7 @@ def change_request(request: PlanRequest, settings: Sequence[str]) -> None:
     """
     for setting in settings:
         key, value = split_setting(setting, REQUEST_KEYS)
-        given = request_value(key, yaml_or_text(key, value), in_range=True)
+        given = request_value(key, yaml_or_text(key, value))
         set_in_request(request, key, given)
 
 
@@ -162,13 +113,13 @@ def answer_of_node(request: PlanRequest, patience: float, ros_arguments: list[st
         patience: How long the action may take to appear [s].
 
     Raises:
-        FfPlannerError: The node rejects the goal, or ends before it answers.
+        FfPlannerError: The node ends before it answers.
         InvalidInput: No node offers the action.
     """
     goal = PlanTrajectory.Goal(request=request)
-    with _client(ros_arguments) as (client, refused, executor):
+    with _client(ros_arguments) as (client, executor):
         deadline = time.monotonic() + patience
-        while not (client.wait_for_server(timeout_sec=_INTERVAL) and refused.can_hear):
+        while not client.wait_for_server(timeout_sec=_INTERVAL):
             if time.monotonic() > deadline:
                 domain = os.environ.get("ROS_DOMAIN_ID", "0")
                 allowed = (
@@ -189,22 +140,17 @@ def answer_of_node(request: PlanRequest, patience: float, ros_arguments: list[st
         sent = ask(executor, lambda: client.send_goal_async(goal))
         try:
             handle = waited(sent)
-            refused.require_accepted(handle)
             result: PlanTrajectory.Result = waited(ask(executor, handle.get_result_async)).result
         except KeyboardInterrupt:
-            handle = waited(sent)
-            if handle.accepted:
-                waited(ask(executor, handle.cancel_goal_async))
+            waited(ask(executor, waited(sent).cancel_goal_async))
             raise
     answer: PlanAnswer = result.answer
     return answer
 
 
 @contextmanager
-def _client(
-    ros_arguments: list[str],
-) -> Iterator[tuple[ActionClient, RefusedGoals, SingleThreadedExecutor]]:
-    """Yield a client of the action, what it refuses, and what receives its answers."""
+def _client(ros_arguments: list[str]) -> Iterator[tuple[ActionClient, SingleThreadedExecutor]]:
+    """Yield a client of the action, and what receives its answers."""
     with joining_ros():
         rclpy.init(
             args=[sys.argv[0], *ros_arguments], signal_handler_options=SignalHandlerOptions.NO
@@ -215,7 +161,7 @@ def _client(
     stop = spin_in_background(executor, node.get_logger())
     client = ActionClient(node, PlanTrajectory, ACTION)
     try:
-        yield client, RefusedGoals(node), executor
+        yield client, executor
     finally:
         stop()
         client.destroy()

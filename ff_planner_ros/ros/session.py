@@ -20,6 +20,7 @@ from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.node import ANY_AGE
+from ff_planner_ros.planning.problem.obstacles import bodies_in
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, heard_with
@@ -30,6 +31,7 @@ from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.outputs.clock_health import LOG_PERIOD, ClockWatch
 from ff_planner_ros.ros.outputs.controller_health import controller_health
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
+from ff_planner_ros.ros.outputs.exchanges import Exchanges
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import STREAM_QOS, qos_profile
@@ -82,13 +84,16 @@ class Session:
         )
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
         with ExitStack() as stack:
-            self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
+            self._recorder = stack.enter_context(recording(node, now, robot, self._bag))
             stack.enter_context(split_service(node, self._recorder))
             self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
             # Nobody learns more from a preview by reading it twice.
             preview = node.resolve_topic_name("planned_joint_states")
             self._recorder.leave_out(preview, self._output.preview.is_repeated)
             self._subscribe(stack)
+            exchanges = stack.enter_context(
+                closing(Exchanges(node, robot.drawn_urdf, now.inertial_frame))
+            )
             self._service = stack.enter_context(
                 closing(
                     PlanningService(
@@ -99,8 +104,9 @@ class Session:
                         self._states,
                         self._scenes,
                         self._output,
+                        exchanges,
                         run_name=self._bag.name,
-                        guesses=library,
+                        library=library,
                     )
                 )
             )
@@ -160,8 +166,6 @@ class Session:
                 topic.name,
                 keep[topic.name],
                 qos_profile(getattr(qos, topic.name)),
-                serialised=True,  # read when it is asked for
-                numbered=True,
             )
         listener.start()
 
@@ -224,11 +228,12 @@ class Session:
         except InvalidInput as error:
             if error.status is not Status.NO_STATE:
                 state_age, state_refusal = 0.0, str(error)
-        obstacles, bodies, obstacles_refusal = None, 0, ""
+        obstacles, bodies, obstacles_source, obstacles_refusal = None, 0, "", ""
         obstacles_age: float | None = None
         try:
             scene = self._scenes.scene()
-            obstacles, bodies = len(scene.spheres), len(scene.bodies)
+            bodies = len(bodies_in(scene.obstacles))
+            obstacles, obstacles_source = len(scene.obstacles) - bodies, scene.source
             if scene.stamp_ns:
                 obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
             self._scenes.moving_scene(
@@ -254,6 +259,7 @@ class Session:
             state_clock_offset=self._states.clock_offset(clock.nanoseconds),
             obstacles=obstacles,
             obstacle_bodies=bodies,
+            obstacles_source=obstacles_source,
             obstacles_age=obstacles_age,
             obstacles_refusal=obstacles_refusal,
             target_age=target_age,

@@ -1,1 +1,1 @@
-"""Requests rebuilt from bags: replayed, or planned again with changes."""
+"""Tasks recorded in bags: replayed, or planned again with changes."""

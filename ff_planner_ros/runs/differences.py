@@ -1,18 +1,27 @@
-"""Differences of two answers to the same request, quantity by quantity."""
+"""Differences of a recorded answer and a new one to the same task, field by field."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
-from ff_planner_msgs.msg import PlanAnswer, PlanMetrics
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import Status
-from ff_planner_ros.messages.plans import plan_from_answer
+from ff_planner_ros.common.shown import shown
+from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.messages.status import status_fields
+from ff_planner_ros.messages.trajectories import poses_in, trajectory_in
+from ff_planner_ros.messages.wheels import wheels_in
 from ff_planner_ros.planning.motion.metrics import METRICS
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.task.captured import CapturedBody
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.whole import bodies_of, whole
 from ff_planner_ros.robot.model import Robot
 
 # On one machine, a plan is the same to the last bit. Another processor has other kernels of linear
@@ -52,10 +61,18 @@ QUANTITIES = {
     "wheel_torques": Quantity("N m", _TORQUE),
     "xi": Quantity("", _XI),
     **{f"metrics.{metric.name}": Quantity(metric.unit, metric.tolerance) for metric in METRICS},
-    "solver.starts": Quantity("", _ANY),
-    "solver.iterations": Quantity("", _ANY),
-    "solver.rollouts": Quantity("", _ANY),
-    "solver.optimality": Quantity("", _ANY),
+    "target_positions": Quantity("m", _METRE),
+    "target_quaternions_xyzw": Quantity("rad", _RAD),
+    "first_guess": Quantity("", 0.0),
+    "duration": Quantity("s", _SECOND),
+    "effort": Quantity("", 0.0),
+    "plans": Quantity("", 0.0),
+    "family": Quantity("", 0.0),
+    "orientation_reading": Quantity("", 0.0),
+    "status.retry": Quantity("", 0.0),
+    # Words, which hold numbers
+    **{f"status.{name}": Quantity("", _ANY) for name in ("message", "field", "value", "allowed")},
+    **{f"solver.{item.name}": Quantity("", _ANY) for item in fields(SolverReport)},
 }
 
 
@@ -90,44 +107,99 @@ class Difference:
 
 
 def differences(
-    recorded: PlanAnswer, replayed: PlanAnswer, robot: Robot | None = None
+    recorded: Any, task: PlanningTask, again: Plan | FfPlannerError
 ) -> list[Difference]:
-    """Return the differences of two answers of the same status; empty: the same to the last bit.
+    """Return the differences of a recorded answer and a new one; empty: the same to the last bit.
 
-    Times of planning, texts, and metrics that the recorded answer lacks are not compared.
+    Times of planning, stamps and metrics that the recorded answer lacks are not compared.
 
     Args:
-        robot: Robot of the plans, for the units of its joints; None: all are revolute.
+        recorded: The answer, from ROS or as it was decoded.
 
     Raises:
-        ValueError: Arrays of an answer do not fit each other.
+        ValueError: Arrays of the answer do not fit each other.
+        AttributeError: The answer lacks a field.
     """
-    pairs = zip(_values(recorded), _values(replayed), strict=True)
-    return [
-        found
-        for (name, before), (_, now) in pairs
-        if (found := _difference(name, before, now, robot)) is not None
+    plans = again if isinstance(again, Plan) else getattr(again, "found", None)
+    phases = plans.phases if isinstance(plans, Plan) else ()
+    found = [
+        one
+        for name, before, now in _of_answer(recorded, task, again)
+        if (one := _difference(name, before, now, task.problem.robot)) is not None
     ]
+    if len(recorded.plans) != len(phases):
+        counts = f"{len(recorded.plans)} plans before and {len(phases)} now"
+        return [*found, Difference("plans", math.inf, counts, "")]
+    bodies = bodies_of(task, plans) if isinstance(plans, Plan) else []
+    for number, (message, plan, body) in enumerate(
+        zip(recorded.plans, phases, bodies, strict=True)
+    ):
+        for name, before, now in _of_plan(message, plan, body):
+            one = _difference(name, before, now, task.problem.robot)
+            if one is not None:
+                place = f"phase {number + 1}, {one.where}" if len(phases) > 1 else one.where
+                found.append(replace(one, where=place))
+    return found
 
 
-def _values(answer: PlanAnswer) -> Iterator[tuple[str, Array]]:
-    """Yield every quantity of an answer; of a refusal, those of its best attempt."""
-    if answer.status.code == Status.SOLVED:
-        plan = plan_from_answer(answer)
-        for item in fields(plan.trajectory):
-            yield item.name, getattr(plan.trajectory, item.name)
-        wheels, none = plan.wheels, np.empty((len(plan.trajectory.time), 0))
-        yield "wheel_momenta", none if wheels is None else wheels.momenta
-        yield "wheel_torques", none if wheels is None else wheels.torques
-        yield "xi", plan.xi
-    for name in QUANTITIES:
-        group, _, field = name.partition(".")
-        if field:
-            part = (answer.metrics or [PlanMetrics()])[0] if group == "metrics" else answer.solver
-            yield name, np.array(getattr(part, field), dtype=float)
+def _of_answer(
+    recorded: Any, task: PlanningTask, again: Plan | FfPlannerError
+) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name and both values of what an answer holds beside its plans."""
+    total: Plan | None
+    if isinstance(again, Plan):
+        total = whole(again)
+        status: dict[str, Any] = {"message": total.message}
+    else:
+        attempt, status = getattr(again, "attempt", None), status_fields(again)
+        total = attempt if isinstance(attempt, Plan) else None
+    # A search that a clock had ended ends at a step now, and says so.
+    is_cut = bool(task.effort or any(phase.effort for phase in task.then))
+    for name, now in status.items():
+        if name == "retry" or (name != "code" and not is_cut):
+            yield f"status.{name}", getattr(recorded.status, name), now
+    guess = np.empty(0) if task.first_guess is None else task.first_guess
+    yield "first_guess", np.array(recorded.inputs.first_guess), guess
+    if total is None or not recorded.metrics:
+        return
+    (metrics,) = recorded.metrics
+    for metric in METRICS:
+        before, now = getattr(metrics, metric.name, math.nan), getattr(total.metrics, metric.name)
+        yield f"metrics.{metric.name}", before, now
+    for item in fields(SolverReport):
+        before, now = (getattr(one, item.name) for one in (recorded.solver, total.solver))
+        if not (is_cut and isinstance(now, str)):
+            yield f"solver.{item.name}", before, now
 
 
-def _difference(name: str, before: Array, now: Array, robot: Robot | None) -> Difference | None:
+def _of_plan(message: Any, plan: Plan, body: TargetBody | None) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name and both values of what the message of one phase's plan holds."""
+    motion, again = trajectory_in(message), plan.trajectory
+    stamps = np.rint(again.time * NANOSECONDS) / NANOSECONDS
+    again = replace(again, time=stamps)
+    for item in fields(motion):
+        yield item.name, getattr(motion, item.name), getattr(again, item.name)
+    none = np.empty((len(again.time), 0))
+    both = wheels_in(message), plan.wheels
+    for name in ("momenta", "torques"):
+        then, now = (none if one is None else getattr(one, name) for one in both)
+        yield f"wheel_{name}", then, now
+    target, there = poses_in(message.target_path, len(message.target_path.poses)), np.empty((0, 7))
+    if body is not None:
+        along = CapturedBody(body).along(plan.trajectory)
+        there = np.hstack((along.positions, along.quaternions_xyzw))
+    yield "target_positions", target[:, :3], there[:, :3]
+    yield "target_quaternions_xyzw", target[:, 3:], there[:, 3:]
+    yield "xi", np.array(message.xi), plan.xi
+    for name in ("family", "orientation_reading", "duration", "effort"):
+        yield name, getattr(message, name), getattr(plan, name) or type(getattr(message, name))()
+
+
+def _difference(name: str, then: Any, again: Any, robot: Robot) -> Difference | None:
+    if isinstance(then, str):
+        words = f"{shown(then)} before, {shown(again)} now"
+        return None if then == again else Difference(name, math.inf, words, "")
+    before, now = np.array(then, dtype=float), np.array(again, dtype=float)
     if name.startswith("metrics.") and np.isnan(before).all() and before.size:
         return None  # it was not recorded
     if before.shape != now.shape:
@@ -143,10 +215,10 @@ def _difference(name: str, before: Array, now: Array, robot: Robot | None) -> Di
     return Difference(name, float(apart[place]), _words(name, place), _unit(name, place, robot))
 
 
-def _unit(name: str, place: tuple[np.intp, ...], robot: Robot | None) -> str:
+def _unit(name: str, place: tuple[np.intp, ...], robot: Robot) -> str:
     unit = QUANTITIES[name].unit
     of_joint = name.startswith("joint_") or name == _PEAKS
-    if robot is None or not of_joint or not robot.slides(int(place[-1])):
+    if not of_joint or not robot.slides(int(place[-1])):
         return unit
     return "N" if unit == "N m" else unit.replace("rad", "m")
 

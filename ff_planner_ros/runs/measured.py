@@ -17,8 +17,10 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import (
     CHASER_STATE,
+    INPUT_TOPICS,
     JOINT_STATES,
     ODOMETRY,
+    OUTPUTS_OF_THESE_TYPES,
     InputTopic,
     header_stamp,
 )
@@ -28,8 +30,8 @@ from ff_planner_ros.ros.messages.from_odometry import (
     chaser_from_odometry,
     joints_from_joint_state,
 )
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.joint_names import names_a_joint_of
-from ff_planner_ros.runs.recorded_inputs import input_topic
 
 # Per plan, evenly in time: each takes a tenth of a millisecond, and a curve shows 400 of them.
 MOST_STATES = 5_000
@@ -171,6 +173,30 @@ def _stamped(
         for number in heard[message.topic]:
             if windows[number].start_ns <= stamp_ns <= windows[number].end_ns:
                 yield number, stamp_ns, message
+
+
+def input_topic(bag: Bag, name: str, namespace: str) -> str:
+    """Return the topic of an input of a planner: by its name, or else the only one of its type.
+
+    Args:
+        name: Name of the input in `INPUT_TOPICS`.
+        namespace: Namespace of the planner, without a trailing slash.
+
+    Raises:
+        BagError: No topic has the type, or several have it and none has the name.
+    """
+    wanted, kind = f"{namespace}/{name}", type_name(INPUT_TOPICS[name].message_type)
+    topics = [
+        topic.name
+        for topic in bag.topics.values()
+        if topic.type_name == kind and not topic.name.endswith(OUTPUTS_OF_THESE_TYPES)
+    ]
+    if wanted in topics:
+        return wanted
+    if len(topics) == 1:
+        return topics[0]
+    found = f"its topics of this type are {', '.join(topics)}" if topics else f"there is no {kind}"
+    raise BagError(f"{wanted} is not in the bag: {found}")
 
 
 def _stamped_in(windows: Sequence[Window]) -> Callable[[bytes], bool]:

@@ -1,139 +1,140 @@
-"""Replay with changes: answers to recorded requests with other fields or parameters."""
+"""Replay with changes: answers to recorded tasks with other values."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
-from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ff_planner_msgs.msg import PlanAnswer
-
+from ff_planner_ros.bag.exchanges import Exchange
+from ff_planner_ros.bag.plans import status_name
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.common.forms import NAME
 from ff_planner_ros.common.text_table import print_table
-from ff_planner_ros.errors import BagError
-from ff_planner_ros.parameters import DECLARATIONS
-from ff_planner_ros.parameters.values import checked, replaced
+from ff_planner_ros.common.yaml_file import yaml_document
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.scenario.changes import SET, Change, changed, require_key
 from ff_planner_ros.planning.scenario.library_file import load_library
-from ff_planner_ros.ros.messages.request_values import (
-    REQUEST_KEYS,
-    request_value,
-    set_in_request,
-    split_setting,
-    yaml_or_text,
-)
-from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
-from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
+from ff_planner_ros.planning.scenario.task_json import task_from_document, urdf_digest
+from ff_planner_ros.planning.task.library import Library
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.whole import whole
+from ff_planner_ros.runs.replay import answer_to, replayable
 
-# Keys that may be changed in a request. The goal stays as it is.
-_OF_REQUEST = tuple(key for key in REQUEST_KEYS if not key.startswith("target."))
-# Parameters that may be changed: those that planning depends on. The others say where messages go,
-# or are defaults for fields of a request, which `_OF_REQUEST` changes in every request.
-_OF_NODE = (
-    *("planner.", "limits.", "controller.", "replanning."),
-    *("post_goal_duration", "following_tolerance", "planning_lead_time", "start_horizon"),
-    *("state_max_age", "state_future_tolerance", "obstacles_max_age"),
-    "locked_joint_tolerance",
-)
 _LIBRARY = "planner.library"
 _NONE = "-"
 
 
-@dataclass(frozen=True)
-class Change:
-    """One change of a request or of a parameter."""
-
-    key: str  # one of `allowed_keys`
-    value: Any  # read as YAML, of the key's type
-
-
-def allowed_keys() -> list[str]:
-    """Return the keys of requests and the names of parameters that may be changed."""
-    return list(
-        dict.fromkeys([*_OF_REQUEST, *(name for name in DECLARATIONS if name.startswith(_OF_NODE))])
-    )
-
-
 def parsed(setting: str) -> Change:
-    """Read a `key=value` of the command line.
+    """Read a `key=value` of the command line; the key is one of a scenario, the value YAML.
 
     Raises:
-        InvalidInput: The key is unknown, or the value is not of its type or out of its range.
+        InvalidInput: It is no `key=value`.
     """
-    key, written = split_setting(setting, allowed_keys())
-    value = yaml_or_text(key, written)
-    if key in _OF_REQUEST:
-        return Change(key, request_value(key, value, in_range=False))
-    return Change(key, checked(key, written if DECLARATIONS[key].form is NAME else value))
+    key, equals, value = setting.partition("=")
+    if not equals:
+        allowed = "it must read key=value, such as objective.chaser_attitude=1"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--set", setting, allowed)
+    require_key("--set", key)
+    try:
+        return Change(key, SET, yaml_document(value, key, "no YAML"))
+    except InvalidInput:
+        return Change(key, SET, value)
 
 
-def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> RecordedRequest:
-    """Return a request with changes of its fields and of the node's parameters.
+def changed_task(exchange: Exchange, changes: Sequence[Change]) -> PlanningTask:
+    """Return the task of a request with changed values.
+
+    In a sequence, a key of a phase means the first one. A clock that ended the recorded search does
+    not end the new one.
 
     Raises:
-        BagError: The request cannot be rebuilt.
-        InvalidInput: A value is invalid.
+        InvalidInput: The bag lacks the task, or a value is invalid.
     """
-    if recorded.request is None or recorded.inputs is None:
-        raise BagError(recorded.missing)
-    request, parameters = deepcopy(recorded.request), recorded.inputs.parameters
-    for change in changes:
-        if change.key in _OF_REQUEST:
-            set_in_request(request, change.key, change.value)
-        else:
-            parameters = replaced(parameters, change.key, change.value)
-    inputs = replace(recorded.inputs, parameters=parameters)
-    if any(change.key == _LIBRARY for change in changes):
-        named = parameters.library
-        library = load_library(Path(named), f"--set {_LIBRARY}") if named else None
-        inputs = replace(inputs, guesses=library)
-    return replace(recorded, request=request, inputs=inputs)
+    exchange.planned_task()  # or else it says what is missing
+    document = json.loads(exchange.task)
+    document.get("search", {}).pop("effort", None)
+    for phase in document.get("phases", ()):
+        phase.get("search", {}).pop("effort", None)
+    libraries = [one.value for one in changes if one.key == _LIBRARY]
+    others = [one for one in changes if one.key != _LIBRARY]
+    phases = document.get("phases", ())
+    of_first = phases[0] if phases else {}
+    placed = [
+        replace(one, key=f"phases[0].{one.key}") if _head(one.key) in of_first else one
+        for one in others
+    ]
+    urdfs, named = {urdf_digest(one): one for one in exchange.urdfs}, document["robot"]["urdf"]
+    document, urdf, _ = changed(document, urdfs.get(named, named), placed)
+    document["robot"]["urdf"] = urdf
+    task = task_from_document(document, {})
+    for path in libraries:
+        library = load_library(Path(str(path)), f"--set {_LIBRARY}") if path else Library(())
+        task = replace(task, first_guess=library.first_guess(task))
+    return task
+
+
+def _head(key: str) -> str:
+    return key.partition(".")[0].partition("[")[0]
 
 
 def print_what_if(bag: Path, settings: Sequence[str]) -> None:
-    """Plan the requests of a bag with changes, each a `key=value`, and print both answers.
+    """Plan the tasks of a bag with changes, each a `key=value`, and print both answers.
 
     Raises:
         BagError: The bag cannot be read, or holds no request.
-        InvalidInput: A setting or the URDF in the bag is invalid.
+        InvalidInput: A setting is invalid, or refused with each task.
     """
     changes = [parsed(setting) for setting in settings]
+    rows, told, refused = [], list[str](), list[FfPlannerError]()
     with open_bag(bag) as opened:
-        run = recorded_run(opened)
-    rows, left_out = [], list[str]()
-    for recorded in one_by_one(run.requests):
-        try:
-            changed = changed_request(recorded, changes)
-        except BagError as error:
-            left_out.append(f"{recorded.name} is left out: {error}")
-            continue
-        answer, _ = answer_again(changed)
-        both = zip(_cells(recorded.response), _cells(answer), strict=True)
-        rows.append((recorded.name, *(f"{before} > {now}" for before, now in both)))
+        for one in replayable(opened):
+            if one.answer is None or not one.task:
+                told.append(f"{one.plan_id} is left out: the bag holds no task of it")
+                continue
+            try:
+                again = answer_to(changed_task(one, changes))
+            except FfPlannerError as error:
+                again = error
+                told.append(f"{one.plan_id}: {error}")
+                refused.append(error)
+            both = zip(_recorded_cells(one.answer), _cells(again), strict=True)
+            rows.append((one.plan_id, *(f"{before} > {now}" for before, now in both)))
+        notes = opened.notes
+    if refused and len(refused) == len(rows):
+        raise refused[0]  # the change fits no task
     words = ", ".join(f"{change.key}={change.value}" for change in changes)
     header = (
         *("request", "status", "joint path [rad]", "Euler angle [deg]", "rotation [deg]"),
-        *("clearance [mm]", "time [s]"),
+        "clearance [mm]",
     )
     print_table(f"{bag} as recorded > with {words}", header, rows)
-    for note in [*left_out, *run.notes]:
+    for note in [*told, *notes]:
         print(f"note: {note}")
 
 
-def _cells(answer: PlanAnswer | None) -> tuple[str, ...]:
-    if answer is None or not answer.metrics:
-        return status_name(answer), _NONE, _NONE, _NONE, _NONE, _NONE
-    (metrics,) = answer.metrics
-    rotation = metrics.max_chaser_rotation
+def _recorded_cells(answer: Any) -> tuple[str, ...]:
+    metrics = answer.metrics[0] if len(answer.metrics) else None
+    return status_name(int(answer.status.code)), *_figures(metrics)
+
+
+def _cells(again: Plan | FfPlannerError) -> tuple[str, ...]:
+    if isinstance(again, Plan):
+        return Status.SOLVED.name, *_figures(whole(again).metrics)
+    attempt = getattr(again, "attempt", None)
+    return again.status.name, *_figures(attempt.metrics if isinstance(attempt, Plan) else None)
+
+
+def _figures(metrics: Metrics | None) -> tuple[str, ...]:
+    if metrics is None:
+        return (_NONE,) * 4
     return (
-        status_name(answer),
         f"{metrics.joint_path_length:.4f}",
         f"{math.degrees(metrics.max_chaser_euler):.3f}",
-        # Not known if it was not recorded.
-        _NONE if math.isnan(rotation) else f"{math.degrees(rotation):.3f}",
+        f"{math.degrees(metrics.max_chaser_rotation):.3f}",
         f"{metrics.min_clearance * 1e3:.2f}",
-        f"{answer.solver.solve_time:.2f}",
     )

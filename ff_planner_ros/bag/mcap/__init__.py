@@ -1,1 +1,1 @@
-"""MCAP files, byte by byte, and messages decoded by the definitions in them."""
+"""MCAP files, also damaged ones, and messages decoded by the definitions in them."""

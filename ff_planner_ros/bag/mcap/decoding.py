@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -22,24 +22,33 @@ _LINE_END = re.compile(r"\r\n?")
 # What the parser says: the whole text in one line, where it stopped, and the text from there on.
 _UNPARSED = re.compile(r"Could not parse:\n.*\n\d+\n(?P<rest>.*)", re.DOTALL)
 _IDL_HEADING = re.compile(r"={80}\nIDL: \S*\n")
-# Nothing is decoded by them, and rosbags reads each for milliseconds.
-_IDL_CONSTANTS = re.compile(r"module \w+_Constants \{\n[^{}]*\};\n")
 _LONGEST = 64_000  # [bytes] of a definition that is read; ours have 23,000
-_MOST_FIELDS = 10_000  # of a message, those within fields counted; ours have 200
+_MOST_ELEMENTS = 10_000  # of all arrays of texts or types: the decoder has a line for each
 
 
-@lru_cache(maxsize=64)  # every file of a split bag carries the same definitions
+@lru_cache(maxsize=256)  # every file of a split bag carries the same definitions
 def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     """Return a function that decodes CDR into objects with the fields of a definition.
+
+    It raises BagError for bytes that do not fit the definition, and for all where the definition
+    cannot be understood.
 
     Args:
         name: Name of the message type.
         encoding: Encoding of the definition, one of `ENCODINGS`.
-
-    Raises:
-        BagError: The definition cannot be understood. The decoder raises it, too, for bytes that do
-            not fit the definition.
     """
+    try:
+        return _decoder(name, encoding, definition)
+    except BagError as error:
+        reason = str(error)
+
+    def refuse(_cdr: bytes) -> Any:
+        raise BagError(reason)
+
+    return refuse
+
+
+def _decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     if not _TYPE_NAME.fullmatch(name):
         raise BagError(f"{name!a} is no name of a message type")
     if len(definition) > _LONGEST:
@@ -51,11 +60,11 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
         elif encoding == "ros2idl":
             types = {}
             for section in filter(str.strip, _IDL_HEADING.split(text)):
-                types |= _types_in_idl(section)
+                types |= get_types_from_idl(section)
         else:
             known = " and ".join(ENCODINGS)
             raise BagError(f"its definition is in {encoding!a}; known are {known}")
-        _require_moderate(types)
+        _require_moderate(types.values())
         store = get_typestore(Stores.EMPTY)
         store.register(types)
         wanted = name if name in store.fielddefs else name.replace("/", "/msg/", 1)
@@ -87,39 +96,20 @@ def _what_is_wrong(error: Exception) -> str:
     return f"{quoted(line)} is not understood" if line else "it is no definition of a message"
 
 
-def _require_moderate(types: Mapping[str, Any]) -> None:
-    """Refuse types with so many fields that a decoder would not come to an end.
+def _require_moderate(types: Iterable[Any]) -> None:
+    """Refuse types whose decoder would be too long, or would go on where no bytes are left.
 
     Raises:
-        BagError: A type has too many fields.
-        Exception: A type contains itself, or a type that is not defined.
+        BagError: An array is empty, or there are too many elements in arrays.
     """
-    sizes: dict[str, int] = {}
-    for name in types:
-        if _size(types, name, sizes) > _MOST_FIELDS:
-            raise BagError(f"its definition holds more than {_MOST_FIELDS} fields")
-
-
-def _size(types: Mapping[str, Any], name: str, sizes: dict[str, int]) -> int:
-    """Return how many fields a type holds; an array of numbers, which is read at once, is one."""
-    if name not in sizes:
-        _, held = types[name]
-        sizes[name] = sum(_field_size(types, description, sizes) for _, description in held)
-    return sizes[name]
-
-
-def _field_size(types: Mapping[str, Any], description: Any, sizes: dict[str, int]) -> int:
-    node, what = description
-    if node == Nodetype.NAME:
-        return _size(types, what, sizes)
-    if node == Nodetype.BASE:
-        return 1
-    element, length = what
-    is_of_numbers = element[0] == Nodetype.BASE and element[1][0] not in ("string", "wstring")
-    times = length if node == Nodetype.ARRAY and not is_of_numbers else 1
-    return int(times) * _field_size(types, element, sizes)
-
-
-@lru_cache(maxsize=256)  # the events of a service and of its action hold the same types
-def _types_in_idl(section: str) -> Any:
-    return get_types_from_idl(_IDL_CONSTANTS.sub("", section))
+    arrays = [what for _, held in types for _, (node, what) in held if node == Nodetype.ARRAY]
+    if any(length < 1 for _, length in arrays):
+        raise BagError("its definition holds an array of no elements")
+    # An array of numbers is read at once.
+    lengths = (
+        length
+        for (node, what), length in arrays
+        if node != Nodetype.BASE or what[0] in ("string", "wstring")
+    )
+    if sum(lengths) > _MOST_ELEMENTS:
+        raise BagError(f"its definition holds arrays of more than {_MOST_ELEMENTS} elements")

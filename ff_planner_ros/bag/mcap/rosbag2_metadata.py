@@ -13,6 +13,7 @@ from ff_planner_ros.errors import InvalidInput
 
 ROSBAG2 = "rosbag2"  # the metadata record of MCAP that holds the same
 INT64_MAX = 2**63 - 1  # rosbag2 holds times so, and gives it as start of a file without messages
+_INFINITE = {"sec": 9223372036, "nsec": 854775807}
 # That of libyaml is ten times as fast; not every system has it.
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
@@ -104,10 +105,10 @@ def profiles(qos: Sequence[QualityOfService]) -> list[dict[str, Any]]:
             "depth": offered.depth,
             "reliability": offered.reliability,
             "durability": offered.durability,
-            "deadline": _infinite(),
-            "lifespan": _infinite(),
+            "deadline": dict(_INFINITE),
+            "lifespan": dict(_INFINITE),
             "liveliness": "automatic",
-            "liveliness_lease_duration": _infinite(),
+            "liveliness_lease_duration": dict(_INFINITE),
             "avoid_ros_namespace_conventions": False,
         }
         for offered in qos
@@ -127,7 +128,3 @@ def _extent(files: Sequence[FileInfo]) -> dict[str, Any]:
         "starting_time": {"nanoseconds_since_epoch": start_ns},
         "message_count": sum(file.message_count for file in files),
     }
-
-
-def _infinite() -> dict[str, int]:
-    return {"sec": 9223372036, "nsec": 854775807}

@@ -32,6 +32,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.inputs.listener import Listener
+from ff_planner_ros.ros.inputs.publishers import Publishers
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.joining import joining_ros
@@ -100,14 +101,15 @@ class Link:
             self._leave()
             raise
         self._listener = Listener(self.node)
+        heard = self.now_ns, Publishers(self.node, self.parameters.qos)
         self._states = StateInput(
             self.robot,
             self.parameters.inertial_frame,
             self.parameters.state_source,
             self.parameters.odometry,
-            self.now_ns,
+            *heard,
         )
-        self._scenes = SceneInput(self.parameters.inertial_frame, self.now_ns)
+        self._scenes = SceneInput(self.parameters.inertial_frame, *heard)
         self._subscribe()
 
     def close(self) -> None:
@@ -214,8 +216,6 @@ class Link:
                 topic.name,
                 keep[topic.name],
                 qos_profile(getattr(qos, topic.name)),
-                serialised=True,
-                numbered=True,
             )
         self._listener.start()
         hear = self.node.create_subscription

@@ -10,7 +10,7 @@ from queue import SimpleQueue
 
 import numpy as np
 import viser
-from ff_planner_msgs.msg import Goal, PlanAnswer, PlanRequest, PublishedPlan
+from ff_planner_msgs.msg import Exchange, Goal, PlanRequest, PublishedPlan
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.console.entries import Entry
@@ -39,7 +39,7 @@ class LivePage:
             scenario: Scenario with the first goal; None: the end effector's measured position.
         """
         self._link, self._scenario = link, scenario
-        self._of_others: SimpleQueue[tuple[PlanRequest, PlanAnswer]] = SimpleQueue()
+        self._of_others: SimpleQueue[Exchange] = SimpleQueue()
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="console looks", daemon=True)
 
@@ -48,7 +48,7 @@ class LivePage:
         link = self._link
         plans = Plans(link, lambda entry: self._page.put(entry))
         lead = link.parameters.planning_lead_time
-        requests = Requests(link, plans, self._start_ns, self._heard)
+        requests = Requests(link, plans, self._start_ns, self._of_others.put)
         self._page = Page(server, [self._first()], requests, moves_obstacles=False)
         self._panel = NodePanel(server, self._page, link, plans, lead)
         self._plans, self._requests = plans, requests
@@ -67,9 +67,6 @@ class LivePage:
         if lead == self._link.parameters.planning_lead_time:
             return 0
         return self._link.now_ns() + round(lead * NANOSECONDS)
-
-    def _heard(self, request: PlanRequest, answer: PlanAnswer) -> None:
-        self._of_others.put((request, answer))
 
     def _first(self) -> Entry:
         """Return the entry of the first goal, not planned yet, as the node would read it now."""
@@ -103,7 +100,7 @@ class LivePage:
 
     def _look(self) -> None:
         while not self._of_others.empty():
-            self._page.put(self._plans.answered(*self._of_others.get(), None))
+            self._page.put(self._plans.answered(self._of_others.get(), None))
         while not self._link.happened.empty():
             message = self._link.happened.get()
             if isinstance(message, PublishedPlan):

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
 
+from ff_planner_msgs.msg import Exchange, PlanEvent, PublishedPlan
 from ff_planner_msgs.msg import Plan as PlanMessage
-from ff_planner_msgs.msg import PlanAnswer, PlanEvent, PlanRequest, PublishedPlan
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.console.answers import entry_of_answer
 from ff_planner_ros.console.entries import Entry
 from ff_planner_ros.console.live.link import Link
-from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.errors import FfPlannerError, InvalidInput
 from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.scenario.task_json import task_from_json, urdf_digest
 from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.planning.task.whole import whole
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan as RunningPlan
-from ff_planner_ros.ros.requests.reading import Knowledge, read_request
+from ff_planner_ros.ros.requests.reading import Knowledge, measured_state
 from ff_planner_ros.ros.requests.waiting_plan import (
     Difference,
     MadePlan,
@@ -70,19 +70,19 @@ class Plans:
         self._known: dict[str, _Known] = {}  # by plan id
         self._runs: list[str] = []  # runs of the node, by the prefixes of its plan ids
 
-    def answered(
-        self, request: PlanRequest, answer: PlanAnswer, asked: PlanningTask | None
-    ) -> Entry:
+    def answered(self, exchange: Exchange, asked: PlanningTask | None) -> Entry:
         """Add an answer, and return its entry; an answer that is known already stays as it is.
 
         Args:
+            exchange: Has a request and its answer.
             asked: Task of the request, if the console made it; None: not known.
         """
+        (request,), (answer,) = exchange.request, exchange.answer
         with self._lock:
             before = self._known.get(answer.plan_id)
             if before is not None:
                 return before.entry
-            task, missing = self._task(request, answer, asked)
+            task, missing = self._task(exchange.task, asked)
             entry = entry_of_answer(self._name(answer.plan_id), task, answer, missing)
             made = None
             if entry.plan is not None and task is not None and answer.plans:
@@ -165,17 +165,16 @@ class Plans:
             self._known[plan_id] = replace(known, entry=entry)
         self._changed(entry)
 
-    def _task(
-        self, request: PlanRequest, answer: PlanAnswer, asked: PlanningTask | None
-    ) -> tuple[PlanningTask | None, str]:
-        """Return the task of an answer, with obstacles at its plan's start, and why it has none."""
-        again = copy(request)
-        if answer.plans:
-            again.start_time = answer.plans[0].joint_trajectory.header.stamp
+    def _task(self, text: str, asked: PlanningTask | None) -> tuple[PlanningTask | None, str]:
+        """Return the task of an answer, or else the one that was asked for, and why it has none."""
+        if not text:
+            missing = "it was refused before its task was complete"
+            return asked, missing if asked is None else ""
+        urdf = self._link.robot.drawn_urdf
         try:
-            return read_request(again, self._link.knowledge).task, ""
-        except FfPlannerError as error:
-            return asked, "" if asked is not None else str(error)
+            return task_from_json(text, {urdf_digest(urdf): urdf}), ""
+        except InvalidInput as error:
+            return None, str(error)
 
     def _name(self, plan_id: str) -> str:
         run, _, number = plan_id.rpartition(".")
@@ -190,7 +189,7 @@ def fit_of(made: MadePlan, knowledge: Knowledge) -> Fit:
     differences: tuple[Difference, ...] = ()
     refusal = ""
     try:
-        differences = tuple(start_differences(made, (), knowledge))
+        differences = tuple(start_differences(made, measured_state((), knowledge), knowledge))
         require_in_time(made.start_ns, knowledge.now_ns)
         require_young(made, knowledge)
         require_same_rules(made, knowledge.parameters)

@@ -1,18 +1,14 @@
-"""Requests to a running node: the console's through the action, others' from its events."""
+"""Requests to a running node: the console's through the action, others' from its exchanges."""
 
 from __future__ import annotations
 
 import threading
-import uuid
-from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
-import numpy as np
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import PlanAnswer, PlanRequest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import Exchange, PlanAnswer, PlanRequest
 from rclpy.action import ActionClient
 
 from ff_planner_ros.console.entries import Entry
@@ -21,21 +17,15 @@ from ff_planner_ros.console.live.plans import Plans
 from ff_planner_ros.console.search import best_in_words
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.messages.plans import metrics_from_message
-from ff_planner_ros.messages.service_events import (
-    GOAL_EVENTS,
-    REQUEST_RECEIVED,
-    RESULT_EVENTS,
-    SERVICE_EVENTS,
-)
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.background import ask
-from ff_planner_ros.ros.client import RefusedGoals, request_of_task
-from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
+from ff_planner_ros.ros.client import request_of_task
+from ff_planner_ros.ros.messages.interfaces import ACTION, EXCHANGES
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.ros.qos import EVENT_QOS
+from ff_planner_ros.ros.qos import STREAM_QOS
 
+_PATIENCE = 2.0  # for the exchange of an answer, which has the task [s]
 _INTERVAL = 0.1  # [s] between looks at whether it is cancelled, or the node lost
-_MOST_OPEN = 100  # requests of others whose answers have not come
 
 
 def request_of(task: PlanningTask, frame: str, start_ns: int) -> PlanRequest:
@@ -58,73 +48,56 @@ class Requests:
         link: Link,
         plans: Plans,
         start_ns: Callable[[], int],
-        heard: Callable[[PlanRequest, PlanAnswer], None],
+        heard: Callable[[Exchange], None],
     ) -> None:
-        """Create the action client, and subscribe to the events of service and action.
+        """Create the action client, and subscribe to the exchanges of the planner.
 
         Args:
             start_ns: Returns the start time for a plan that is requested now [ns]; zero: as soon as
                 the node can.
-            heard: Called with each request of other clients and its answer.
+            heard: Called with each exchange of other clients that has an answer.
         """
         self._link, self._plans, self._start_ns, self._heard = link, plans, start_ns, heard
-        self._own = set[bytes]()
-        self._open: OrderedDict[Any, PlanRequest] = OrderedDict()
+        self._own = list[tuple[PlanRequest, Future[Exchange]]]()  # whose exchanges have not come
         self._client = ActionClient(link.node, PlanTrajectoryAction, ACTION)
-        self._refused = RefusedGoals(link.node)
-        hear = link.node.create_subscription
-        hear(SEND_GOAL.Event, f"{ACTION}{GOAL_EVENTS}", self._goal_sent, EVENT_QOS)
-        hear(GET_RESULT.Event, f"{ACTION}{RESULT_EVENTS}", self._result_sent, EVENT_QOS)
-        hear(PlanTrajectory.Event, f"{SERVICE}{SERVICE_EVENTS}", self._served, EVENT_QOS)
+        link.node.create_subscription(Exchange, EXCHANGES, self._exchanged, STREAM_QOS)
 
     def __call__(
         self, task: PlanningTask, told: Callable[[str], None], done: Callable[[Entry], None]
     ) -> Asked:
         """Request a plan; see `console.entries.Begin`."""
         request = request_of(task, self._link.parameters.inertial_frame, self._start_ns())
-        key = uuid.uuid4().bytes
-        self._own.add(key)
+        exchanged = Future[Exchange]()
+        self._own.append((request, exchanged))
 
         def answered(answer: PlanAnswer) -> None:
-            done(self._plans.answered(request, answer, task))
+            try:
+                exchange = exchanged.result(_PATIENCE)
+            except TimeoutError:
+                exchange = Exchange(request=[request], answer=[answer])
+            done(self._plans.answered(exchange, task))
 
         def failed(error: FfPlannerError) -> None:
             status = f"refused, {error.status.name}"
             done(Entry("not planned", task, error=error, status=status, words=str(error)))
 
         goal = PlanTrajectoryAction.Goal(request=request)
-        return Asked(self._link, self._client, self._refused, goal, key, told, answered, failed)
+        return Asked(self._link, self._client, goal, told, answered, failed)
 
     def close(self) -> None:
         """Destroy the action client."""
         self._client.destroy()
 
-    def _goal_sent(self, event: Any) -> None:
-        for asked in event.request:
-            self._remember(bytes(asked.goal_id.uuid), asked.goal.request)
-
-    def _result_sent(self, event: Any) -> None:
-        for asked, told in zip(event.request, event.response, strict=False):
-            self._answer(bytes(asked.goal_id.uuid), told.result.answer)
-
-    def _served(self, event: Any) -> None:
-        key = bytes(np.asarray(event.info.client_gid)), event.info.sequence_number
-        if event.info.event_type == REQUEST_RECEIVED:
-            for asked in event.request:
-                self._remember(key, asked.request)
-        for told in event.response:
-            self._answer(key, told.answer)
-
-    def _remember(self, key: Any, request: PlanRequest) -> None:
-        if key not in self._own:
-            self._open[key] = request
-            while len(self._open) > _MOST_OPEN:
-                self._open.popitem(last=False)
-
-    def _answer(self, key: Any, answer: PlanAnswer) -> None:
-        request = self._open.pop(key, None)
-        if request is not None:
-            self._heard(request, answer)
+    def _exchanged(self, exchange: Exchange) -> None:
+        if not (exchange.request and exchange.answer):
+            return
+        for own in self._own:
+            request, exchanged = own
+            if request == exchange.request[0]:
+                self._own.remove(own)
+                exchanged.set_result(exchange)
+                return
+        self._heard(exchange)
 
 
 class Asked:
@@ -134,9 +107,7 @@ class Asked:
         self,
         link: Link,
         client: ActionClient,
-        refused: RefusedGoals,
         goal: PlanTrajectoryAction.Goal,
-        key: bytes,
         told: Callable[[str], None],
         answered: Callable[[PlanAnswer], None],
         failed: Callable[[FfPlannerError], None],
@@ -144,13 +115,11 @@ class Asked:
         """Send the request.
 
         Args:
-            key: Id of the goal, 16 bytes.
             told: Called with the progress in words.
             answered: Called once, with the answer.
             failed: Called once instead, with the reason why there is no answer.
         """
-        self._link, self._client, self._refused = link, client, refused
-        self._goal, self._key, self._told = goal, key, told
+        self._link, self._client, self._goal, self._told = link, client, goal, told
         self._answered, self._failed = answered, failed
         self._cancelled = threading.Event()
         self._thread = threading.Thread(target=self._run, name="console request", daemon=True)
@@ -178,13 +147,9 @@ class Asked:
     def _result(self) -> PlanAnswer:
         if lost := self._link.lost:
             raise FfPlannerError(Status.NOT_ACTIVE, lost)
-        executor, goal_id = self._link.executor, SEND_GOAL.Request().goal_id
-        goal_id.uuid = list(self._key)
-        sent = ask(
-            executor, lambda: self._client.send_goal_async(self._goal, self._progress, goal_id)
-        )
+        executor = self._link.executor
+        sent = ask(executor, lambda: self._client.send_goal_async(self._goal, self._progress))
         handle = self._waited(sent)
-        self._refused.require_accepted(handle)
         result = ask(executor, handle.get_result_async)
         answer: PlanAnswer = self._waited(
             result, lambda: ask(executor, handle.cancel_goal_async)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from math import comb
 
@@ -59,6 +59,20 @@ class JointMotion:
         rates = (of_rates[0] + part * (of_rates[1] - of_rates[0])) * (5 / step)
         left = left[:-1] + part * of_rates
         return left[0] + part * (left[1] - left[0]), rates, accelerations
+
+    def between(self, begin: float, end: float) -> JointMotion:
+        """Return the motion with the points alone on which its values between two times depend.
+
+        Args:
+            begin: The first time [s].
+            end: The last time [s].
+        """
+        first = int(np.searchsorted(self.time, begin, side="right")) - 1
+        first = min(max(first, 0), len(self.time) - 2)
+        # At a point `at` takes the quintic behind it.
+        last = max(int(np.searchsorted(self.time, end, side="right")), first + 1)
+        kept = slice(first, last + 1)
+        return JointMotion(*(getattr(self, item.name)[kept] for item in fields(self)))
 
     def extremes(self, order: int = 0) -> tuple[Array, Array]:
         """Return the lowest and highest value of each joint between first and last point, and when.

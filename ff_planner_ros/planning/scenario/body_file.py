@@ -93,7 +93,7 @@ class BodyFile:
     urdf: str
     locked_joints: Mapping[str, float]  # positions [rad, m]
 
-    def load(self, directory: Path) -> TargetBody:
+    def load(self, directory: Path | None) -> TargetBody:
         """Read the URDF, whose path may be relative to a directory, and return the body.
 
         Raises:

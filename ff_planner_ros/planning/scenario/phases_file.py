@@ -33,6 +33,8 @@ _KEYS: DeclaredFields = {
     **declared(Phase),
     "target_body": replace(declared(Phase)["target_body"], form=TARGET_BODY),
 }
+# All of them: a limit that a phase omits is that of the phase before.
+_LIMITS = {key: replace(one, brief=False) for key, one in declared(Limits).items()}
 _HELD = "payload"  # of the first phase it is the robot's
 # Keys that a scenario with phases must give in the phases, not beside them.
 _OF_ONE = ("target", "target_body", "duration", "approach", "camera", "allowed_collisions")
@@ -97,7 +99,7 @@ def first_named(document: object) -> AbstractContextManager[None]:
 
 
 def built(
-    others: Sequence[Mapping[str, Any]], robot: Robot, limits: Limits, directory: Path
+    others: Sequence[Mapping[str, Any]], robot: Robot, limits: Limits, directory: Path | None
 ) -> tuple[Phase, ...]:
     """Return the phases that follow the first.
 
@@ -131,8 +133,12 @@ def with_phases(document: dict[str, Any], then: Sequence[Phase]) -> dict[str, An
     if not then:
         return document
     first = {key: document.pop(key) for key in _OF_ONE if key in document}
-    others = [
-        written(_KEYS, {key: getattr(one, item.name) for key, item in _KEYS.items()})
-        for one in then
-    ]
-    return document | {KEY: [first, *others]}
+    return document | {KEY: [first, *map(_written, then)]}
+
+
+def _written(phase: Phase) -> dict[str, Any]:
+    document = written(_KEYS, {key: getattr(phase, one.name) for key, one in _KEYS.items()})
+    if (limits := phase.limits) is not None:
+        values = {key: getattr(limits, one.name, None) for key, one in _LIMITS.items()}
+        document["limits"] = written(_LIMITS, values)
+    return document

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -13,16 +13,14 @@ from ff_planner_ros.common.arrays import finite_vector
 from ff_planner_ros.common.declared import (
     DeclaredField,
     DeclaredFields,
-    declare,
     declared,
     fields_of,
     read_keys,
     schema_of,
 )
 from ff_planner_ros.common.declared_parts import changes, part
-from ff_planner_ros.common.forms import DIALECT, TEXT, Schema, a_number, a_word, by_name
-from ff_planner_ros.common.plain_values import an_object
-from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.common.forms import DIALECT, Form, Schema
+from ff_planner_ros.common.plain_values import an_object, integer
 from ff_planner_ros.common.text_file import AnyPath, path_of
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status, fields_renamed
@@ -42,20 +40,23 @@ from ff_planner_ros.planning.scenario.body_file import TARGET_BODY, BodyFile
 from ff_planner_ros.planning.scenario.defaults import Defaults as Defaults
 from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
 from ff_planner_ros.planning.scenario.phases_file import PHASES, built, first_named, split
-from ff_planner_ros.planning.scenario.wheels_file import WheelsFile
+from ff_planner_ros.planning.scenario.robot_file import RobotFile
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.following import require_askable_phases
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
-from ff_planner_ros.robot.model import SLIDE_WEIGHT, SLIDE_WEIGHTS, Base, Robot, load_robot
+from ff_planner_ros.robot.model import (
+    Robot,
+)
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.meshes import Meshes
-from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 
 # A scenario names no frame, since it has one; messages about it must.
 SCENARIO_FRAME = "inertial"
+
+# Version of the format of scenarios; increased when a key gets another meaning.
+FORMAT = 1
 
 _NO_LIMITS = Limits()
 
@@ -65,79 +66,21 @@ _Read: TypeAlias = Mapping[str, Any]  # values by key
 _Build: TypeAlias = Callable[[_Read, Robot, Sequence[_Read]], Built]
 
 
-@dataclass(frozen=True)
-class RobotFile:
-    """The block `robot` of a scenario: the robot's files, and how they are read."""
-
-    urdf: str = declare(
-        TEXT, "path of the URDF or SDF, relative to this file, or package://PACKAGE/PATH"
-    )
-    base_link: str = declare(TEXT, "link that carries the arm")
-    tip_link: str = declare(TEXT, "link whose frame is the end effector")
-    base: Base = declare(
-        a_word(Base),
-        "motion of the chaser: planar: x, y and rotation about z, on an air-bearing table; "
-        "attitude_held: reaction wheels hold its attitude, and it drifts",
-        brief=True,
-        default=Base.FREE_FLYER,
-    )
-    wheels: WheelsFile | None = declare(
-        part(WheelsFile),
-        "reaction wheels of base attitude_held; default: one along each axis of the base link, "
-        "without limits",
-        default=None,
-    )
-    locked_joints: Mapping[str, float] | None = declare(
-        by_name("a joint"),
-        "locked joints and their positions; default: all joints that are not between base and tip, "
-        "at zero",
-        unit="rad, m",
-        default=None,
-    )
-    geometry: Geometry | None = declare(
-        a_word(Geometry),
-        "collision geometry: shapes: the URDF's collision elements; lines: the link centre lines, "
-        "as in the paper; default: shapes if the arm has any",
-        default=None,
-    )
-    srdf: str | None = declare(
-        TEXT,
-        "path of an SRDF, as for the URDF: links that may touch; default: those that touch in "
-        "nearly every posture",
-        default=None,
-    )
-    payload: Payload | None = declare(
-        part(Payload), "a body that a link holds; default: none", default=None
-    )
-    slide_weight: float | None = declare(
-        a_number(at_least=0.0, at_most=SLIDE_WEIGHTS[1]),
-        "weight of a prismatic joint in the joint path, in which a revolute joint counts 1; 0: "
-        "prismatic joints are locked; default: 1",
-        unit="rad/m",
-        default=None,
-    )
-
-    def load(self, directory: Path) -> Robot:
-        """Load the robot from its files, whose paths may be relative to a directory.
-
-        Raises:
-            InvalidInput: A file cannot be read, or is refused.
-        """
-        urdf = resolve_uri(self.urdf, relative_to=directory)
-        srdf = None if self.srdf is None else resolve_uri(self.srdf, directory, "robot.srdf")
-        links = self.base_link, self.tip_link
-        held = self.locked_joints or {}
-        wheels = None if self.wheels is None else self.wheels.wheels
-        told = urdf, *links, self.base, held, self.geometry, srdf, wheels
-        weight = SLIDE_WEIGHT if self.slide_weight is None else self.slide_weight
-        robot = load_robot(*told, slide_weight=weight)
-        return (
-            robot if self.payload is None else with_payload(robot, self.payload.loaded(directory))
-        )
+def _format(field: str, value: object) -> int:
+    if integer(field, value) != FORMAT:
+        allowed = f"this version reads format {FORMAT}: a newer one may read this scenario"
+        raise InvalidInput(Status.UNSUPPORTED, field, value, allowed)
+    return FORMAT
 
 
 # Every key of a scenario file.
 KEYS: DeclaredFields = {
+    "format": DeclaredField(
+        Form(_format, lambda: {"const": FORMAT}),
+        "version of the format of scenarios",
+        optional=True,
+        default=FORMAT,
+    ),
     "robot": DeclaredField(part(RobotFile), "the robot", name="robot"),
     **declared(SystemState),
     **declared(PlanningProblem),
@@ -158,7 +101,11 @@ def load_scenario(path: AnyPath) -> PlanningProblem:
             `chaser.position`; `faults` holds all faults.
     """
     file = path_of("path", path)
-    return _built(file, USUAL_POINTS, lambda read, robot, _: _problem(read, robot, _NO_LIMITS))
+
+    def problem(read: _Read, robot: Robot, _: Sequence[_Read]) -> PlanningProblem:
+        return _problem(read, robot, _NO_LIMITS)
+
+    return _built(read_yaml(file), file.parent, USUAL_POINTS, problem)
 
 
 def load_task(path: AnyPath, defaults: Defaults) -> PlanningTask:
@@ -169,15 +116,28 @@ def load_task(path: AnyPath, defaults: Defaults) -> PlanningTask:
     """
     file = path_of("path", path)
     an_object("defaults", defaults, Defaults)
+    return built_task(read_yaml(file), file.parent, defaults)
+
+
+def built_task(document: object, directory: Path | None, defaults: Defaults) -> PlanningTask:
+    """Return the task of a scenario's document.
+
+    Args:
+        directory: Directory that paths in it are relative to; None: it is from elsewhere, and no
+            file is read.
+
+    Raises:
+        InvalidInput: As by `load_scenario`.
+    """
 
     def task(read: _Read, robot: Robot, others: Sequence[_Read]) -> PlanningTask:
         first = _task(read, robot, defaults)
-        then = built(others, robot, first.problem.limits, file.parent)
+        then = built(others, robot, first.problem.limits, directory)
         whole = replace(first, then=then) if then else first
         require_askable_phases(whole)
         return whole
 
-    return _built(file, defaults.points, task)
+    return _built(document, directory, defaults.points, task)
 
 
 def scenario_schema() -> Schema:
@@ -201,14 +161,13 @@ def limits_from(value: object, defaults: Limits) -> Limits:
     return replace(defaults, **changes(Limits).read("limits", value))
 
 
-def _built(path: Path, points: int, build: _Build[Built]) -> Built:
-    """Return what is built of a file's values, once nothing is wrong with any of them."""
-    whole = read_yaml(path)
+def _built(whole: object, directory: Path | None, points: int, build: _Build[Built]) -> Built:
+    """Return what is built of a document's values, once nothing is wrong with any of them."""
     with first_named(whole):
-        return _built_of(whole, path, points, build)
+        return _built_of(whole, directory, points, build)
 
 
-def _built_of(whole: object, path: Path, points: int, build: _Build[Built]) -> Built:
+def _built_of(whole: object, directory: Path | None, points: int, build: _Build[Built]) -> Built:
     faults = Faults()
     document, others = split(whole, faults)
     read = read_keys(KEYS, "", document, faults)
@@ -218,17 +177,17 @@ def _built_of(whole: object, path: Path, points: int, build: _Build[Built]) -> B
     robot: Any = None  # only if there are faults
     if "robot" in read:
         with faults.gathered():
-            robot = read["robot"].load(path.parent)
+            robot = read["robot"].load(directory)
     if robot is not None:
         _check_sizes(read, robot.joints, faults)
-    _read_meshes(read, "", path.parent, faults)
+    _read_meshes(read, "", directory, faults)
     for index, phase in enumerate(others, start=1):
-        _read_meshes(phase, f"{PHASES_KEY}[{index}].", path.parent, faults)
+        _read_meshes(phase, f"{PHASES_KEY}[{index}].", directory, faults)
     faults.refuse()
     return build({"points": points} | read, robot, others)
 
 
-def _read_meshes(read: dict[str, Any], place: str, directory: Path, faults: Faults) -> None:
+def _read_meshes(read: dict[str, Any], place: str, directory: Path | None, faults: Faults) -> None:
     """Read the mesh files of obstacles and target body, and the target body's URDF."""
 
     def loaded(told: str, entries: Sequence[InTheWay]) -> tuple[InTheWay, ...]:

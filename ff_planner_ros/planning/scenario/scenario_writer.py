@@ -12,7 +12,8 @@ from ff_planner_ros.common.declared import DeclaredFields, declared, written
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.phases_file import with_phases
-from ff_planner_ros.planning.scenario.scenario import KEYS, Defaults, RobotFile, load_task
+from ff_planner_ros.planning.scenario.robot_file import RobotFile
+from ff_planner_ros.planning.scenario.scenario import KEYS, Defaults, load_task
 from ff_planner_ros.planning.scenario.wheels_file import wheels_file
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -28,20 +29,11 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
         InvalidInput: The file would not hold the task: two obstacles with one id, say.
         OSError: A file cannot be written.
     """
-    robot = task.problem.robot
     urdf = path.with_suffix(".urdf")
-    urdf.write_text(robot.drawn_urdf, encoding="utf-8", newline="")
-    # What is written of a robot with lines has no <collision>.
-    geometry = None if robot.geometry is Geometry.LINES else robot.geometry
-    named = RobotFile(
-        *(urdf.name, robot.base_link, robot.tip_link, robot.base, wheels_file(task.problem)),
-        geometry=geometry,
-        slide_weight=robot.slide_weight if robot.has_slides else None,
-    )
-    values = {"robot": named} | _said_of(task.problem) | _said_by(task)
+    urdf.write_text(task.problem.robot.drawn_urdf, encoding="utf-8", newline="")
     # Flow style for what holds no other lists: a line for each vector.
     document = yaml.safe_dump(
-        with_phases(written(KEYS, values), task.then),
+        task_document(task, urdf.name),
         default_flow_style=None,
         sort_keys=False,
         allow_unicode=True,
@@ -51,6 +43,24 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     if load_task(path, Defaults(task.settings)).digest != task.digest:
         allowed = "a scenario file holds robots that their URDF describes"
         raise InvalidInput(Status.UNSUPPORTED, "robot", "of another kind", allowed)
+
+
+def task_document(task: PlanningTask, urdf: str) -> dict[str, Any]:
+    """Return the document of a task as a scenario file holds it.
+
+    Args:
+        urdf: Path or text of the robot's `drawn_urdf`.
+    """
+    robot = task.problem.robot
+    # What is written of a robot with lines has no <collision>.
+    geometry = None if robot.geometry is Geometry.LINES else robot.geometry
+    named = RobotFile(
+        *(urdf, robot.base_link, robot.tip_link, robot.base, wheels_file(task.problem)),
+        geometry=geometry,
+        slide_weight=robot.slide_weight if robot.has_slides else None,
+    )
+    values = {"robot": named} | _said_of(task.problem) | _said_by(task)
+    return with_phases(written(KEYS, values), task.then)
 
 
 def described_problem(problem: PlanningProblem) -> dict[str, Any]:

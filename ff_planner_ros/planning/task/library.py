@@ -18,7 +18,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -48,25 +48,6 @@ class StoredPlan:
         """Keep read-only copies."""
         for name in ("place", "coefficients"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
-
-
-class Guesses(Protocol):
-    """A source of initial guesses for tasks."""
-
-    def first_guess(self, task: PlanningTask) -> Array | None:
-        """Return the path to try first, as decision variables of its family; None: none."""
-
-
-@dataclass(frozen=True, eq=False)
-class KnownGuess:
-    """The initial guess that a task had, from a record of it."""
-
-    coefficients: Array  # empty: it had none
-
-    def first_guess(self, task: PlanningTask) -> Array | None:
-        """Return the recorded guess; None: there was none, or it fits no family of the task."""
-        known = frozen(self.coefficients)
-        return known if len(known) and len(known) in _variables(task) else None
 
 
 @dataclass(frozen=True, eq=False)

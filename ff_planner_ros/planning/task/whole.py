@@ -8,6 +8,7 @@ from itertools import chain
 
 import numpy as np
 
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, RobustReport, SolverReport
 from ff_planner_ros.planning.problem.problem import lasting
@@ -71,6 +72,24 @@ def whole_scene(task: PlanningTask, plan: Plan) -> Scene:
 def captured_bodies(task: PlanningTask) -> list[TargetBody | None]:
     """Return the body that each phase captures, in its state at the first point of the first."""
     return [task.problem.target_body, *(phase.target_body for phase in task.then)]
+
+
+def efforts_of(answer: Plan | FfPlannerError) -> list[int]:
+    """Return the step at which the search of each phase was cut short; zero: it was not.
+
+    Of a refusal, the last one is that of the phase that was refused.
+    """
+    found = answer if isinstance(answer, Plan) else getattr(answer, "found", None)
+    efforts = [one.effort for one in found.phases] if isinstance(found, Plan) else []
+    if isinstance(answer, NoPlanFound):
+        efforts.append(answer.effort)
+    return efforts
+
+
+def bodies_of(task: PlanningTask, plan: Plan) -> list[TargetBody | None]:
+    """Return the body that each phase of a plan captures, at the phase's first point."""
+    pairs = zip(captured_bodies(task), plan.begins, strict=False)
+    return [None if body is None else body.after(begin) for body, begin in pairs]
 
 
 def _metrics(each: Sequence[Metrics], begins: Sequence[float]) -> Metrics:

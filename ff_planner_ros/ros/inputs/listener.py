@@ -46,7 +46,7 @@ class Listener:
     def __init__(self, node: Node) -> None:
         """Begin without topics."""
         self._node, self._group = node, _Unspun()
-        self._heard: list[tuple[Subscription, Callable[..., None], bool]] = []
+        self._heard: list[tuple[Subscription, Callable[..., None]]] = []
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="listener", daemon=True)
 
@@ -56,21 +56,17 @@ class Listener:
         topic: str,
         keep: Callable[..., None],
         qos: QoSProfile,
-        *,
-        serialised: bool,
-        numbered: bool = False,
     ) -> None:
         """Subscribe to a topic.
 
         Args:
-            keep: Called with each message; with its bytes if `serialised`.
-            numbered: Whether `keep` is also called with the message's publication sequence number,
-                which is None if the middleware has none.
+            keep: Called with the bytes of each message and its publication sequence number, which
+                is None if the middleware has none.
         """
         subscription = self._node.create_subscription(
-            message_type, topic, keep, qos, callback_group=self._group, raw=serialised
+            message_type, topic, keep, qos, callback_group=self._group, raw=True
         )
-        self._heard.append((subscription, keep, numbered))
+        self._heard.append((subscription, keep))
 
     def start(self) -> None:
         """Start the thread; no topic may be added after that."""
@@ -81,7 +77,7 @@ class Listener:
         self._stopped.set()
         if self._thread.is_alive():
             self._thread.join()
-        for subscription, _, _ in self._heard:
+        for subscription, _ in self._heard:
             self._node.destroy_subscription(subscription)
 
     def _run(self) -> None:
@@ -91,9 +87,9 @@ class Listener:
             if time.monotonic() > looked + _EVENTS:
                 looked = time.monotonic()
                 self._tell_events()
-            for subscription, keep, numbered in self._heard:
+            for subscription, keep in self._heard:
                 try:
-                    if self._take(subscription, keep, numbered):
+                    if self._take(subscription, keep):
                         period = _PERIOD
                 except Exception:  # of one message; the end of a thread would not be noticed
                     self._node.get_logger().error(in_log(traceback.format_exc()))
@@ -101,7 +97,7 @@ class Listener:
     def _tell_events(self) -> None:
         """Tell of publishers that do not fit, as the executor would."""
         handlers: list[EventHandler] = []
-        for subscription, _, _ in self._heard:
+        for subscription, _ in self._heard:
             handlers += subscription.event_handlers  # type: ignore[arg-type]
         context = self._node.context.handle
         with ExitStack() as stack:
@@ -117,16 +113,16 @@ class Listener:
                 if told is not None:
                     handler.callback(told)
 
-    def _take(self, subscription: Subscription, keep: Callable[..., None], numbered: bool) -> bool:
+    def _take(self, subscription: Subscription, keep: Callable[..., None]) -> bool:
         """Hand over what waits, and tell whether anything did."""
         has_come = False
         handle, message_type = subscription.handle, subscription.msg_type
         with handle:
             while not self._stopped.is_set():
-                taken = handle.take_message(message_type, subscription.raw)
+                taken = handle.take_message(message_type, True)  # its bytes
                 if taken is None:
                     break
                 has_come = True
                 message, info = taken
-                keep(message, *((info["publication_sequence_number"],) if numbered else ()))
+                keep(message, info["publication_sequence_number"])
         return has_come

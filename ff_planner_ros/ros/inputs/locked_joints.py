@@ -43,10 +43,10 @@ class LockedJoints:
         """Begin without messages."""
         self._robot = robot
         self._named = joints_named([one.name for one in robot.locked_joints])
-        self._heard: dict[str, tuple[InputTopic, Any]] = {}  # by joint
+        self._heard: dict[str, tuple[InputTopic, bytes]] = {}  # by joint
 
-    def keep(self, topic: InputTopic, message: Any) -> None:
-        """Keep a message of a topic, serialised or not, if it names such a joint."""
+    def keep(self, topic: InputTopic, message: bytes) -> None:
+        """Keep a message of a topic if it names such a joint."""
         for name in self._named(message):
             self._heard[name] = topic, message
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import threading
-import time
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
@@ -41,16 +40,15 @@ class NewestMessage(Generic[Seen]):
         topic: InputTopic,
         read: Callable[[Any], Seen],
         apart: Contradiction[Seen],
-        now_ns: Callable[[], int] | None,
-        publishers: Publishers | None,
+        now_ns: Callable[[], int],
+        publishers: Publishers,
     ) -> None:
         """Begin without messages.
 
         Args:
             read: Converts a message; raises InvalidInput if the message is invalid.
             apart: Returns in words how two messages contradict each other; empty: they agree.
-            now_ns: The node's clock [ns]; None: times of arrival are unknown, as in a replay.
-            publishers: None: unknown, as in a replay.
+            now_ns: The node's clock [ns], read when a message arrives.
         """
         self._topic, self._read, self._now_ns = topic, read, now_ns
         self._apart = apart
@@ -71,26 +69,25 @@ class NewestMessage(Generic[Seen]):
 
     @property
     def came_ns(self) -> int | None:
-        """When the kept message arrived, by the node's clock [ns]; None: unknown."""
+        """When the kept message arrived, by the node's clock [ns]; None: none was received."""
         kept = self._kept
         return None if kept is None else kept.came_ns
 
-    def keep(self, message: Any, number: int | None = None) -> None:
-        """Keep a message, serialised or not, valid or not, unless it is from before the kept one.
+    def keep(self, message: bytes, number: int | None) -> None:
+        """Keep a message, valid or not, unless it is from before the kept one.
 
         It is if both are stamped, its stamp is the earlier one, and the kept one's
         stamp is not ahead of now.
         """
-        came_ns = None if self._now_ns is None else self._now_ns()
-        now_ns = time.time_ns() if came_ns is None else came_ns
+        came_ns = self._now_ns()
         heard = HeardMessage[Seen](message, stamp_of(message), came_ns)
         stamp_ns = heard.stamp_ns or 0
         with self._lock:
-            if came_ns is not None and stamp_ns:
+            if stamp_ns:
                 self._offset.note(stamp_ns - came_ns, came_ns)
             kept_ns = 0 if self._kept is None else self._kept.stamp_ns or 0
             self._speakers.note(heard, number)
-            if not 0 < stamp_ns < kept_ns <= now_ns:
+            if not 0 < stamp_ns < kept_ns <= came_ns:
                 self._kept, self.late = heard, None
             else:
                 self.late = self._behind((kept_ns - stamp_ns) / NANOSECONDS)

@@ -42,7 +42,7 @@ class Speakers(Generic[Message]):
     def __init__(
         self,
         topic: str,
-        publishers: Publishers | None,
+        publishers: Publishers,
         contradiction: Callable[[Message, Message], str],
         came_lately: Callable[[Message, int], bool],
         *,
@@ -51,7 +51,6 @@ class Speakers(Generic[Message]):
         """Begin without messages.
 
         Args:
-            publishers: None: unknown, as in a replay.
             contradiction: Returns in words how two messages contradict each other; empty: they
                 agree.
             came_lately: Returns whether a message arrived in the last seconds before now [ns].
@@ -69,16 +68,15 @@ class Speakers(Generic[Message]):
         A message that fits no known publisher counts as another publisher's; the number of
         publishers is limited to what the middleware lists.
         """
-        publishers = self._publishers
-        several = publishers is not None and publishers.are_several(self._topic)
+        several = self._publishers.are_several(self._topic)
         said = _Said(number, message)
         same = [one for one in self._last if number is not None and one.number == number - 1]
         if (self._once and several and not self._all_are_known()) or len(same) > 1:
             same = self._agreeing(same, message)
         if not same and several:  # each message of one that loses some would hide what others say
             same = self._agreeing([one for one in self._last if _is_before(one, number)], message)
-        if self._once and publishers is not None:
-            said.authors = self._authors(publishers, same)
+        if self._once:
+            said.authors = self._authors(same)
         if self._once and not several:
             self._last.clear()  # nobody else is there
         elif same:
@@ -104,9 +102,9 @@ class Speakers(Generic[Message]):
                 those of the newest message that are gone since.
         """
         said = list(self._last)
-        if self._publishers is None or len(said) < 2:
+        if len(said) < 2:
             return
-        there = self._there(self._publishers)
+        there = self._there()
         newest = said.pop()
         gone = sorted(name for key, name in newest.authors.items() if key not in there)
         names = sorted(there.values())
@@ -121,31 +119,27 @@ class Speakers(Generic[Message]):
             if words:
                 raise self._refusal(names, gone, words)
 
-    def _there(self, publishers: Publishers) -> Mapping[object, str]:
+    def _there(self) -> Mapping[object, str]:
         """Return the names of the publishers, and note when each was seen first."""
-        there, now = publishers.heard_by_id(self._topic), time.monotonic()
+        there, now = self._publishers.heard_by_id(self._topic), time.monotonic()
         self._since = {key: self._since.get(key, now) for key in there}
         return there
 
     def _all_are_known(self) -> bool:
         """Return whether a first message of any of the publishers would have the number 1."""
-        if self._publishers is None:
-            return False
-        self._there(self._publishers)
+        self._there()
         return max(self._since.values(), default=math.inf) < time.monotonic() - _DISCOVERY
 
     def _agreeing(self, said: Sequence[_Said[Message]], message: Message) -> list[_Said[Message]]:
         """Return those whose message agrees with another, the last heard first."""
         return [one for one in reversed(said) if not self._contradiction(one.message, message)]
 
-    def _authors(
-        self, publishers: Publishers, same: Sequence[_Said[Message]]
-    ) -> Mapping[object, str]:
+    def _authors(self, same: Sequence[_Said[Message]]) -> Mapping[object, str]:
         """Return who may have published a message; `same`: earlier messages of its publisher."""
         before = same[0].authors if same else {}
         if len(before) == 1:
             return before
-        there = self._there(publishers)
+        there = self._there()
         # Others who are known have others' numbers.
         known = [key for one in self._last if len(one.authors) == 1 for key in one.authors]
         may = {key: name for key, name in there.items() if key not in known}

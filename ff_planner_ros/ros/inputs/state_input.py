@@ -9,14 +9,12 @@ even once the time of its stamp has come: the state was not measured then.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from ff_planner_msgs.msg import ChaserState
-from sensor_msgs.msg import JointState
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
@@ -36,9 +34,6 @@ from ff_planner_ros.ros.messages.from_odometry import (
     joints_from_joint_state,
 )
 from ff_planner_ros.ros.messages.joint_names import names_a_joint_of
-
-Chaser = TypeVar("Chaser")
-Joints = TypeVar("Joints")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +58,14 @@ class StateInput:
         inertial_frame: str,
         source: str,
         odometry: OdometryParameters,
-        now_ns: Callable[[], int] | None = None,
-        publishers: Publishers | None = None,
+        now_ns: Callable[[], int],
+        publishers: Publishers,
     ) -> None:
         """Begin without messages.
 
         Args:
             source: Parameter `state_source`: `chaser_state` or `odometry`.
-            now_ns: The node's clock [ns]; None: times of arrival are unknown, as in a replay.
-            publishers: None: unknown, as in a replay.
+            now_ns: The node's clock [ns].
         """
         self._source = source
         self._pairing_tolerance = odometry.pairing_tolerance
@@ -100,7 +94,7 @@ class StateInput:
         )
 
     def callbacks(self) -> dict[str, Callable[..., None]]:
-        """Return each topic's callback, which takes a message and its sequence number."""
+        """Return each topic's callback, which takes a message's bytes and its sequence number."""
         return {
             CHASER_STATE.name: self._keep_state,
             ODOMETRY.name: self._chasers.keep,
@@ -120,8 +114,7 @@ class StateInput:
     def clock_offset(self, now_ns: int) -> float | None:
         """Return how far the clock of the state's publishers is ahead of the node's [s].
 
-        As measured over the last seconds, of two topics the larger offset; None: no message, or
-        times of arrival are unknown.
+        As measured over the last seconds, of two topics the larger offset; None: no message.
         """
         topics = (self._states,) if self._is_one_topic else (self._chasers, self._joints)
         offsets = [offset for topic in topics if (offset := topic.offset(now_ns)) is not None]
@@ -181,20 +174,26 @@ class StateInput:
     def _nearest(
         self, chasers: list[HeardMessage[ChaserPart]], joints: list[HeardMessage[JointPart]]
     ) -> tuple[tuple[HeardMessage[ChaserPart], HeardMessage[JointPart]] | None, float]:
-        """Return the last pair or None, and the smallest distance in time of those rejected [s]."""
-        smallest, stamped_joints = np.inf, [(_stamp(one), one) for one in joints]
-        stamped_chasers = [(_stamp(one), one) for one in chasers]
-        for apart, (_, chaser), (_, arm) in pairs(stamped_chasers, stamped_joints):
+        """Return the last pair or None, and the smallest distance in time of those rejected [s].
+
+        Of joint states equally near, the last one is taken.
+        """
+        smallest, last_first = np.inf, joints[::-1]
+        stamps_ns = np.array([_stamp(one) for one in last_first])
+        for chaser in reversed(chasers) if joints else ():
+            times = np.abs(stamps_ns - _stamp(chaser)) / NANOSECONDS
+            nearest = int(np.argmin(times))
+            apart = float(times[nearest])
             if is_pair(apart, self._pairing_tolerance):
-                return (chaser, arm), apart
+                return (chaser, last_first[nearest]), apart
             smallest = min(smallest, apart)
         return None, smallest
 
-    def _keep_state(self, message: ChaserState | bytes, number: int | None = None) -> None:
+    def _keep_state(self, message: bytes, number: int | None) -> None:
         self._locked.keep(CHASER_STATE, message)
         self._states.keep(message, number)
 
-    def _keep_joints(self, message: JointState | bytes, number: int | None = None) -> None:
+    def _keep_joints(self, message: bytes, number: int | None) -> None:
         self._locked.keep(JOINT_STATES, message)
         # Messages of other joints, for example of a gripper, are not errors.
         self._joints.keep(message, number, is_for_others=not self._is_of_arm(message))
@@ -211,22 +210,6 @@ def _sound(topic: TopicMemory[SystemState], heard: HeardMessage[SystemState]) ->
     if isinstance(part, InvalidInput):
         raise part
     return part
-
-
-def pairs(
-    chasers: Sequence[tuple[int, Chaser]], joints: Sequence[tuple[int, Joints]]
-) -> Iterator[tuple[float, tuple[int, Chaser], tuple[int, Joints]]]:
-    """Yield the distance in time [s] of each chaser to its nearest joint state, and both.
-
-    The last chaser comes first. Of joint states equally near, the last one is taken. The entries of
-    both lists begin with their stamps [ns].
-    """
-    last_first = joints[::-1]
-    stamps_ns = np.array([stamp_ns for stamp_ns, _ in last_first])
-    for chaser in reversed(chasers) if joints else ():
-        apart = np.abs(stamps_ns - chaser[0]) / NANOSECONDS
-        nearest = int(np.argmin(apart))
-        yield float(apart[nearest]), chaser, last_first[nearest]
 
 
 def is_pair(apart: float, tolerance: float) -> bool:

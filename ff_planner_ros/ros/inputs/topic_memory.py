@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Retry, Status
 from ff_planner_ros.ros.inputs.clock_offset import WINDOW, ClockOffset
-from ff_planner_ros.ros.inputs.input_topics import MEMORY, InputTopic, header_time
+from ff_planner_ros.ros.inputs.input_topics import InputTopic, header_time
 from ff_planner_ros.ros.inputs.publishers import Publishers
 from ff_planner_ros.ros.inputs.speakers import Speakers
 from ff_planner_ros.ros.messages.from_messages import time_in_ns
@@ -21,7 +21,9 @@ from ff_planner_ros.ros.messages.from_messages import time_in_ns
 # A time this little beyond a limit is within it [s].
 ROUNDING = 1e-6
 _OF_STATES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "state_max_age"
-# A serialised message that is longer is read at once [bytes]: a second of them at 1 kHz would fill
+# A second of a topic at 1 kHz: no message should travel that much longer than another.
+_MEMORY = 1000
+# A message that is longer is read at once [bytes]: a second of them at 1 kHz would fill
 # the memory, and no chaser has so many joints.
 _LONGEST_STORED = 20_000
 
@@ -104,15 +106,15 @@ def require_same_clock(status: Status, field: str, offset: float | None, max_lea
 class HeardMessage(Generic[Part]):
     """A received message and, once it was converted, its content."""
 
-    message: Any  # serialised or not; None once it was converted
+    message: bytes  # empty once it was converted
     stamp_ns: int | None  # None: invalid
-    came_ns: int | None = None  # time of arrival by the node's clock; None: unknown
+    came_ns: int  # time of arrival by the node's clock
     part: Part | InvalidInput | None = None  # the content, or why the message is invalid
 
     @property
     def lead(self) -> float:
-        """Stamp minus time of arrival [s]; minus infinity if either is unknown."""
-        if self.came_ns is None or self.stamp_ns is None:
+        """Stamp minus time of arrival [s]; minus infinity if the stamp is invalid."""
+        if self.stamp_ns is None:
             return float("-inf")
         return (self.stamp_ns - self.came_ns) / NANOSECONDS
 
@@ -125,8 +127,8 @@ class TopicMemory(Generic[Part]):
         topic: InputTopic,
         read: Callable[[Any], Part],
         contradiction: Contradiction[Part],
-        now_ns: Callable[[], int] | None,
-        publishers: Publishers | None,
+        now_ns: Callable[[], int],
+        publishers: Publishers,
     ) -> None:
         """Begin without messages.
 
@@ -134,9 +136,7 @@ class TopicMemory(Generic[Part]):
             read: Converts a message; raises InvalidInput if the message is invalid.
             contradiction: Returns in words how two messages contradict each other; empty: they
                 agree.
-            now_ns: The node's clock [ns], read when a message arrives; None: times of arrival are
-                unknown, as in a replay.
-            publishers: None: unknown, as in a replay.
+            now_ns: The node's clock [ns], read when a message arrives.
         """
         self._topic, self._read, self._now_ns = topic, read, now_ns
         self._contradiction, self._publishers = contradiction, publishers
@@ -146,28 +146,28 @@ class TopicMemory(Generic[Part]):
         )
         self._field = f"{topic.name}.header.stamp"
         self._lock = threading.RLock()
-        self._kept: deque[HeardMessage[Part]] = deque(maxlen=MEMORY)
+        self._kept: deque[HeardMessage[Part]] = deque(maxlen=_MEMORY)
         self._other: HeardMessage[Part] | None = None  # that is not for the node
         self._offset = ClockOffset()
         self.since = "yet"  # when nothing was heard any more, in words
 
-    def keep(self, message: Any, number: int | None = None, *, is_for_others: bool = False) -> None:
-        """Store a message, serialised or not.
+    def keep(self, message: bytes, number: int | None, *, is_for_others: bool = False) -> None:
+        """Store a message.
 
         Args:
             number: Publication sequence number; None: unknown.
             is_for_others: Whether it is not meant for this node, such as the state of a gripper;
                 such a message only explains a refusal while no other was received.
         """
-        came_ns = None if self._now_ns is None else self._now_ns()
+        came_ns = self._now_ns()
         heard = HeardMessage[Part](message, stamp_of(message), came_ns)
         with self._lock:
             if is_for_others:
                 self._other = heard
                 return
-            if heard.stamp_ns is not None and came_ns is not None:
+            if heard.stamp_ns is not None:
                 self._offset.note(heard.stamp_ns - came_ns, came_ns)
-            if isinstance(message, bytes) and len(message) > _LONGEST_STORED:
+            if len(message) > _LONGEST_STORED:
                 self.read(heard)
             self._kept.append(heard)
             self._speakers.note(heard, number)
@@ -176,7 +176,7 @@ class TopicMemory(Generic[Part]):
         """Return the content of a message, or why it is invalid; it is converted once."""
         with self._lock:
             if heard.part is None:
-                heard.part, heard.message = self._read_now(heard.message), None
+                heard.part, heard.message = self._read_now(heard.message), b""
             return heard.part
 
     def clear(self) -> None:
@@ -258,9 +258,9 @@ class TopicMemory(Generic[Part]):
             return ""  # it is refused for another reason
         return self._contradiction(parts[0], parts[1], seconds_between(before, after))
 
-    def _read_now(self, message: Any) -> Part | InvalidInput:
+    def _read_now(self, cdr: bytes) -> Part | InvalidInput:
         try:
-            message = deserialised(message, self._topic)
+            message = deserialised(cdr, self._topic)
             time_in_ns(self._field, message.header.stamp)
             return self._read(message)
         except InvalidInput as error:
@@ -277,15 +277,13 @@ class TopicMemory(Generic[Part]):
         )
 
 
-def deserialised(message: Any, topic: InputTopic) -> Any:
-    """Return a message of a topic that may be serialised.
+def deserialised(message: bytes, topic: InputTopic) -> Any:
+    """Return a message of a topic from its bytes.
 
     Raises:
         InvalidInput: The message is damaged.
     """
-    if not isinstance(message, bytes):
-        return message
-    from rclpy.serialization import deserialize_message  # a bag's messages are none
+    from rclpy.serialization import deserialize_message  # what reads a bag has no middleware
 
     try:
         return deserialize_message(message, topic.message_type)
@@ -303,21 +301,17 @@ def seconds_between(before: HeardMessage[Any], after: HeardMessage[Any]) -> floa
 
 def came_lately(heard: HeardMessage[Any], now_ns: int) -> bool:
     """Return whether a message arrived within the last `WINDOW` seconds."""
-    return heard.came_ns is not None and now_ns - heard.came_ns <= WINDOW * NANOSECONDS
+    return now_ns - heard.came_ns <= WINDOW * NANOSECONDS
 
 
-def unheard_words(topic: str, publishers: Publishers | None) -> str:
+def unheard_words(topic: str, publishers: Publishers) -> str:
     """Return the end of a refusal that names publishers which the node cannot hear."""
-    unheard = [] if publishers is None else publishers.unheard(topic)
-    return "".join(f"; {words}: it is not heard" for words in unheard)
+    return "".join(f"; {words}: it is not heard" for words in publishers.unheard(topic))
 
 
-def stamp_of(message: Any) -> int | None:
-    """Return the stamp of a message, serialised or not [ns]; None if it is invalid."""
-    if isinstance(message, bytes):
-        seconds, nanosec = header_time(message)
-    else:
-        seconds, nanosec = message.header.stamp.sec, message.header.stamp.nanosec
+def stamp_of(message: bytes) -> int | None:
+    """Return the stamp of a message [ns]; None if it is invalid."""
+    seconds, nanosec = header_time(message)
     if seconds < 0 or not 0 <= nanosec < NANOSECONDS:
         return None
-    return int(seconds * NANOSECONDS + nanosec)
+    return seconds * NANOSECONDS + nanosec

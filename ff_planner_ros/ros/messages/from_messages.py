@@ -16,7 +16,7 @@ from ff_planner_ros.common.declared_messages import names_in, values_in
 from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
-from ff_planner_ros.messages.obstacles import bodies_of, scene_obstacles_of, spheres_of
+from ff_planner_ros.messages.obstacles import obstacles_of
 from ff_planner_ros.messages.payloads import robot_holding
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
 from ff_planner_ros.messages.wheels import wheel_momenta_in
@@ -30,7 +30,6 @@ from ff_planner_ros.planning.problem.problem import (
     Obstacle,
     Orientation,
     PlanningProblem,
-    Sphere,
     Target,
     TargetBody,
     with_attached,
@@ -49,8 +48,6 @@ if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not
     from ff_planner_msgs.msg import (
         ChaserState,
         Goal,
-        ObstacleArray,
-        ObstacleSphereArray,
         Phase,
         PlanRequest,
         Scene,
@@ -281,34 +278,14 @@ def target_body_from_message(message: TargetBodyMessage, inertial_frame: str) ->
     return target_body_in(message)
 
 
-def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> tuple[Sphere, ...]:
-    """Read the spheres of their topic at their stamp, in the inertial frame.
-
-    Raises:
-        InvalidInput: A field of the message is invalid, or two spheres share an id.
-    """
-    require_frame("obstacles.header.frame_id", message.header.frame_id, inertial_frame)
-    return spheres_of(message, "obstacles")
-
-
-def bodies_from_message(message: ObstacleArray, inertial_frame: str) -> tuple[Obstacle, ...]:
-    """Read the bodies of their topic at their stamp, in the inertial frame.
-
-    Raises:
-        InvalidInput: A field of the message cannot be used, or two bodies share an id.
-    """
-    require_frame("obstacle_bodies.header.frame_id", message.header.frame_id, inertial_frame)
-    return bodies_of(message, "obstacle_bodies")
-
-
-def scene_from_message(message: Scene, inertial_frame: str) -> tuple[Obstacle, ...]:
-    """Read the spheres and bodies that a request brings, at their stamp, in the inertial frame.
+def scene_from_message(message: Scene, source: str, inertial_frame: str) -> tuple[Obstacle, ...]:
+    """Read the obstacles of the topic or field `source`, at their stamp, in the inertial frame.
 
     Raises:
         InvalidInput: A field of the message cannot be used, or two obstacles share an id.
     """
-    require_frame("scene.header.frame_id", message.header.frame_id, inertial_frame)
-    return scene_obstacles_of(message, "scene")
+    require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
+    return obstacles_of(message, source)
 
 
 def require_frame(field: str, frame_id: str, allowed: str) -> None:

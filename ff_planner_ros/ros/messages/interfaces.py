@@ -1,4 +1,4 @@
-"""Names of the planner's services and action, and lookup of message classes by their names."""
+"""Names of the planner's interfaces, and lookup of message classes by their names."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ import sys
 from importlib import import_module
 from typing import Any
 
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from rosidl_parser.definition import NamespacedType
 
 SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
 PUBLISH_PLAN, DESCRIBE = "~/publish_plan", "~/describe"
-SEND_GOAL = PlanTrajectoryAction.Impl.SendGoalService
-GET_RESULT = PlanTrajectoryAction.Impl.GetResultService
+EXCHANGES, ROBOT_MODEL = "exchanges", "robot_model"
 
 
 def type_name(message_type: type) -> str:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_vector
-from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
@@ -18,7 +17,6 @@ from ff_planner_ros.robot.model import Robot
 
 if TYPE_CHECKING:
     from ff_planner_msgs.msg import Goal
-    from sensor_msgs.msg import JointState
 
 # Most names of joints in an error: more than any arm has would bury the message.
 _NAMES_SHOWN = 20
@@ -29,8 +27,8 @@ GOAL_JOINTS = {
 }
 
 
-def names_a_joint_of(robot: Robot) -> Callable[[JointState | bytes], bool]:
-    """Return a function that tells if a JointState, serialised or not, names a planned joint.
+def names_a_joint_of(robot: Robot) -> Callable[[bytes], bool]:
+    """Return a function that tells if the bytes of a JointState name a planned joint.
 
     Any other one, for example of a gripper, is not for the planner.
     """
@@ -38,12 +36,12 @@ def names_a_joint_of(robot: Robot) -> Callable[[JointState | bytes], bool]:
     return lambda message: next(named(message), None) is not None
 
 
-def joints_named(wanted: Sequence[str]) -> Callable[[Any], Iterator[str]]:
-    """Return a function that yields which joints a message names, serialised or not.
+def joints_named(wanted: Sequence[str]) -> Callable[[bytes], Iterator[str]]:
+    """Return a function that yields the joints named in the bytes of a JointState or ChaserState.
 
-    The message is a JointState or ChaserState.
+    Of the joints wanted; the message is not deserialised.
     """
-    # As serialised, in either order of bytes: its length, the zero at its end counted, and it.
+    # In either order of bytes: the name's length, the zero at its end counted, and the name.
     in_bytes = {
         name: [
             struct.pack(f"{order}I", len(name.encode()) + 1) + name.encode() + b"\0"
@@ -52,12 +50,8 @@ def joints_named(wanted: Sequence[str]) -> Callable[[Any], Iterator[str]]:
         for name in wanted
     }
 
-    def named(message: Any) -> Iterator[str]:
-        if isinstance(message, bytes):
-            forms = in_bytes.items()
-            return (name for name, (one, other) in forms if one in message or other in message)
-        names = frozenset(value_at(message, "joint_names", value_at(message, "name", ())))
-        return (name for name in wanted if name in names)
+    def named(cdr: bytes) -> Iterator[str]:
+        return (name for name, forms in in_bytes.items() if any(one in cdr for one in forms))
 
     return named
 

@@ -14,7 +14,6 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import (
     FfPlannerError,
     NoPlanFound,
-    Status,
     fields_named,
     fields_placed,
 )
@@ -28,7 +27,7 @@ from ff_planner_ros.planning.problem.problem import DurationRange, Target, Targe
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.planning.task.phase import Phase, require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
-from ff_planner_ros.planning.task.whole import captured_bodies
+from ff_planner_ros.planning.task.whole import bodies_of, captured_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import (
     duration_in,
@@ -148,17 +147,3 @@ def tell_found(
     if isinstance(error, NoPlanFound) and isinstance(error.found, Plan):
         bodies = bodies_of(task, error.found)
         answer.plans = plan_messages(error.found, start_ns, frame, bodies)
-
-
-def efforts_of(answer: PlanAnswer) -> Sequence[int]:
-    """Return the step at which the search of each phase was cut short; zero: it was not."""
-    told = [value_at(plan, "effort", 0) for plan in answer.plans]
-    if answer.status.code != Status.SOLVED:
-        return [*told, answer.effort]
-    return told if len(told) > 1 else [answer.effort]
-
-
-def bodies_of(task: PlanningTask, plan: Plan) -> list[TargetBody | None]:
-    """Return the body that each phase of a plan captures, at the phase's first point."""
-    pairs = zip(captured_bodies(task), plan.begins, strict=False)
-    return [None if body is None else body.after(begin) for body, begin in pairs]

@@ -1,4 +1,4 @@
-"""Fields of a request by the keys of a scenario, as `replay --set` and `ask --set` set them."""
+"""Fields of a request by the keys of a scenario, as `ask --set` sets them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 from ff_planner_msgs.msg import PlanRequest
 
-from ff_planner_ros.common.arrays import finite_vector
 from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import places_in, write_value
 from ff_planner_ros.common.yaml_file import yaml_document
@@ -53,22 +52,14 @@ def yaml_or_text(key: str, value: str) -> Any:
         return value
 
 
-def request_value(key: str, value: Any, in_range: bool) -> Any:
+def request_value(key: str, value: Any) -> Any:
     """Return a value converted to the key's type.
-
-    Args:
-        in_range: Whether to check the key's range here; if not, the planner checks it.
 
     Raises:
         InvalidInput: The value is not of the key's type, or out of its range.
     """
     form = REQUEST_KEYS[key][1].form
-    read = form.read(key, value)
-    if in_range:
-        read = form.checked(key, read)
-    elif form.slots:
-        finite_vector(key, read, len(form.slots))
-    return form.written(read)
+    return form.written(form.checked(key, form.read(key, value)))
 
 
 def set_in_request(request: PlanRequest, key: str, value: Any) -> None:

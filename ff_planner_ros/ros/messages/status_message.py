@@ -1,66 +1,13 @@
-"""An error as the status of an answer, in the fields of requests."""
+"""An error as the status message of an answer."""
 
 from __future__ import annotations
 
-import re
-
 from ff_planner_msgs.msg import PlanStatus
 
-from ff_planner_ros.common.declared_messages import names_in
-from ff_planner_ros.common.shown import shortened, shown
-from ff_planner_ros.errors import (
-    LONGEST_MESSAGE,
-    REMEDIES,
-    FfPlannerError,
-    InvalidInput,
-    NoPlanFound,
-)
-from ff_planner_ros.messages.target_bodies import NAMED_AS
-from ff_planner_ros.planning.problem.problem import PlanningProblem
-
-# Fields of a request by the keys of a scenario, which refusals of the planner name.
-_FIELDS = names_in(PlanningProblem) | NAMED_AS
-_KEYS = re.compile(
-    rf"(?<![\w.])({'|'.join(re.escape(key) for key in _FIELDS if '.' in key)})(?![\w.]\w)"
-)
-# A phase of a scenario, whose first is none of the field `then` of a request.
-_PHASE = re.compile(r"(?<![\w.])phases\[([1-9]\d*)\]")
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.messages.status import status_fields
 
 
 def status_message(error: FfPlannerError) -> PlanStatus:
-    """Return an error as a status: code, text, field, value, what is allowed, whether to retry.
-
-    Field and retry are those of the code, as docs/reference/status_codes.md has them; a code whose
-    field is not told there has the one that the error names, and an error may say itself whether to
-    retry.
-    """
-    retry, field, value, allowed = REMEDIES[error.status]
-    message = str(error)
-    refused = error.cause if isinstance(error, NoPlanFound) else error
-    if isinstance(refused, InvalidInput):
-        found, allowed = shown(refused.value), refused.allowed
-        if not field:
-            field, value = refused.field, found
-        else:
-            value = f"{value}, {refused.field} is {found}"
-            message = f"{field} is {value}: {allowed}" if refused is error else message
-    elif isinstance(error, NoPlanFound):
-        value = error.failures[0].finding if error.failures else error.constraint
-        if error.failures and error.failures[0].advice:
-            allowed = "; ".join(error.failures[0].advice)
-    told = (message, field, value, allowed)
-    message, field, value, allowed = (shortened(_in_request(one), LONGEST_MESSAGE) for one in told)
-    return PlanStatus(
-        code=int(error.status),
-        message=message,
-        field=field,
-        value=value,
-        allowed=allowed,
-        retry=int(retry if error.retry is None else error.retry),
-    )
-
-
-def _in_request(text: str) -> str:
-    """Return a text with a request's fields for a scenario's keys."""
-    text = _PHASE.sub(lambda phase: f"then[{int(phase[1]) - 1}]", text)
-    return _KEYS.sub(lambda key: _FIELDS[key[0]], text)
+    """Return an error as a status, with its `status_fields`."""
+    return PlanStatus(**status_fields(error))

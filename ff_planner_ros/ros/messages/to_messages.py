@@ -10,9 +10,7 @@ from builtin_interfaces.msg import Duration, Time
 from ff_planner_msgs.msg import (
     ChaserState,
     Goal,
-    ObstacleArray,
     ObstacleSphere,
-    ObstacleSphereArray,
     PlanAnswer,
     PlanMetrics,
     PlanRequest,
@@ -100,28 +98,20 @@ def state_message(
     return message
 
 
-def obstacles_message(
-    obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str
-) -> ObstacleSphereArray:
-    """Write the spheres at stamp_ns [ns], without those fixed to a target body, as a message."""
-    header = _header(stamp_ns, inertial_frame)
-    return ObstacleSphereArray(header=header, spheres=_sphere_messages(obstacles))
+def scene_message(
+    obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str, source: str = ""
+) -> Scene:
+    """Write obstacles at stamp_ns [ns], without those fixed to a target body, as a scene.
 
-
-def bodies_message(
-    obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str
-) -> ObstacleArray:
-    """Write the bodies at stamp_ns [ns], without those fixed to a target body, as a message."""
-    header = _header(stamp_ns, inertial_frame)
-    return ObstacleArray(header=header, bodies=_body_messages(obstacles))
-
-
-def scene_message(obstacles: Sequence[Obstacle], stamp_ns: int, inertial_frame: str) -> Scene:
-    """Write all obstacles at stamp_ns [ns], without those fixed to a target body, as a scene."""
+    Args:
+        source: Who publishes the scene; empty: it belongs to a request.
+    """
+    free = [one for one in obstacles if one.body is None]
     return Scene(
         header=_header(stamp_ns, inertial_frame),
-        spheres=_sphere_messages(obstacles),
-        bodies=_body_messages(obstacles),
+        source=source,
+        spheres=[write_object(one, ObstacleSphere(), entry_of) for one in spheres_in(free)],
+        bodies=[_body_message(one) for one in bodies_in(free)],
     )
 
 
@@ -137,7 +127,7 @@ def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) ->
 def plan_message(
     plan: Plan, start_ns: int, inertial_frame: str, captured: CapturedBody | None = None
 ) -> PlanMessage:
-    """Write a plan as a message; the fields `geometry` and `first_guess` stay empty.
+    """Write a plan as a message; the field `geometry` stays empty.
 
     Args:
         start_ns: Time of the plan's first point [ns].
@@ -202,7 +192,6 @@ def answer_with_plan(
     return PlanAnswer(
         status=PlanStatus(code=int(Status.SOLVED), message=plan.message),
         plan_id=plan_id,
-        effort=plan.effort,
         plans=list(written),
         metrics=[PlanMetrics(**asdict(plan.metrics))],
         solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
@@ -218,8 +207,6 @@ def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> P
         solve_time: From request to refusal [s].
     """
     answer = PlanAnswer(status=status_message(error), plan_id=plan_id)
-    if isinstance(error, NoPlanFound):
-        answer.effort = error.effort
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
         answer.metrics = [PlanMetrics(**asdict(error.attempt.metrics))]
         answer.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
@@ -245,15 +232,6 @@ def point_message(position: Sequence[float]) -> Point:
 
 def _header(stamp_ns: int, frame_id: str) -> Header:
     return Header(stamp=time_message(stamp_ns), frame_id=frame_id)
-
-
-def _sphere_messages(obstacles: Sequence[Obstacle]) -> list[ObstacleSphere]:
-    free = [one for one in spheres_in(obstacles) if one.body is None]
-    return [write_object(one, ObstacleSphere(), entry_of) for one in free]
-
-
-def _body_messages(obstacles: Sequence[Obstacle]) -> list[ObstacleMessage]:
-    return [_body_message(one) for one in bodies_in(obstacles) if one.body is None]
 
 
 def _body_message(body: ObstacleBody | AttachedBody | HeldShape) -> ObstacleMessage:

@@ -22,7 +22,7 @@ from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 _NOT_STAMPED = 1e9
 # Topics of the parts.
 _STATES = "chaser_state", "odometry", "joint_states"
-_SCENES, _TARGETS = ("obstacles", "obstacle_bodies"), ("target_body",)
+_SCENES, _TARGETS = ("obstacles",), ("target_body",)
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -66,6 +66,7 @@ class NodeHealth:
     # A phrase for each publisher that the node cannot hear, by topic
     unheard: Mapping[str, Sequence[str]] = field(default_factory=dict)
     obstacle_bodies: int = 0  # in the scene, beside the spheres
+    obstacles_source: str = ""  # of the scene, as its message says
     # Whether a publisher of the obstacles exists
     obstacles_are_published: bool = True
     controller: ControllerHealth = field(default_factory=ControllerHealth)
@@ -126,12 +127,14 @@ def _state(health: NodeHealth) -> _Part:
 
 def _obstacles(health: NodeHealth) -> _Part:
     if health.obstacles is None:
-        message = "none received yet: publish them, or an empty array if the scene is free"
+        message = "none received yet: publish them, or an empty scene if nothing is in the way"
         return ERROR, message, {}
     values, age = {"spheres": str(health.obstacles)}, "not stamped"
     if health.obstacles_age is not None:
         values["age [s]"] = f"{health.obstacles_age:.1f}"
         age = f"{health.obstacles_age:.1f} s old"
+    if health.obstacles_source:
+        values["source"] = health.obstacles_source
     if health.obstacles_refusal:
         return ERROR, f"cannot be planned around: {health.obstacles_refusal}", values
     told = f"{health.obstacles} sphere{'' if health.obstacles == 1 else 's'}"

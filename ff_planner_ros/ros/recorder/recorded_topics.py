@@ -1,4 +1,4 @@
-"""What the node records: all topics and services it uses, its robot and its parameters."""
+"""What the node records: its topics, its robot and its parameters."""
 
 from __future__ import annotations
 
@@ -8,22 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import yaml
-from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import PlanEvent, PublishedPlan, TrackingError, WheelState
-from ff_planner_msgs.srv import Describe, PlanTrajectory, PublishPlan
+from ff_planner_msgs.msg import Exchange, PlanEvent, PublishedPlan, TrackingError, WheelState
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import TransitionEvent
 from nav_msgs.msg import Path as PathMsg
-from rcl_interfaces.msg import Log, ParameterEvent
+from rcl_interfaces.msg import Log
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_profile_parameter_events,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import get_rmw_implementation_identifier
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -33,24 +25,14 @@ from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.parameters.controller import HandOver
 from ff_planner_ros.parameters.values import document_of
-from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.model import Robot, read_urdf
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import heard_with
-from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, TFMessage
-from ff_planner_ros.ros.messages.interfaces import (
-    ACTION,
-    DESCRIBE,
-    GET_RESULT,
-    PUBLISH_PLAN,
-    SEND_GOAL,
-    SERVICE,
-)
+from ff_planner_ros.ros.messages.foreign import TFMessage
+from ff_planner_ros.ros.messages.interfaces import EXCHANGES
 from ff_planner_ros.ros.qos import (
-    EVENT_QOS,
+    EXCHANGES_QOS,
     LATCHED_QOS,
     PLAN_EVENTS_QOS,
     STREAM_QOS,
@@ -68,12 +50,13 @@ _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 @contextmanager
 def recording(
-    node: Node, parameters: NodeParameters, urdf: Path, robot: Robot, bag_directory: Path
+    node: Node, parameters: NodeParameters, robot: Robot, bag_directory: Path
 ) -> Iterator[Recorder]:
     """Record while the context lasts; a bag that cannot be written ends the recording only."""
     settings = parameters.bag
-    parameters, description = recorded_robot(parameters, urdf, robot)
-    document = yaml.safe_dump({"/**": {"ros__parameters": document_of(parameters)}})
+    document = yaml.safe_dump(
+        {"/**": {"ros__parameters": document_of(attached_parameters(parameters, robot))}}
+    )
     simulated_time = node.get_parameter("use_sim_time").value
 
     def open_bag() -> BagWriter:
@@ -84,7 +67,7 @@ def recording(
             settings.max_duration,
             owner_only=settings.owner_only,
         )
-        bag.attach("robot.urdf", "application/xml", description)
+        bag.attach("robot.urdf", "application/xml", robot.drawn_urdf.encode())
         bag.attach("parameters.yaml", "application/yaml", document.encode())
         bag.add_record(
             PROVENANCE,
@@ -110,17 +93,13 @@ def recording(
         yield recorder
 
 
-def recorded_robot(
-    parameters: NodeParameters, urdf: Path, robot: Robot
-) -> tuple[NodeParameters, bytes]:
-    """Return parameters and URDF from which the robot can be built without further files."""
-    described = replace(parameters.robot, geometry=robot.geometry.value)
-    description = read_urdf(urdf).encode()
-    if robot.geometry is Geometry.SHAPES:
-        # With meshes and links that may touch; joints that are held are fixed ones there.
-        described = replace(described, locked_joints="", srdf="")
-        description = robot.drawn_urdf.encode()
-    return replace(parameters, robot=described), description
+def attached_parameters(parameters: NodeParameters, robot: Robot) -> NodeParameters:
+    """Return parameters with which the robot can be built from its `drawn_urdf` alone.
+
+    That holds meshes, which links may touch, and locked joints as fixed ones.
+    """
+    described = replace(parameters.robot, geometry=robot.geometry.value, locked_joints="", srdf="")
+    return replace(parameters, robot=described)
 
 
 def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
@@ -130,6 +109,7 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
         for topic in heard_with(parameters.state_source)
     ]
     topics += [
+        (EXCHANGES, Exchange, EXCHANGES_QOS),
         ("joint_trajectory", JointTrajectory, qos_profile(qos.joint_trajectory)),
         ("published_plan", PublishedPlan, qos_profile(qos.joint_trajectory)),
         ("predicted_chaser_path", PathMsg, qos_profile(qos.predicted_chaser_path)),
@@ -147,32 +127,10 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
         ("~/transition_event", TransitionEvent, STREAM_QOS),
         ("/diagnostics", DiagnosticArray, STREAM_QOS),
         ("/rosout", Log, _ROSOUT_QOS),
-        ("/parameter_events", ParameterEvent, qos_profile_parameter_events),
     ]
-    if parameters.controller.hand_over == HandOver.ACTION:
-        controller = f"{parameters.controller.action}/_action"
-        feedback = FollowJointTrajectory.Impl.FeedbackMessage
-        topics += [
-            (f"{controller}/feedback", feedback, STREAM_QOS),
-            (f"{controller}/status", GoalStatusArray, LATCHED_QOS),
-        ]
     if node.get_parameter("use_sim_time").value:
         topics.append(("/clock", Clock, _CLOCK_QOS))
-    recorded = [
+    return [
         RecordedTopic(node.resolve_topic_name(name), message_type, topic_qos)
         for name, message_type, topic_qos in topics
-    ]
-    service, publication, description, action = (
-        node.resolve_service_name(name) for name in (SERVICE, PUBLISH_PLAN, DESCRIBE, ACTION)
-    )
-    feedback = PlanTrajectoryAction.Impl.FeedbackMessage
-    return [
-        *recorded,
-        RecordedTopic(f"{service}{SERVICE_EVENTS}", PlanTrajectory.Event, EVENT_QOS),
-        RecordedTopic(f"{publication}{SERVICE_EVENTS}", PublishPlan.Event, EVENT_QOS),
-        RecordedTopic(f"{description}{SERVICE_EVENTS}", Describe.Event, EVENT_QOS),
-        RecordedTopic(f"{action}{GOAL_EVENTS}", SEND_GOAL.Event, EVENT_QOS),
-        RecordedTopic(f"{action}{RESULT_EVENTS}", GET_RESULT.Event, EVENT_QOS),
-        RecordedTopic(f"{action}/_action/feedback", feedback, STREAM_QOS),
-        RecordedTopic(f"{action}/_action/status", GoalStatusArray, LATCHED_QOS),
     ]

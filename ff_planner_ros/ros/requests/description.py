@@ -14,7 +14,6 @@ from ff_planner_msgs.msg import Objective, RobotDescription
 from ff_planner_msgs.srv import Describe
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.service_introspection import ServiceIntrospectionState
 
 from ff_planner_ros.common.share import PACKAGE, share_directory
 from ff_planner_ros.messages.obstacles import PRIMITIVES
@@ -26,7 +25,7 @@ from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.robot.collision.solids import MESH
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.ros.messages.interfaces import DESCRIBE
-from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
+from ff_planner_ros.ros.qos import REQUEST_QOS
 
 _MESSAGES = "ff_planner_msgs"
 # Parameters that no request depends on, by prefix: files, topics and visualisation.
@@ -67,7 +66,6 @@ def description_service(
     service = node.create_service(
         Describe, DESCRIBE, describe, qos_profile=REQUEST_QOS, callback_group=group
     )
-    service.configure_introspection(node.get_clock(), EVENT_QOS, ServiceIntrospectionState.CONTENTS)
     try:
         yield
     finally:

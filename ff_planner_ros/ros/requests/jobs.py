@@ -47,8 +47,9 @@ class Job:
         Raises:
             FfPlannerError: The cause.
         """
-        if self.cause is not None:
-            raise self.cause
+        cause = self.cause
+        if cause is not None:
+            raise FfPlannerError(cause.status, str(cause))  # whose traceback holds the job
 
     def seal(self) -> None:
         """Fix the job's plan as its answer: from now on the job cannot be given up.
@@ -57,9 +58,9 @@ class Job:
             FfPlannerError: The cause, if the job was given up before.
         """
         with self._lock:
-            if self._cause is not None:
-                raise self._cause
-            self._sealed = True
+            if self._cause is None:
+                self._sealed = True
+        self.check()
 
 
 class Jobs:
@@ -112,23 +113,15 @@ class Jobs:
             self._change.wait_for(lambda: not self._all(), patience)
 
     def admit(self, job: Job, *, preempt: bool) -> None:
-        """Reserve the planner for a job, unless the job preempts; `withdraw` ends that.
+        """Reserve the planner for a job until it is taken up, unless the job preempts.
 
-        Raises:
-            FfPlannerError: The planner is closed (NOT_ACTIVE, SHUT_DOWN), or has a job and this one
-                does not preempt (BUSY).
+        If the planner is closed (NOT_ACTIVE, SHUT_DOWN), or has a job and this one does not preempt
+        (BUSY), this job is given up.
         """
         with self._change:
-            self._require_room(preempt)
-            if not preempt:
+            self._give_up_without_room(job, preempt)
+            if job.cause is None and not preempt:
                 self._admitted = job
-
-    def withdraw(self, job: Job) -> None:
-        """End the reservation of a job that was admitted."""
-        with self._change:
-            if job is self._admitted:
-                self._admitted = None
-                self._change.notify_all()
 
     @contextmanager
     def taken_up(self, job: Job, *, preempt: bool) -> Iterator[None]:
@@ -143,7 +136,9 @@ class Jobs:
                 self._make_way(job, preempt)
                 self._current = job
             finally:
-                self.withdraw(job)
+                if job is self._admitted:
+                    self._admitted = None
+                    self._change.notify_all()
         try:
             yield
         finally:
@@ -156,20 +151,20 @@ class Jobs:
         held = (self._current, self._waiting, self._admitted)
         return [job for job in held if job is not None]
 
-    def _require_room(self, preempt: bool) -> None:
+    def _give_up_without_room(self, job: Job, preempt: bool) -> None:
         if self._refusal is not None:
-            raise FfPlannerError(self._refusal.status, str(self._refusal))
-        if self._all() and not preempt:
-            raise FfPlannerError(
-                Status.BUSY,
+            job.give_up(self._refusal)
+        elif self._all() and not preempt and job is not self._admitted:
+            words = (
                 "another request is being planned: ask again when it is answered, or cancel it "
-                "(or set the parameter when_busy to preempt)",
+                "(or set the parameter when_busy to preempt)"
             )
+            job.give_up(FfPlannerError(Status.BUSY, words))
 
     def _make_way(self, job: Job, preempt: bool) -> None:
+        self._give_up_without_room(job, preempt)
         job.check()
         others = [other for other in self._all() if other is not job]
-        self._require_room(preempt or job is self._admitted)
         if not others:
             return
         # Requests are taken up in threads, and not always in the order in which they came.

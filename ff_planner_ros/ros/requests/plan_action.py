@@ -7,27 +7,28 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
-from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import PlanAnswer, PlanMetrics, PlanProgress, PlanRequest
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.messages.exchange_words import Interface
 from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.ros.messages.from_messages import OnCancel
-from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL
-from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
-from ff_planner_ros.ros.requests.action_events import ActionEvents
+from ff_planner_ros.ros.messages.interfaces import ACTION
+from ff_planner_ros.ros.qos import REQUEST_QOS
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
 
 # Returns the answer to a request; takes also the interface it came by, its job, and a callback.
-Answering: TypeAlias = Callable[[PlanRequest, str, Job, Callable[[Progress], None]], PlanAnswer]
+Answering: TypeAlias = Callable[
+    [PlanRequest, Interface, Job, Callable[[Progress], None]], PlanAnswer
+]
 
 # Who asks for the result of an action later than this [s] gets none.
 _RESULT_TIMEOUT = 60
@@ -38,41 +39,39 @@ _NO_VIOLATION = 1e-6
 
 
 class PlanAction:
-    """The action server: a goal is a request, and its result is the answer."""
+    """The action server: a goal is a request, and its result is the answer.
+
+    Every goal is accepted, because rclpy tells the client of a rejected one nothing else; a goal
+    that gets no plan is aborted with its answer.
+    """
 
     def __init__(
         self,
         node: Node,
         group: CallbackGroup,
         jobs: Jobs,
-        new_job: Callable[[], Job],
+        arrived: Callable[[PlanRequest], Job],
         preempts: Callable[[], bool],
         answer: Answering,
-        refuse: Callable[[Job, FfPlannerError], PlanAnswer],
     ) -> None:
         """Open the action.
 
         Args:
             jobs: Jobs of the planner, which the action shares with the service.
-            new_job: Returns the job of a new goal.
+            arrived: Returns the job of a request that has come.
             preempts: Returns whether a goal takes the place of the current request.
             answer: Plans, and returns the answer to a request.
-            refuse: Returns the answer to a job that is not accepted, and logs it.
         """
-        self._jobs, self._new_job, self._preempts = jobs, new_job, preempts
-        self._answer, self._refuse = answer, refuse
-        self._goals: dict[bytes, Job] = {}
-        self._admitted = set[int]()  # what is asked, by its address, until it is handed over
+        self._jobs, self._arrived, self._preempts = jobs, arrived, preempts
+        self._answer = answer
+        self._goals: dict[bytes, Job] = {}  # that are not answered, by their ids
         self._lock = threading.Lock()
-        self._server = _Server(
-            self._arrive,
-            self._depart,
+        self._server = ActionServer(
             node,
             PlanTrajectory,
             ACTION,
             self._execute,
             callback_group=group,
-            goal_callback=self._decide,
             handle_accepted_callback=self._accept,
             cancel_callback=self._cancel,
             goal_service_qos_profile=REQUEST_QOS,
@@ -80,44 +79,16 @@ class PlanAction:
             cancel_service_qos_profile=REQUEST_QOS,
             result_timeout=_RESULT_TIMEOUT,
         )
-        self._events = ActionEvents(node, ACTION, EVENT_QOS)
 
     def destroy(self) -> None:
         """Destroy the action server."""
         self._server.destroy()
-        self._events.destroy()
-
-    def _arrive(self, asked: SEND_GOAL.Request) -> None:
-        """Admit a goal or publish why not; an error in its request becomes its result, later."""
-        key = bytes(asked.goal_id.uuid)
-        with self._lock:
-            if key in self._goals:
-                return  # the id of another goal: rclpy refuses it
-            job = self._goals[key] = self._new_job()
-        self._events.goal_received(asked)
-        try:
-            self._jobs.admit(job, preempt=self._preempts())
-        except FfPlannerError as cause:
-            self._forget(key)
-            result = GET_RESULT.Request(goal_id=asked.goal_id)
-            answer = self._refuse(job, cause)
-            self._events.result_sent(result, GoalStatus.STATUS_UNKNOWN, answer)
-        else:
-            self._admitted.add(id(asked.goal))
-
-    def _decide(self, goal: PlanTrajectory.Goal) -> GoalResponse:
-        return GoalResponse.ACCEPT if id(goal) in self._admitted else GoalResponse.REJECT
-
-    def _depart(self, asked: SEND_GOAL.Request) -> None:
-        """Withdraw an admitted goal that rclpy did not hand over because its client is gone."""
-        if id(asked.goal) in self._admitted:
-            self._admitted.discard(id(asked.goal))
-            key = bytes(asked.goal_id.uuid)
-            self._jobs.withdraw(self._goals[key])
-            self._forget(key)
 
     def _accept(self, goal: ServerGoalHandle) -> None:
-        self._admitted.discard(id(goal.request))
+        """Reserve the planner in the order of arrival, and have the goal executed."""
+        with self._lock:
+            job = self._job_of(goal)
+        self._jobs.admit(job, preempt=self._preempts())
         try:
             goal.execute()
         except rclpy_implementation.RCLError:
@@ -126,7 +97,10 @@ class PlanAction:
             goal.execute()
 
     def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        job = self._job_of(goal)
+        with self._lock:
+            if not goal.is_active:
+                return CancelResponse.REJECT
+            job = self._job_of(goal)
         if goal.request.request.on_cancel == OnCancel.BEST:
             accepted = job.end_early()
         else:
@@ -152,51 +126,26 @@ class PlanAction:
             )
             goal.publish_feedback(PlanTrajectory.Feedback(progress=told))
 
-        answer = self._answer(goal.request.request, ACTION, self._job_of(goal), tell)
-        if answer.status.code == Status.SOLVED:
-            goal.succeed()
-        elif answer.status.code == Status.CANCELLED and _is_cancelling(goal):
-            goal.canceled()
-        else:
-            goal.abort()
-        self._forget(bytes(goal.goal_id.uuid))  # it cannot be cancelled any more
-        asked = GET_RESULT.Request(goal_id=goal.goal_id)
-        self._events.result_sent(asked, goal.status, answer)
+        with self._lock:
+            job = self._job_of(goal)
+        answer = self._answer(goal.request.request, Interface.ACTION, job, tell)
+        cancelled = answer.status.code == Status.CANCELLED and _is_cancelling(goal)
+        with self._lock:  # from here on it cannot be cancelled
+            if answer.status.code == Status.SOLVED:
+                goal.succeed()
+            elif cancelled:
+                goal.canceled()
+            else:
+                goal.abort()
+            del self._goals[bytes(goal.goal_id.uuid)]
         return PlanTrajectory.Result(answer=answer)
 
     def _job_of(self, goal: ServerGoalHandle) -> Job:
-        with self._lock:
-            return self._goals[bytes(goal.goal_id.uuid)]
-
-    def _forget(self, key: bytes) -> None:
-        with self._lock:
-            del self._goals[key]
-
-
-class _Server(ActionServer):
-    """Passes on each goal with its id, which rclpy does not pass to the goal callback."""
-
-    def __init__(
-        self,
-        arrive: Callable[[SEND_GOAL.Request], None],
-        depart: Callable[[SEND_GOAL.Request], None],
-        *server: Any,
-        **options: Any,
-    ) -> None:
-        """Open the server; `arrive` is called before the goal callback, `depart` at the end."""
-        self._arrive, self._depart = arrive, depart
-        ActionServer.__init__(self, *server, **options)
-
-    async def execute(self, taken_data: dict[str, Any]) -> None:
-        if "goal" not in taken_data:
-            await ActionServer.execute(self, taken_data)
-            return
-        _, asked = taken_data["goal"]
-        self._arrive(asked)
-        try:
-            await ActionServer.execute(self, taken_data)
-        finally:
-            self._depart(asked)
+        """Return the job of a goal; its cancellation may come before `_accept` is called."""
+        key = bytes(goal.goal_id.uuid)
+        if key not in self._goals:
+            self._goals[key] = self._arrived(goal.request.request)
+        return self._goals[key]
 
 
 def _is_cancelling(goal: ServerGoalHandle) -> bool:

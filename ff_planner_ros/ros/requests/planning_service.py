@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
 
@@ -14,34 +14,31 @@ from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
+from ff_planner_ros.messages.exchange_words import Event, Interface
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.node import PREEMPT
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.planning.task.captured import captured_in
-from ff_planner_ros.planning.task.library import Guesses
-from ff_planner_ros.planning.task.whole import whole, whole_scene
+from ff_planner_ros.planning.task.library import Library
+from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.planning.task.whole import bodies_of, efforts_of, whole, whole_scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.interfaces import SERVICE
-from ff_planner_ros.ros.messages.phases import (
-    bodies_of,
-    efforts_of,
-    plan_messages,
-    tell_found,
-)
+from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
+from ff_planner_ros.ros.messages.phases import plan_messages, tell_found
 from ff_planner_ros.ros.messages.to_messages import answer_of_error, answer_with_plan, plan_message
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest
+from ff_planner_ros.ros.outputs.exchanges import Exchanges
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
+from ff_planner_ros.ros.qos import REQUEST_QOS
 from ff_planner_ros.ros.requests.deadline import Deadline, Stages, deadline_of
 from ff_planner_ros.ros.requests.in_words import clearances_in_words, solved_in_words
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
@@ -62,6 +59,8 @@ from ff_planner_ros.ros.requests.worker import Worker
 _POLL, _WRITERS = 0.02, 2
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
+# Who asks, where the request does not say it.
+_NAMES = {Interface.SERVICE: SERVICE, Interface.ACTION: ACTION}
 
 
 class PlanningService:
@@ -76,19 +75,21 @@ class PlanningService:
         states: StateInput,
         scenes: SceneInput,
         output: PlanOutput,
+        exchanges: Exchanges,
         run_name: str,
-        guesses: Guesses | None,
+        library: Library | None,
     ) -> None:
         """Open service and action; requests are answered with NOT_ACTIVE until `activate`.
 
         The node's executor needs four threads: to plan, to wait for room, to cancel, and to answer
-        `~/publish_plan`. Plan ids begin with `run_name`; without `guesses` searches start cold.
+        `~/publish_plan`. Plan ids begin with `run_name`; without `library` searches start cold.
         """
         self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
         self._states, self._scenes, self._output = states, scenes, output
+        self._exchanges = exchanges
         self._clock, self._logger = node.get_clock(), node.get_logger()
         self._run_name, self._numbers = run_name, count(1)
-        self._guesses = guesses
+        self._library = library
         self._jobs = Jobs(worker.interrupt)
         self.last: LastRequest | None = None  # None before the first
         # From request to answer, of the last requests that were searched for [s].
@@ -99,13 +100,15 @@ class PlanningService:
         self._service = node.create_service(
             PlanTrajectory, SERVICE, self._serve, qos_profile=REQUEST_QOS, callback_group=group
         )
-        self._service.configure_introspection(
-            self._clock, EVENT_QOS, ServiceIntrospectionState.CONTENTS
-        )
         self._action = PlanAction(
-            node, group, self._jobs, self._job, self._preempts, self._answer, self._refuse
+            node,
+            group,
+            self._jobs,
+            lambda request: self._arrived(request, Interface.ACTION),
+            self._preempts,
+            self._answer,
         )
-        self._publication = Publication(node, output, self._knowledge)
+        self._publication = Publication(node, output, exchanges, self._knowledge)
 
     @property
     def is_active(self) -> bool:
@@ -142,22 +145,28 @@ class PlanningService:
     def _serve(
         self, request: PlanTrajectory.Request, response: PlanTrajectory.Response
     ) -> PlanTrajectory.Response:
-        response.answer = self._answer(request.request, SERVICE, self._job(), lambda _: None)
+        asked = request.request
+        job = self._arrived(asked, Interface.SERVICE)
+        response.answer = self._answer(asked, Interface.SERVICE, job, lambda _: None)
         return response
 
-    def _job(self) -> Job:
+    def _arrived(self, request: PlanRequest, interface: Interface) -> Job:
+        """Return the job of a request that has come, and tell of the request."""
         number = next(self._numbers)
-        return Job(f"{self._run_name}.{number}", number)
+        job = Job(f"{self._run_name}.{number}", number)
+        self._tell(Event.RECEIVED, request, interface, job)
+        return job
 
     def _answer(
         self,
         request: PlanRequest,
-        door: str,
+        interface: Interface,
         job: Job,
-        tell: Callable[[Progress], None],
+        progressed: Callable[[Progress], None],
     ) -> PlanAnswer:
         begun, provenance = time.perf_counter(), Provenance()
         asked: ReadRequest | None = None
+        efforts: Sequence[int] = ()
         try:
             with self._jobs.taken_up(job, preempt=self._preempts()):
                 taken_up, knowledge = time.monotonic(), self._knowledge()
@@ -165,14 +174,16 @@ class PlanningService:
                 asked, parameters = self._read(request, knowledge, job, taken_up)
                 provenance = asked.provenance
                 deadline = deadline_of(request, asked, parameters)
-                answer = self._planned(
-                    asked, parameters, deadline, door, job, tell, begun, taken_up
+                requester = request.requester or _NAMES[interface]
+                answer, efforts = self._planned(
+                    asked, parameters, deadline, requester, job, progressed, begun, taken_up
                 )
         except FfPlannerError as error:
             if isinstance(error, RequestRefused):
                 provenance = error.provenance
             answer = self._refused(job, job.cause or error, begun)
             if asked is not None:
+                efforts = efforts_of(job.cause or error)
                 frame = self._parameters.current.inertial_frame
                 tell_found(answer, error, asked.task, asked.start_ns, frame)
         except Exception as error:
@@ -181,21 +192,29 @@ class PlanningService:
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
             answer = answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
         provenance.tell(answer)
-        if asked is not None:
-            answer.task_digest = asked.task.ended_at(*efforts_of(answer)).digest
-        self._tell_last(answer)
-        return answer
-
-    def _refuse(self, job: Job, cause: FfPlannerError) -> PlanAnswer:
-        """Return the answer to a rejected goal; rclpy tells its client only that it is rejected."""
-        answer = self._refused(job, cause, time.perf_counter())
-        self._tell_last(answer)
-        return answer
-
-    def _tell_last(self, answer: PlanAnswer) -> None:
+        task = None if asked is None else asked.task.ended_at(*efforts)
+        answer.task_digest = "" if task is None else task.digest
         status = Status(answer.status.code)
         clearances = clearances_in_words(answer) if status is Status.SOLVED else {}
         self.last = LastRequest(answer.plan_id, status, answer.status.message, clearances)
+        event = Event.CANCELLED if status is Status.CANCELLED else Event.ANSWERED
+        self._tell(event, request, interface, job, task, answer)
+        return answer
+
+    def _tell(
+        self,
+        event: Event,
+        request: PlanRequest,
+        interface: Interface,
+        job: Job,
+        task: PlanningTask | None = None,
+        answer: PlanAnswer | None = None,
+    ) -> None:
+        came_by = Interface.REPLANNING if request.replan_active else interface
+        requester = request.requester or _NAMES[interface]
+        self._exchanges.tell(
+            event, job.plan_id, came_by, requester, request=request, task=task, answer=answer
+        )
 
     def _preempts(self) -> bool:
         return self._parameters.current.when_busy == PREEMPT
@@ -209,13 +228,10 @@ class PlanningService:
             # Asked first, so that what arrives while it reads is read, too.
             waits = self._scenes.may_come() and time.monotonic() < until
             try:
-                found = read_request(request, knowledge)
+                return read_request(request, knowledge), knowledge.parameters
             except RequestRefused as refused:
                 if refused.status is not Status.NO_OBSTACLES or not waits:
                     raise
-            else:
-                if request.scene or not waits:
-                    return found, knowledge.parameters
             while self._scenes.may_come() and time.monotonic() < until:
                 job.check()
                 time.sleep(_POLL)
@@ -229,7 +245,7 @@ class PlanningService:
             self._scenes,
             self._output.published,
             self._clock.now().nanoseconds,
-            self._guesses,
+            self._library,
         )
 
     def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanAnswer:
@@ -242,12 +258,13 @@ class PlanningService:
         asked: ReadRequest,
         parameters: NodeParameters,
         deadline: Deadline,
-        door: str,
+        requester: str,
         job: Job,
-        tell: Callable[[Progress], None],
+        progressed: Callable[[Progress], None],
         begun: float,
         taken_up: float,
-    ) -> PlanAnswer:
+    ) -> tuple[PlanAnswer, Sequence[int]]:
+        """Return the answer with a plan, and how far the search of each phase went."""
         stages = Stages("to read the request", taken_up)
         stages.begin("to search")
         budget = deadline.limited(asked.budget, self._clock, taken_up)
@@ -258,7 +275,7 @@ class PlanningService:
 
         try:
             plan = self._worker.solve(
-                asked.task, budget, taken_up, check, tell, lambda: job.ends_early
+                asked.task, budget, taken_up, check, progressed, lambda: job.ends_early
             )
         except NoPlanFound as refused:
             if refused.status is Status.TIMED_OUT and budget != asked.budget and not job.ends_early:
@@ -302,7 +319,6 @@ class PlanningService:
             asked.provenance.previous_plan_id,
             self._clock.now().nanoseconds,
         )
-        requester = asked.requester or door
         job.seal()
         if asked.plan_only:
             self._publication.keep(made)
@@ -310,4 +326,4 @@ class PlanningService:
             self._publication.publish(made, written, for_controller, requester)
         what = "asked for" if asked.plan_only else "published"
         self._logger.info(f"{solved_in_words(total, answer)}; {what} by {requester}")
-        return answer
+        return answer, efforts_of(plan)

@@ -12,25 +12,26 @@ from collections.abc import Callable
 from typing import Any
 
 from ff_planner_msgs.msg import Plan as PlanMessage
-from ff_planner_msgs.msg import PlanStatus
+from ff_planner_msgs.msg import PlanAnswer, PlanInputs, PlanStatus
 from ff_planner_msgs.srv import PublishPlan
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Retry, Status
+from ff_planner_ros.messages.exchange_words import Event, Interface
 from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
 from ff_planner_ros.ros.messages.status_message import status_message
-from ff_planner_ros.ros.messages.to_messages import plan_message
+from ff_planner_ros.ros.messages.to_messages import plan_message, time_message
+from ff_planner_ros.ros.outputs.exchanges import Exchanges
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.outputs.preview import Drawn
-from ff_planner_ros.ros.qos import EVENT_QOS, REQUEST_QOS
-from ff_planner_ros.ros.requests.reading import Knowledge, requester_named
+from ff_planner_ros.ros.qos import REQUEST_QOS
+from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, require_requester
 from ff_planner_ros.ros.requests.waiting_plan import (
     MadePlan,
     require_same_rules,
@@ -47,13 +48,20 @@ MOST_WAITING = 10
 class Publication:
     """Publishes plans, and keeps those that wait for their release."""
 
-    def __init__(self, node: Node, output: PlanOutput, knowledge: Callable[[], Knowledge]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        output: PlanOutput,
+        exchanges: Exchanges,
+        knowledge: Callable[[], Knowledge],
+    ) -> None:
         """Open the service; until `open`, it answers with NOT_ACTIVE.
 
         Args:
             knowledge: Returns what the planner knows now.
         """
         self._node, self._output, self._knowledge = node, output, knowledge
+        self._exchanges = exchanges
         self._logger = node.get_logger()
         self._lock = threading.RLock()
         self._waiting: dict[str, MadePlan] = {}  # the oldest first
@@ -65,9 +73,6 @@ class Publication:
             self._serve,
             qos_profile=REQUEST_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
-        )
-        self._service.configure_introspection(
-            node.get_clock(), EVENT_QOS, ServiceIntrospectionState.CONTENTS
         )
 
     def open(self) -> None:
@@ -84,7 +89,8 @@ class Publication:
     def forget(self) -> None:
         """Forget the plans that wait: their times are no longer the clock's."""
         with self._lock:
-            self._waiting.clear()
+            for plan_id in list(self._waiting):
+                self._drop(plan_id)
             if self._output.preview.let_wait(None):
                 self._output.preview.draw()
 
@@ -102,7 +108,7 @@ class Publication:
             self._require_open()
             self._waiting[made.plan_id] = made
             while len(self._waiting) > MOST_WAITING:
-                del self._waiting[next(iter(self._waiting))]
+                self._drop(next(iter(self._waiting)))
         self.look()
 
     def look(self) -> None:
@@ -147,9 +153,19 @@ class Publication:
     def _serve(
         self, request: PublishPlan.Request, response: PublishPlan.Response
     ) -> PublishPlan.Response:
+        requester, inputs = request.requester or PUBLISH_PLAN, PlanInputs()
+        told = request.plan_id, Interface.PUBLISH_PLAN, requester
+        self._exchanges.tell(Event.RECEIVED, *told)
+        event = Event.ANSWERED
         try:
-            message = self._rejected(request) if request.reject else self._published(request)
+            if request.reject:
+                self._reject(request)
+                event, message = Event.REJECTED, f"is dropped, {requester} rejected it"
+            else:
+                self._release(request, requester, inputs)
+                event, message = Event.PUBLISHED, f"is published, {requester} asked for it"
             self.look()
+            message = f"{request.plan_id} {message}"
             self._logger.info(in_log(message))
             response.status = PlanStatus(code=int(Status.SOLVED), message=message)
         except FfPlannerError as error:
@@ -159,27 +175,32 @@ class Publication:
             self._logger.error(in_log(f"{PUBLISH_PLAN}: INTERNAL_ERROR\n{traceback.format_exc()}"))
             unforeseen = f"{type(error).__name__}: {error}"
             response.status = status_message(FfPlannerError(Status.INTERNAL_ERROR, unforeseen))
+        answer = PlanAnswer(status=response.status, plan_id=request.plan_id, inputs=inputs)
+        self._exchanges.tell(event, *told, answer=answer)
         return response
 
-    def _rejected(self, request: PublishPlan.Request) -> str:
-        """Forget the plan that a request names, and return a sentence on that."""
+    def _reject(self, request: PublishPlan.Request) -> None:
+        """Forget the plan that a request names."""
         with self._lock:
             self._require_open()
-            requester = requester_named(request.requester, PUBLISH_PLAN)
-            made = self._waiting_plan(request.plan_id)
-            del self._waiting[made.plan_id]
-        return f"{made.plan_id} is dropped, {requester} rejected it"
+            require_requester(request.requester)
+            del self._waiting[self._waiting_plan(request.plan_id).plan_id]
 
-    def _published(self, request: PublishPlan.Request) -> str:
-        """Publish the plan that a request names, and return a sentence on that."""
+    def _release(self, request: PublishPlan.Request, requester: str, inputs: PlanInputs) -> None:
+        """Publish the plan that a request names; `inputs` takes what that depends on."""
         with self._lock:
             self._require_open()
-            requester = requester_named(request.requester, PUBLISH_PLAN)
+            require_requester(request.requester)
             made, knowledge = self._waiting_plan(request.plan_id), self._knowledge()
+            inputs.received_stamp = time_message(knowledge.now_ns)
+            inputs.previous_plan_id = getattr(knowledge.published, "plan_id", "")
             self._require_in_time(made, knowledge.now_ns)
             require_young(made, knowledge)
             require_same_rules(made, knowledge.parameters)
-            require_same_start(made, start_differences(made, request.start_state, knowledge))
+            measured = measured_state(request.start_state, knowledge)
+            inputs.state_stamp = time_message(measured.stamp_ns)
+            inputs.state_source = measured.source
+            require_same_start(made, start_differences(made, measured, knowledge))
         # Thousands of points take a second, in which others may publish or forget.
         frame = made.parameters.inertial_frame
         written = plan_message(made.plan, made.start_ns, frame, captured_in(made.scene))
@@ -191,7 +212,11 @@ class Publication:
             self._require_in_time(made, self._node.get_clock().now().nanoseconds)
             self.publish(made, written, for_controller, requester)
             del self._waiting[made.plan_id]
-        return f"{made.plan_id} is published, {requester} asked for it"
+
+    def _drop(self, plan_id: str) -> None:
+        """Let a plan wait no longer: it will never be published."""
+        del self._waiting[plan_id]
+        self._exchanges.tell(Event.DROPPED, plan_id, Interface.PUBLISH_PLAN, "")
 
     def _draw(self) -> None:
         executor: Any = self._node.executor
@@ -220,6 +245,6 @@ class Publication:
         try:
             require_in_time(made.start_ns, now_ns)
         except NoPlanFound as error:
-            del self._waiting[made.plan_id]
+            self._drop(made.plan_id)
             error.retry = Retry.CHANGED
             raise

@@ -17,7 +17,7 @@ from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import TargetBody
 from ff_planner_ros.planning.problem.settings import PlannerSettings, SearchDepth
-from ff_planner_ros.planning.task.library import Guesses
+from ff_planner_ros.planning.task.library import Library
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
@@ -51,7 +51,7 @@ class Knowledge:
     scenes: SceneInput  # for obstacles and target body that the request does not bring
     published: PublishedPlan | None  # the last plan, which the arm may be following
     now_ns: int  # [ns]
-    guesses: Guesses | None = None  # warm-start library; None: none
+    library: Library | None = None  # for warm starts
 
     def followed(self, measured: Snapshot, start_ns: int) -> list[PublishedPlan]:
         """Return the published plans that the joints follow until start_ns [ns], in their order."""
@@ -72,12 +72,9 @@ class Provenance:
     joint_states_stamp_ns: int = 0  # of the joint states with odometry; zero: none [ns]
     obstacles_stamp_ns: int = 0  # [ns]
     obstacles_source: str = ""  # as their message says, or the request's field
-    obstacle_bodies_stamp_ns: int = 0  # zero: none were received [ns]
-    obstacle_bodies_source: str = ""  # as their message says
     target_body_stamp_ns: int = 0  # zero: none is captured [ns]
     target_body_source: str = ""  # as its message says
     previous_plan_id: str = ""  # id of the plan that the joints follow until the start; empty: none
-    task_digest: str = ""  # empty: there is no task
     first_guess: tuple[float, ...] = ()  # of the task; empty: it has none
     geometry: str = ""  # collision geometry of the robot; empty: the request was not read
     handover_delay: float = 0.0  # from reading the request to a plan that takes over [s]
@@ -85,9 +82,8 @@ class Provenance:
 
     def tell(self, answer: PlanAnswer) -> None:
         """Write the provenance into an answer."""
-        answer.task_digest = self.task_digest
         for plan in answer.plans:
-            plan.geometry, plan.first_guess = self.geometry, self.first_guess
+            plan.geometry = self.geometry
         for name, value in vars(self).items():
             if name.endswith("_ns"):
                 setattr(answer.inputs, name.removesuffix("_ns"), time_message(value))
@@ -114,7 +110,6 @@ class ReadRequest:
     start_ns: int  # time of the plan's first point [ns]
     provenance: Provenance  # what the task is made from
     plan_only: bool  # whether the plan waits for `~/publish_plan`
-    requester: str  # as the request says; may be empty
 
 
 def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
@@ -128,7 +123,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
         Provenance(received_stamp_ns=knowledge.now_ns, geometry=knowledge.robot.geometry.value),
     )
     try:
-        requester = requester_named(request.requester, "")
+        require_requester(request.requester)
         require_supported(request)
         budget = _time_budget(request, parameters)
         continues = request.replan_active
@@ -165,11 +160,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             parameters.obstacles_max_age,
         )
         provenance = replace(
-            provenance,
-            obstacles_stamp_ns=scene.stamp_ns,
-            obstacles_source=scene.source,
-            obstacle_bodies_stamp_ns=scene.bodies_stamp_ns,
-            obstacle_bodies_source=scene.bodies_source,
+            provenance, obstacles_stamp_ns=scene.stamp_ns, obstacles_source=scene.source
         )
         seen = _seen_body(request, knowledge) if captures(request) else None
         if seen is not None:
@@ -194,7 +185,8 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
         ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
         running = None if continued is None else continued.motion
         if continued is None and (followed := knowledge.followed(measured, start_ns)):
-            running = motion_on(followed, measured, knowledge.robot.continuous)
+            motion = motion_on(followed, measured, knowledge.robot.continuous)
+            running = motion.between(0.0, ahead)
             provenance = replace(provenance, previous_plan_id=followed[-1].plan_id)
         task = PlanningTask(
             problem=problem,
@@ -210,24 +202,22 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
         )
     except InvalidInput as error:
         raise RequestRefused(error, provenance) from None
-    guess = None if knowledge.guesses is None else knowledge.guesses.first_guess(task)
+    guess = None if knowledge.library is None else knowledge.library.first_guess(task)
     if guess is not None:
         task = replace(task, first_guess=guess)
         provenance = replace(provenance, first_guess=tuple(guess.tolist()))
-    provenance = replace(provenance, task_digest=task.digest)
-    return ReadRequest(task, budget, start_ns, provenance, request.plan_only, requester)
+    return ReadRequest(task, budget, start_ns, provenance, request.plan_only)
 
 
-def requester_named(name: str, otherwise: str) -> str:
-    """Return the name of a requester, or `otherwise` if it is empty.
+def require_requester(name: str) -> None:
+    """Refuse the name of a requester that is too long, or not printable.
 
     Raises:
-        InvalidInput: The name is too long, or not printable.
+        InvalidInput: It is.
     """
     if len(name) > _LONGEST_NAME or not name.isprintable():
         allowed = f"it must be at most {_LONGEST_NAME} printable characters"
         raise InvalidInput(Status.OUT_OF_RANGE, "requester", repr(name), allowed)
-    return name or otherwise
 
 
 def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot:

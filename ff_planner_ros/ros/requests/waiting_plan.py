@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from ff_planner_msgs.msg import ChaserState
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
@@ -22,10 +21,11 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.configuration import without_turns
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.continuing import motion_on
-from ff_planner_ros.ros.requests.reading import Knowledge, measured_state
+from ff_planner_ros.ros.requests.reading import Knowledge
 
 # Parameters that no plan is checked by when it is made.
 _NOT_OF_PLANS = ("publication.", "tracking.")
@@ -134,17 +134,9 @@ def require_same_start(made: MadePlan, differences: Iterable[Difference]) -> Non
 
 
 def start_differences(
-    made: MadePlan, own: Sequence[ChaserState], knowledge: Knowledge
+    made: MadePlan, measured: Snapshot, knowledge: Knowledge
 ) -> Iterator[Difference]:
-    """Yield how far the system, predicted to a plan's start time, is from the plan's first point.
-
-    Args:
-        own: Field `start_state` of the request, with one entry at most.
-
-    Raises:
-        InvalidInput: There is no state, or it is invalid, too old or too far ahead of now.
-    """
-    measured = measured_state(own, knowledge)
+    """Yield how far the system, predicted to a plan's start time, is from its first point."""
     followed = knowledge.followed(measured, made.start_ns)
     continuous = knowledge.robot.continuous
     running = motion_on(followed, measured, continuous) if followed else None

@@ -1,4 +1,4 @@
-"""Changes of a case: values of a scenario, rotations of frames, masses and inertias of its URDF."""
+"""Changes of a scenario: its values, rotations of frames, masses and inertias of its URDF."""
 
 from __future__ import annotations
 

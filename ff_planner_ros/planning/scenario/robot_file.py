@@ -1,0 +1,107 @@
+"""The robot of a scenario: its files, and how they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ff_planner_ros.common.declared import declare
+from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.forms import TEXT, a_number, a_word, by_name
+from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.planning.scenario.wheels_file import WheelsFile
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.model import (
+    SLIDE_WEIGHT,
+    SLIDE_WEIGHTS,
+    Base,
+    Robot,
+    read_urdf,
+    robot_from_urdf_text,
+)
+from ff_planner_ros.robot.urdf.payload import Payload, with_payload
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """The block `robot` of a scenario: the robot's files, and how they are read."""
+
+    urdf: str = declare(
+        TEXT,
+        "path of the URDF or SDF, relative to this file, or package://PACKAGE/PATH; or the text of "
+        "a URDF, which names no files",
+    )
+    base_link: str = declare(TEXT, "link that carries the arm")
+    tip_link: str = declare(TEXT, "link whose frame is the end effector")
+    base: Base = declare(
+        a_word(Base),
+        "motion of the chaser: planar: x, y and rotation about z, on an air-bearing table; "
+        "attitude_held: reaction wheels hold its attitude, and it drifts",
+        brief=True,
+        default=Base.FREE_FLYER,
+    )
+    wheels: WheelsFile | None = declare(
+        part(WheelsFile),
+        "reaction wheels of base attitude_held; default: one along each axis of the base link, "
+        "without limits",
+        default=None,
+    )
+    locked_joints: Mapping[str, float] | None = declare(
+        by_name("a joint"),
+        "locked joints and their positions; default: all joints that are not between base and tip, "
+        "at zero",
+        unit="rad, m",
+        default=None,
+    )
+    geometry: Geometry | None = declare(
+        a_word(Geometry),
+        "collision geometry: shapes: the URDF's collision elements; lines: the link centre lines, "
+        "as in the paper; default: shapes if the arm has any",
+        default=None,
+    )
+    srdf: str | None = declare(
+        TEXT,
+        "path of an SRDF, as for the URDF: links that may touch; default: those that touch in "
+        "nearly every posture",
+        default=None,
+    )
+    payload: Payload | None = declare(
+        part(Payload), "a body that a link holds; default: none", default=None
+    )
+    slide_weight: float | None = declare(
+        a_number(at_least=0.0, at_most=SLIDE_WEIGHTS[1]),
+        "weight of a prismatic joint in the joint path, in which a revolute joint counts 1; 0: "
+        "prismatic joints are locked; default: 1",
+        unit="rad/m",
+        default=None,
+    )
+
+    def load(self, directory: Path | None) -> Robot:
+        """Load the robot from its files, whose paths may be relative to a directory.
+
+        Raises:
+            InvalidInput: A file cannot be read, or is refused.
+        """
+        text, place = self.urdf, None
+        if not text.startswith("<"):
+            file = resolve_uri(text, relative_to=directory)
+            text, place = read_urdf(file), file.resolve().parent
+        pairs = None
+        if self.srdf is not None:
+            pairs = read_urdf(resolve_uri(self.srdf, directory, "robot.srdf"), "robot.srdf")
+        robot = robot_from_urdf_text(
+            text,
+            self.base_link,
+            self.tip_link,
+            self.base,
+            self.locked_joints or {},
+            self.geometry,
+            pairs,
+            place,
+            None if self.wheels is None else self.wheels.wheels,
+            SLIDE_WEIGHT if self.slide_weight is None else self.slide_weight,
+        )
+        return (
+            robot if self.payload is None else with_payload(robot, self.payload.loaded(directory))
+        )
