@@ -427,8 +427,8 @@ def test_request_json_bag_replay_report_and_markers_have_the_camera(
     capsys.readouterr()
     assert main(["replay", str(bag), "--set", "camera.half_angle=0.25"]) == 0
     assert "SOLVED" in capsys.readouterr().out
-    assert main(["replay", str(bag), "--set", "camera.half_angle=-1"]) == 0
-    assert "OUT_OF_RANGE" in capsys.readouterr().out
+    assert main(["replay", str(bag), "--set", "camera.half_angle=-1"]) == 2
+    assert "camera.half_angle is -1.0" in capsys.readouterr().err
 
     markers = plan_markers(problem.robot, plan, scene_of(problem), "inertial").markers
     (drawn,) = (marker for marker in markers if marker.ns == "camera")
