@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.messages.exchange_words import REFUSED_EARLY, Event, Interface
 
 if TYPE_CHECKING:  # to read a bag's table loads no Pinocchio
     from ff_planner_ros.planning.task.planning_task import PlanningTask
@@ -17,8 +18,6 @@ if TYPE_CHECKING:  # to read a bag's table loads no Pinocchio
 EXCHANGE = "ff_planner_msgs/msg/Exchange"
 _TEXT = "std_msgs/msg/String"
 WITHOUT_EXCHANGES = f"it holds no {EXCHANGE}, which the node publishes on the topic exchanges"
-PUBLISH_PLAN = "publish_plan"  # the interface of requests to publish a plan or to reject it
-_RECEIVED, _DROPPED = "received", "dropped"
 # What an exchange consists of, beside the request, the task and the answer
 _WORDS = ("plan_id", "interface", "requester", "event", "task", "versions")
 
@@ -58,7 +57,7 @@ class Exchange:
         from ff_planner_ros.planning.scenario.task_json import task_from_json, urdf_digest
 
         if not self.task:
-            missing = "it was refused before its task was complete"
+            missing = REFUSED_EARLY
             if self.answer is None:
                 missing = "recording, or the planner, ended before its answer"
             raise InvalidInput(Status.OUT_OF_RANGE, "task", "missing", missing)
@@ -74,14 +73,15 @@ def exchanges(bag: Bag) -> Iterator[Exchange]:
         BagError: The disk fails.
     """
     for one in _exchanges(bag):
-        if one.interface != PUBLISH_PLAN:
+        if one.interface != Interface.PUBLISH_PLAN:
             yield one
 
 
 def publication_exchanges(bag: Bag) -> Iterator[Exchange]:
     """Yield every request to publish or to reject a plan, as `exchanges` does."""
-    for one in _exchanges(bag):
-        if one.interface == PUBLISH_PLAN:
+    word = Interface.PUBLISH_PLAN.encode()
+    for one in _exchanges(bag, lambda cdr: word in cdr):
+        if one.interface == Interface.PUBLISH_PLAN:
             yield one
 
 
@@ -90,19 +90,19 @@ def exchange_count(bag: Bag) -> int:
     return sum(one.message_count for one in bag.topics.values() if one.type_name == EXCHANGE)
 
 
-def _exchanges(bag: Bag) -> Iterator[Exchange]:
+def _exchanges(bag: Bag, only: Callable[[bytes], bool] | None = None) -> Iterator[Exchange]:
     urdfs = urdfs_in(bag)
     open_ones = dict[tuple[str, ...], Exchange]()
-    for message, content in bag.decoded(EXCHANGE):
+    for message, content in bag.decoded(EXCHANGE, only=only):
         try:
             one = _exchange(message, content, urdfs)
         except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
             bag.note(f"an exchange on {message.topic} cannot be understood: {error}")
             continue
         key = (one.topic, one.interface, one.plan_id)
-        if one.event == _RECEIVED:
+        if one.event == Event.RECEIVED:
             open_ones[key] = one
-        elif one.event != _DROPPED:
+        elif one.event != Event.DROPPED:
             before = open_ones.pop(key, None)
             yield one if before is None else replace(one, asked_ns=before.asked_ns)
     yield from open_ones.values()
@@ -111,7 +111,7 @@ def _exchanges(bag: Bag) -> Iterator[Exchange]:
 def _exchange(message: Message, content: Any, urdfs: tuple[str, ...]) -> Exchange:
     words = {name: str(value_at(content, name)) for name in _WORDS}
     at_ns, answer = nanoseconds(content.header.stamp), value_at(content, "answer[0]", None)
-    is_request = words["event"] == _RECEIVED
+    is_request = words["event"] == Event.RECEIVED
     return Exchange(
         planner=message.topic.rpartition("/")[0],
         topic=message.topic,

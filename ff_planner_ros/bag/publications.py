@@ -9,6 +9,7 @@ from ff_planner_ros.bag.exchanges import publication_exchanges
 from ff_planner_ros.bag.plans import status_name
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.messages.exchange_words import Event
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def publications(bag: Bag) -> list[Publication]:
                 one.answered_ns,
                 status_name(int(status.code)),
                 str(status.message),
-                one.event == "published",
+                one.event == Event.PUBLISHED,
                 (read_ns - state_ns) / NANOSECONDS if state_ns else None,
                 str(inputs.previous_plan_id),
             )

@@ -115,7 +115,9 @@ class Bag:
         for _, _, message in self._in_order(set(types_or_topics), only):
             yield message
 
-    def decoded(self, *type_names: str) -> Iterator[tuple[Message, Any]]:
+    def decoded(
+        self, *type_names: str, only: Callable[[bytes], bool] | None = None
+    ) -> Iterator[tuple[Message, Any]]:
         """Yield the messages of some types with their content, by the bag's own definitions.
 
         What is damaged or does not fit its definition is left out, and makes a note.
@@ -123,7 +125,7 @@ class Bag:
         Raises:
             BagError: The disk fails.
         """
-        for file, channel, message in self._in_order(set(type_names)):
+        for file, channel, message in self._in_order(set(type_names), only):
             try:
                 content = _content(file, channel, message.cdr)
             except BagError as error:

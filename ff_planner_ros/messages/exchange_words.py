@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+REFUSED_EARLY = "it was refused before its task was complete"  # why an answer has no task
+
 
 class Interface(StrEnum):
     """The interface that a request came by."""
@@ -12,6 +14,7 @@ class Interface(StrEnum):
     ACTION = "action"
     REPLANNING = "replanning"  # either of these, with `replan_active`
     PUBLISH_PLAN = "publish_plan"
+    COMMAND_LINE = "command_line"  # of a bag of `ff-planner plan --bag`
 
 
 class Event(StrEnum):

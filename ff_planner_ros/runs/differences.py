@@ -142,6 +142,11 @@ def differences(
     return found
 
 
+def is_cut(task: PlanningTask) -> bool:
+    """Return whether a clock had ended the search of a phase, at a step that is known."""
+    return bool(task.effort or any(phase.effort for phase in task.then))
+
+
 def _of_answer(
     recorded: Any, task: PlanningTask, again: Plan | FfPlannerError
 ) -> Iterator[tuple[str, Any, Any]]:
@@ -154,9 +159,9 @@ def _of_answer(
         attempt, status = getattr(again, "attempt", None), status_fields(again)
         total = attempt if isinstance(attempt, Plan) else None
     # A search that a clock had ended ends at a step now, and says so.
-    is_cut = bool(task.effort or any(phase.effort for phase in task.then))
+    cut = is_cut(task)
     for name, now in status.items():
-        if name == "retry" or (name != "code" and not is_cut):
+        if name == "retry" or (name != "code" and not cut):
             yield f"status.{name}", getattr(recorded.status, name), now
     guess = np.empty(0) if task.first_guess is None else task.first_guess
     yield "first_guess", np.array(recorded.inputs.first_guess), guess
@@ -168,7 +173,7 @@ def _of_answer(
         yield f"metrics.{metric.name}", before, now
     for item in fields(SolverReport):
         before, now = (getattr(one, item.name) for one in (recorded.solver, total.solver))
-        if not (is_cut and isinstance(now, str)):
+        if not (cut and isinstance(now, str)):
             yield f"solver.{item.name}", before, now
 
 

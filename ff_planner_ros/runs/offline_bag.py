@@ -19,6 +19,7 @@ from ff_planner_ros.common.text_file import read_bytes
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.common.yaml_file import MOST_BYTES
 from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.messages.exchange_words import Event, Interface
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.scenario.task_json import task_json
@@ -51,8 +52,6 @@ from ff_planner_ros.ros.messages.to_messages import (
 from ff_planner_ros.ros.outputs.markers import plan_markers
 from ff_planner_ros.ros.qos import EXCHANGES_QOS, LATCHED_QOS
 from ff_planner_ros.ros.recorder.recorder import offered_qos
-
-_INTERFACE = "command_line"
 
 
 def record_answer(
@@ -89,12 +88,12 @@ def record_answer(
         first_guess=[] if task.first_guess is None else task.first_guess.tolist(),
     )
     header = Header(stamp=time_message(now), frame_id=SCENARIO_FRAME)
-    told = {"header": header, "plan_id": plan_id, "interface": _INTERFACE}
+    told = {"header": header, "plan_id": plan_id, "interface": Interface.COMMAND_LINE}
     request = [] if any(not_in_requests(task)) else [_request(task, now, start_ns)]
     exchanges = (
-        Exchange(event="received", request=request, **told),
+        Exchange(event=Event.RECEIVED, request=request, **told),
         Exchange(
-            event="answered",
+            event=Event.ANSWERED,
             request=request,
             task=task_json(ended, robot.drawn_urdf),
             versions=json.dumps(versions()),

@@ -20,10 +20,11 @@ from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.shown import printable
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
+from ff_planner_ros.messages.exchange_words import REFUSED_EARLY
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.task import perform
-from ff_planner_ros.runs.differences import Difference, differences
+from ff_planner_ros.runs.differences import Difference, differences, is_cut
 
 ALL_SAME, DIFFERS = 0, 3
 
@@ -116,8 +117,7 @@ def replay(exchange: Exchange) -> Replayed:
     if then in _NO_FUNCTIONS_OF_THE_TASK:
         return _not_planned(exchange, Verdict.NOT_PLANNED, _NO_FUNCTIONS_OF_THE_TASK[then])
     if exchange.answer is not None and not exchange.task:
-        words = "it was refused before its task was complete"
-        return _not_planned(exchange, Verdict.NOT_PLANNED, words)
+        return _not_planned(exchange, Verdict.NOT_PLANNED, REFUSED_EARLY)
     try:
         task = exchange.planned_task()
     except InvalidInput as error:
@@ -127,7 +127,7 @@ def replay(exchange: Exchange) -> Replayed:
     took = time.perf_counter() - begun
     now = Status.SOLVED if isinstance(again, Plan) else again.status
     found = list[Difference]()
-    if then is Status.TOO_LATE or (then is Status.TIMED_OUT and not _is_cut(task)):
+    if then is Status.TOO_LATE or (then is Status.TIMED_OUT and not is_cut(task)):
         verdict, words = Verdict.WITHOUT_CLOCK, status_name(now)
     elif now != then:
         verdict, words = Verdict.DIFFERENT, again.message if isinstance(again, Plan) else str(again)
@@ -160,11 +160,6 @@ def answer_to(task: PlanningTask) -> Plan | FfPlannerError:
         return error
     except Exception as error:  # as the node answers what nobody foresaw
         return FfPlannerError(Status.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
-
-
-def _is_cut(task: PlanningTask) -> bool:
-    """Return whether a clock had ended the search, at a step that is known."""
-    return bool(task.effort or any(phase.effort for phase in task.then))
 
 
 def _version_lines(replayed: Sequence[Replayed]) -> Iterator[str]:

@@ -14,6 +14,7 @@ from ff_planner_ros.console.answers import entry_of_answer
 from ff_planner_ros.console.entries import Entry
 from ff_planner_ros.console.live.link import Link
 from ff_planner_ros.errors import FfPlannerError, InvalidInput
+from ff_planner_ros.messages.exchange_words import REFUSED_EARLY
 from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import scene_of
@@ -168,8 +169,7 @@ class Plans:
     def _task(self, text: str, asked: PlanningTask | None) -> tuple[PlanningTask | None, str]:
         """Return the task of an answer, or else the one that was asked for, and why it has none."""
         if not text:
-            missing = "it was refused before its task was complete"
-            return asked, missing if asked is None else ""
+            return asked, REFUSED_EARLY if asked is None else ""
         urdf = self._link.robot.drawn_urdf
         try:
             return task_from_json(text, {urdf_digest(urdf): urdf}), ""
