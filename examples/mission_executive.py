@@ -18,8 +18,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import rclpy
 from builtin_interfaces.msg import Time
-from ff_planner_msgs.msg import PlanAnswer, PlanProgress
+from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanProgress, PlanRequest
+from rclpy.action import ActionClient
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.demo.executive import NAME, FlownPlan, MissionExecutive
@@ -28,7 +32,8 @@ from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import DurationRange, Objective
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME, Defaults, load_task
-from ff_planner_ros.ros.client import request_of_task
+from ff_planner_ros.ros.client import PlannerClient
+from ff_planner_ros.ros.messages.requests import request_of_task
 from ff_planner_ros.ros.outputs.prediction import FramePose
 
 OBJECTIVES = {
@@ -62,7 +67,8 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         request.start_time = Time(sec=options.start)
         request.search.time_budget = PATIENCE  # unless the start is before
         print("asking     the planner, as soon as it is there", flush=True)
-        answer = executive.plan(request, _say_how_the_search_goes)
+        ask = ask_with_rclpy if options.plain else partial(ask_with_client, executive.client)
+        answer = executive.plan(request, _say_how_the_search_goes, ask)
         print(f"plan       {answer.plan_id}: {_worth(answer)}", flush=True)
         for number, said in enumerate(phases_said(request, answer), start=1):
             print(f"phase {number}    {said}", flush=True)
@@ -89,6 +95,48 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
             flown.append(executive.watch(answer, seconds, problem.robot))
             _say_what_was_reached(seconds, flown[-1])
     return mission_report(answer, flown)
+
+
+def ask_with_client(
+    client: PlannerClient,
+    request: PlanRequest,
+    report: Callable[[PlanProgress], None],
+    check: Callable[[], None],
+) -> PlanAnswer:
+    """Ask by the client that comes with the planner; it cancels what `check` ends by raising."""
+    client.wait_for_planner(PATIENCE, check)
+    return client.plan(request, report, check)
+
+
+def ask_with_rclpy(
+    request: PlanRequest, report: Callable[[PlanProgress], None], check: Callable[[], None]
+) -> PlanAnswer:
+    """Ask the same by rclpy alone, as any node can: send, receive and wait in one thread."""
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("mission")
+    planner = ActionClient(node, PlanTrajectory, "plan_trajectory_action")
+
+    def answered(future: Any) -> Any:
+        while not future.done():
+            rclpy.spin_once(node, timeout_sec=0.1)
+            check()
+        return future.result()
+
+    try:
+        planner.wait_for_server()
+        goal = PlanTrajectory.Goal(request=request)
+        sent = planner.send_goal_async(goal, lambda message: report(message.feedback.progress))
+        handle = answered(sent)
+        try:
+            answer: PlanAnswer = answered(handle.get_result_async()).result.answer
+        except BaseException:
+            handle.cancel_goal_async()  # the plan is not needed any more
+            raise
+        return answer
+    finally:
+        planner.destroy()
+        node.destroy_node()
+        rclpy.shutdown()
 
 
 def _say_what_was_reached(seconds: float, flown: FlownPlan) -> None:
@@ -156,6 +204,7 @@ def _options() -> argparse.Namespace:
         metavar="DEG",
         help="refuse plans that rotate the chaser further",
     )
+    parser.add_argument("--plain", action="store_true", help="ask by rclpy alone")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result")
     # What follows --ros-args is for ROS, anything else that is not known a slip of the pen.
     return parser.parse_args(remove_ros_args(sys.argv)[1:])

@@ -28,8 +28,7 @@ from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.parameters import default_values, load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.whole import captured_bodies
-from ff_planner_ros.ros.background import StopRequest, spin_in_background
-from ff_planner_ros.ros.joining import joining_ros
+from ff_planner_ros.ros.process import StopRequest, joining_ros, spin_in_background
 
 MEANING = {
     "position_noise": "of the measured position, standard deviation [m]",

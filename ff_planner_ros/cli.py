@@ -22,6 +22,7 @@ from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput,
 # Faults of one input that are printed: a screen, where thousands of obstacles may be wrong alike.
 _MOST_FAULTS = 20
 _OF_ROS = re.compile(r"rclpy|rpyutils|rosidl\w*|launch\w*|ament\w*|\w+_(msgs|srvs|interfaces)")
+_JOINS_ROS = {"console": "node", "doctor": "controller"}  # if this option is given
 DEFECT = "this is a defect of ff-planner, please report it"
 
 
@@ -47,7 +48,8 @@ def main(
     warnings.showwarning = _note  # of libraries
     parser = make_parser()
     options, rest = parser.parse_known_args(arguments)
-    joins = options.verb == "ask" or (options.verb == "console" and options.node is not None)
+    of_ros = _JOINS_ROS.get(options.verb, "")
+    joins = options.verb == "ask" or getattr(options, of_ros, None) is not None
     if rest and not (joins and rest[:1] == ["--ros-args"]):
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest

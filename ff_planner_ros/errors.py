@@ -28,7 +28,7 @@ class Status(IntEnum):
     NO_TARGET_BODY = 108
     TARGET_TOO_OLD = 109
     TARGET_IN_FUTURE = 110
-    CONTRADICTING_PUBLISHERS = 111
+    SEVERAL_PUBLISHERS = 111
 
     NOT_FINITE = 200
     WRONG_SIZE = 201
@@ -108,7 +108,7 @@ REMEDIES: Mapping[Status, Remedy] = {
     Status.NO_TARGET_BODY: Remedy(_LATER),
     Status.TARGET_TOO_OLD: Remedy(_LATER),
     Status.TARGET_IN_FUTURE: Remedy(_LATER),
-    Status.CONTRADICTING_PUBLISHERS: Remedy(_CHANGED),
+    Status.SEVERAL_PUBLISHERS: Remedy(_CHANGED),
     Status.NOT_FINITE: Remedy(_CHANGED),
     Status.WRONG_SIZE: Remedy(_CHANGED),
     Status.BAD_QUATERNION: Remedy(_CHANGED),

@@ -16,14 +16,15 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.task.captured import CapturedBody
+from ff_planner_ros.ros.messages.answers import answer_of
 from ff_planner_ros.ros.messages.interfaces import type_name
-from ff_planner_ros.ros.messages.to_messages import answer_with_plan, plan_message, time_message
+from ff_planner_ros.ros.messages.to_messages import plan_message, time_message
 
 FRAME = "inertial"
 EXCHANGES = "/exchanges"  # topic of the planner that is asked, where a test names no other
 
 
-def answer_of(
+def answer_with(
     plan: Plan,
     plan_id: str = "run.1",
     start_ns: int = 10**18,
@@ -31,10 +32,10 @@ def answer_of(
     body: TargetBody | None = None,
 ) -> PlanAnswer:
     """Answer with a plan, as the node does."""
-    captured = None if body is None else CapturedBody(body)
-    return answer_with_plan(
-        plan, [plan_message(plan, start_ns, FRAME, captured)], plan_id, solve_time
-    )
+    answer = answer_of(plan, plan_id, solve_time, None, start_ns, FRAME)
+    if body is not None:
+        answer.plans = [plan_message(plan, start_ns, FRAME, CapturedBody(body))]
+    return answer
 
 
 def exchange(

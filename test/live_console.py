@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 from quick_capture import resting_capture
-from ros_processes import DEADLINE, Client, Scene
+from ros_processes import DEADLINE, Client, Scene, wait_for
 
 from ff_planner_ros.console.entries import Entry
 from ff_planner_ros.console.live.open import LivePage, live_page
@@ -69,16 +67,9 @@ class Console:
                 self.panel._state,
                 self.panel._fit,
                 self.panel._said,
-                self.panel._differences,
+                self.panel._deviations,
             )
         )
-
-
-def wait_for(condition: Callable[[], Any], what: str) -> None:
-    give_up = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < give_up, f"{what} did not happen"
-        time.sleep(0.05)
 
 
 @contextmanager

@@ -42,7 +42,7 @@ class Manager:
         return result
 
     def configure_with(self, name: str, value: object) -> None:
-        """Let an active node go on with another value, which may be looser than the one it has."""
+        """Let an active node go on with another value."""
         assert self.change(Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
         result = self.set(name, value)
         assert result.successful, result.reason

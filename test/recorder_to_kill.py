@@ -22,8 +22,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.ros.recorder.recorder import Recorder
-from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
+from ff_planner_ros.ros.recorder.recorder import RecordedTopic, Recorder
 
 ENTRY = struct.Struct("<qq")
 FLUSH_INTERVAL = 0.25  # [s] the default

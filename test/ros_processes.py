@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 import rclpy
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import (
     ChaserState,
     Exchange,
@@ -31,8 +30,6 @@ from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMsg
 from rcl_interfaces.srv import GetParameters
-from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import JointTrajectory
@@ -41,13 +38,15 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.ros.background import ask, spin_in_background
+from ff_planner_ros.ros.client import PlannerClient
 from ff_planner_ros.ros.messages.to_messages import (
     request_message,
     scene_message,
     state_message,
 )
-from ff_planner_ros.ros.qos import REQUEST_QOS
+from ff_planner_ros.ros.process import ask
+from ff_planner_ros.ros.qos import qos_profile
+from ff_planner_ros.ros.topics import SERVICE
 
 FRAME = "inertial"
 DEADLINE = 300.0  # [s] a condition that is not met by then on a busy machine never will be
@@ -88,25 +87,24 @@ class PlannerProcess:
         return directory
 
     @property
-    def worker(self) -> int:
-        """Process number of the solver, whose forks make the plans; the spare one is younger."""
-        return self._child_of(self.process.pid)
-
-    @property
-    def plan(self) -> int:
-        """Process number of the one that makes the plan, or made the last one."""
-        return self._child_of(self.worker)
-
-    def _child_of(self, wanted: int) -> int:
-        for entry in sorted(Path("/proc").glob("[0-9]*"), key=lambda entry: int(entry.name)):
+    def solvers(self) -> list[int]:
+        """Numbers of the processes that make plans."""
+        numbers = []
+        for entry in Path("/proc").glob("[0-9]*"):
             try:
                 parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
                 command = (entry / "cmdline").read_bytes()
             except OSError:  # ended meanwhile
                 continue
-            if parent == wanted and b"ff_planner_ros.ros.requests.solver_process" in command:
-                return int(entry.name)
-        raise LookupError(f"process {wanted} has no solver process\n{self.log}")
+            if parent == self.process.pid and b"ros.requests.solver_process" in command:
+                numbers.append(int(entry.name))
+        return numbers
+
+    def send_to_solvers(self, number: signal.Signals) -> None:
+        """Send a signal to every process that makes plans."""
+        for process in self.solvers:
+            with suppress(ProcessLookupError):
+                os.kill(process, number)
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> int:
         """Ask the node to end and return its exit code."""
@@ -114,14 +112,27 @@ class PlannerProcess:
         return self.process.wait(DEADLINE)
 
 
+def wait_for(condition: Callable[[], Any], what: str) -> None:
+    give_up = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < give_up, f"{what} did not happen"
+        time.sleep(0.05)
+
+
 class Client:
     """The world around the planner: publishes, asks, and keeps what it hears."""
 
     def __init__(self, namespace: str, planner: str) -> None:
-        rclpy.init(args=[])
         self._changed = threading.Condition()
         self.received: dict[str, list[Any]] = {}
-        self.node = rclpy.create_node("test_client", namespace=namespace)
+        self._publish = f"{planner}/publish_plan"
+        # The default context, in which the nodes of tests are.
+        context = rclpy.utilities.get_default_context()
+        self.planner = PlannerClient(
+            "test_client", planner=planner, namespace=namespace, context=context
+        )
+        self.node, self.executor = self.planner.node, self.planner.executor
+        self.now_ns = self.planner.now_ns
         latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._states = self.node.create_publisher(ChaserState, "chaser_state", 100)
         self._obstacles = self.node.create_publisher(
@@ -137,26 +148,15 @@ class Client:
         ):
             self.hear(message_type, topic, qos)
         # Tests ask many times at once: the middleware drops the oldest of more than ten answers.
-        kept = {"qos_profile": REQUEST_QOS}
-        self._service = self.node.create_client(PlanTrajectory, "plan_trajectory", **kept)
-        self._publish_plan = self.node.create_client(PublishPlan, f"{planner}/publish_plan", **kept)
-        self._action = ActionClient(
-            self.node,
-            PlanTrajectoryAction,
-            "plan_trajectory_action",
-            goal_service_qos_profile=REQUEST_QOS,
-            result_service_qos_profile=REQUEST_QOS,
+        self._service = self.node.create_client(
+            PlanTrajectory, "plan_trajectory", qos_profile=qos_profile(SERVICE)
         )
         # After the other services: see `wait_for_planner`.
         self._probe = self.node.create_client(GetParameters, f"{planner}/get_parameters")
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
-        self._stop = spin_in_background(self.executor, self.node.get_logger())
 
     def close(self) -> None:
-        self._stop()
-        self.node.destroy_node()  # or else the middleware tells of its publishers for long
-        rclpy.shutdown()
+        self.planner.close()
+        rclpy.utilities.get_default_context(shutting_down=True)  # the next one is new
 
     def hear(self, message_type: Any, topic: str, qos: QoSProfile | int = 100) -> list[Any]:
         """Subscribe to a topic, and return the list of what comes, which grows."""
@@ -166,12 +166,7 @@ class Client:
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """Call a service and wait for its response."""
-        client = self.node.create_client(service_type, name)
-        assert client.wait_for_service(DEADLINE), f"no service {name}"
-        return ask(self.executor, lambda: client.call_async(request)).result(DEADLINE)
-
-    def now_ns(self) -> int:
-        return self.node.get_clock().now().nanoseconds
+        return self.planner.call(service_type, name, request, DEADLINE)
 
     def wait_until(self, condition: Callable[[], object], what: str) -> None:
         """Wait until something that is heard makes a condition true."""
@@ -242,21 +237,16 @@ class Client:
 
     def send_goal_at_once(self, request: PlanRequest) -> Goal:
         """Send a goal without waiting for anything."""
-        assert self._action.wait_for_server(DEADLINE)
-        return Goal(self.executor, self._action, request)
+        self.planner.wait_for_planner(DEADLINE)
+        return Goal(self.planner, request)
 
     def plan(self, request: PlanRequest) -> PlanAnswer:
         return self.send(request)()
 
     def publish_plan(self, answer: PlanAnswer, **fields: Any) -> PlanStatus:
         """Ask for a plan that waits to be published, as its answer says unless a field is given."""
-        assert self._publish_plan.wait_for_service(DEADLINE)
         request = PublishPlan.Request(**{"plan_id": answer.plan_id} | fields)
-        return (
-            ask(self.executor, lambda: self._publish_plan.call_async(request))
-            .result(DEADLINE)
-            .status
-        )
+        return self.call(PublishPlan, self._publish, request).status
 
     def plan_until(
         self, request: PlanRequest, accepted: Callable[[PlanAnswer], bool]
@@ -298,41 +288,32 @@ def _told(answer: PlanAnswer) -> PlanAnswer:
 class Goal:
     """A goal of the planner's action."""
 
-    def __init__(
-        self,
-        executor: SingleThreadedExecutor,
-        client: ActionClient,
-        request: PlanRequest,
-    ) -> None:
-        self._executor = executor
+    def __init__(self, client: PlannerClient, request: PlanRequest) -> None:
         self.feedback: list[PlanProgress] = []
         self.progress = threading.Event()
-        goal = PlanTrajectoryAction.Goal(request=request)
-        self._sent = ask(executor, lambda: client.send_goal_async(goal, self._keep))
+        self._planning = client.ask(request, self._keep)
 
     @property
     def is_accepted(self) -> bool:
         """Whether the planner has accepted it, as it does with every goal."""
-        return bool(self._handle.accepted)
+        return bool(self._planning.sent.result(DEADLINE).accepted)
 
     def cancel(self) -> bool:
         """Ask to cancel; whether the planner accepts."""
-        return bool(self._asked(self._handle.cancel_goal_async).goals_canceling)
+        return self._planning.cancel(DEADLINE)
 
     def result(self) -> tuple[int, PlanAnswer]:
         """Wait for the goal's final state (`action_msgs/GoalStatus`) and its answer."""
-        response = self._asked(self._handle.get_result_async)
-        return response.status, _told(response.result.answer)
+        give_up = time.monotonic() + DEADLINE
 
-    @property
-    def _handle(self) -> Any:
-        return self._sent.result(DEADLINE)
+        def check() -> None:
+            assert time.monotonic() < give_up, "the planner did not answer"
 
-    def _asked(self, question: Callable[[], Any]) -> Any:
-        return ask(self._executor, question).result(DEADLINE)
+        answer = _told(self._planning.answer(check))
+        return self._planning.goal_status, answer
 
-    def _keep(self, message: Any) -> None:
-        self.feedback.append(message.feedback.progress)
+    def _keep(self, progress: PlanProgress) -> None:
+        self.feedback.append(progress)
         self.progress.set()
 
 
@@ -401,8 +382,7 @@ def running_planner(directory: Path, *ros_arguments: str) -> Iterator[PlannerPro
     try:
         yield planner
     finally:
-        with suppress(LookupError):
-            os.killpg(planner.worker, signal.SIGKILL)  # it may be frozen, and would stay for ever
+        planner.send_to_solvers(signal.SIGKILL)  # one may be frozen, and would stay for ever
         planner.process.kill()
         planner.process.wait()
 

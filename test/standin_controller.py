@@ -1,8 +1,9 @@
 """A controller that keeps the documented rules of Jazzy's joint_trajectory_controller.
 
 Written from its documentation and behaviour (ros-controls/ros2_controllers, branch jazzy): what it
-refuses, where a goal's tolerances come from, how a goal ends, and that a new goal replaces the one
-that runs. The joints are where the trajectory wants them, but for `off`.
+refuses, where a goal's tolerances come from, how a goal ends, that a new goal replaces the one
+that runs, that it runs the trajectory's time at `scaling`, and that it holds where it is after a
+cancelled goal. The joints are where the trajectory wants them, but for `off`.
 """
 
 from __future__ import annotations
@@ -12,14 +13,20 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
+from scipy.interpolate import BPoly
+from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory
+from ff_planner_ros.ros.messages.foreign import (
+    FollowJointTrajectory,
+    JointTrajectoryControllerState,
+)
 
 NAME = "joint_trajectory_controller"
 RESULT = FollowJointTrajectory.Result
@@ -32,6 +39,13 @@ class StandInController:
 
     def __init__(self, joints: Sequence[str], namespace: str = "", **parameters: Any) -> None:
         self.joints, self.off = list(joints), 0.0  # of the first joint [rad]
+        self.scaling = 1.0
+        self.told_scaling: float | None = None  # None: as it is; controllers before 4.39 say 0.0
+        self._followed: JointTrajectory | None = None
+        self._path = BPoly([[0.0]], [0.0, 1.0])  # of its joints, in its order
+        self._own_ns = 0  # the trajectory's time; zero before its first sample
+        self._updated_ns = 0
+        self._reference = np.zeros((2, len(self.joints)))  # positions and velocities
         self.refused: list[str] = []  # why, in the order of refusals
         self.trajectories: list[JointTrajectory] = []  # that were accepted
         self.accepted_ns: list[int] = []
@@ -59,6 +73,10 @@ class StandInController:
             handle_accepted_callback=self._accept,
             cancel_callback=self._cancel,
         )
+        self._state = self.node.create_publisher(
+            JointTrajectoryControllerState, f"{NAME}/controller_state", 10
+        )
+        self.node.create_subscription(JointTrajectory, f"{NAME}/joint_trajectory", self._take, 1)
         self._timer = self.node.create_timer(PERIOD, self._update)
 
     def parameter(self, name: str) -> Any:
@@ -92,12 +110,24 @@ class StandInController:
                 return "effort"
         return ""
 
+    def hold(self) -> None:
+        """Stop at once, and stay."""
+        self._followed = None
+        self._reference[1] = 0.0
+
     def close(self) -> None:
         self._server.destroy()
         self.node.destroy_node()
 
     def _now_ns(self) -> int:
         return int(self.node.get_clock().now().nanoseconds)
+
+    def _take(self, trajectory: JointTrajectory) -> None:
+        self.trajectories.append(trajectory)
+        times = [nanoseconds(one.time_from_start) / NANOSECONDS for one in trajectory.points]
+        rows = [[one.positions, one.velocities, one.accelerations] for one in trajectory.points]
+        self._followed, self._path = trajectory, BPoly.from_derivatives(times, rows)
+        self._own_ns = 0
 
     def _decide(self, goal: Any) -> GoalResponse:
         words = self.complaint(goal.trajectory)
@@ -108,7 +138,7 @@ class StandInController:
 
     def _accept(self, handle: ServerGoalHandle) -> None:
         self._end("abort", RESULT.INVALID_GOAL, "Current goal preempted by new incoming action.")
-        self.trajectories.append(handle.request.trajectory)
+        self._take(handle.request.trajectory)
         self.accepted_ns.append(self._now_ns())
         end = Future()
         self._ends[bytes(handle.goal_id.uuid)] = end
@@ -160,24 +190,45 @@ class StandInController:
         given = goal.goal_time_tolerance.sec + goal.goal_time_tolerance.nanosec / NANOSECONDS
         return found | {"time": of(given, self.parameter("constraints.goal_time"))}
 
+    def _follow(self, now_ns: int) -> float:
+        """Go on in the trajectory, and tell the reference; its own time since the start [s]."""
+        passed, self._updated_ns = now_ns - self._updated_ns, now_ns
+        since = 0.0
+        if self._followed is not None:
+            self._own_ns = self._own_ns + round(passed * self.scaling) if self._own_ns else now_ns
+            since = (self._own_ns - nanoseconds(self._followed.header.stamp)) / NANOSECONDS
+            at = np.clip(since, self._path.x[0], self._path.x[-1])
+            order = [self._followed.joint_names.index(joint) for joint in self.joints]
+            self._reference = np.array([self._path(at), self._path.derivative()(at)])[:, order]
+        told = self.scaling if self.told_scaling is None else self.told_scaling
+        positions, velocities = self._reference
+        stamp = Time(sec=now_ns // NANOSECONDS, nanosec=now_ns % NANOSECONDS)
+        self._state.publish(
+            JointTrajectoryControllerState(
+                header=Header(stamp=stamp),
+                joint_names=self.joints,
+                reference=JointTrajectoryPoint(positions=positions, velocities=velocities),
+                speed_scaling_factor=told,
+            )
+        )
+        return since
+
     def _update(self) -> None:
+        since = self._follow(self._now_ns())
         if self._running is None:
             return
         handle, _, tolerances = self._running
         trajectory = handle.request.trajectory
-        since = (self._now_ns() - nanoseconds(trajectory.header.stamp)) / NANOSECONDS
         times = [nanoseconds(one.time_from_start) / NANOSECONDS for one in trajectory.points]
         if handle.is_cancel_requested:
+            self.hold()
             self._end("canceled", 0, "")
             return
-        desired = [
-            float(np.interp(since, times, [one.positions[joint] for one in trajectory.points]))
-            for joint in range(len(self.joints))
-        ]
+        desired = list(self._reference[0])
         off = [self.off, *[0.0] * (len(self.joints) - 1)]
         handle.publish_feedback(
             FollowJointTrajectory.Feedback(
-                joint_names=list(trajectory.joint_names),
+                joint_names=self.joints,
                 desired=JointTrajectoryPoint(positions=desired),
                 error=JointTrajectoryPoint(positions=off),
             )

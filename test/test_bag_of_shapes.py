@@ -24,8 +24,8 @@ from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.collision.solids import KINDS
-from ff_planner_ros.ros.client import request_of_scenario
 from ff_planner_ros.ros.messages.from_messages import scene_from_message, target_body_from_message
+from ff_planner_ros.ros.messages.requests import request_of_scenario
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.replay import Verdict, replay
 

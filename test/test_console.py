@@ -42,7 +42,7 @@ from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.ros.requests.waiting_plan import MadePlan
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
 
 SCENARIOS = share_directory() / "config" / "scenarios"
 
@@ -469,7 +469,7 @@ def test_a_console_knows_which_plan_runs_until_the_next_one_begins(
     scene = scene_of(capture.problem)
     for plan_id, start, before in (("run.1", 9.0, ""), ("run.2", 5.0, previous)):
         start_ns = round(start * NANOSECONDS)
-        told = capture.problem.robot, scene, load_parameters(), before
+        told = capture.problem.robot, scene, "inertial", before
         made[plan_id] = MadePlan(plan_id, plan, start_ns, "none", *told)
         plans._known[plan_id] = _Known(
             Entry(plan_id, capture, plan, plan_id=plan_id), made[plan_id]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import answer_of, exchange, write_bag
+from answers import answer_with, exchange, write_bag
 
 from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.reader import open_bag
@@ -50,13 +50,13 @@ def test_what_is_missing_or_damaged_is_told(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
     task = PlanningTask(lemur_capture, load_parameters().planner)
-    damaged = answer_of(lemur_plan)
+    damaged = answer_with(lemur_plan)
     damaged.plans[0].joint_trajectory.points.pop()
     bag = write_bag(
         tmp_path / "bag",
-        exchange(answer_of(lemur_plan), task=task_json(task)),
+        exchange(answer_with(lemur_plan), task=task_json(task)),
         exchange(damaged, task=task_json(task)),
-        exchange(answer_of(lemur_plan)),
+        exchange(answer_with(lemur_plan)),
         exchange(plan_id="run.2"),
     )
     entries, _ = entries_of_bag(bag)

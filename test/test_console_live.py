@@ -135,7 +135,7 @@ def test_a_plan_whose_start_the_system_has_left_is_refused_in_the_nodes_words(
         moved_ns = world.client.now_ns()
         wait_for(lambda: stamp_of_state(console) > moved_ns + NANOSECONDS, "ten more states")
         refusal = fit_of(made, console.live._link.knowledge).refusal
-        assert "position by 0.05 m, more than publication.max_position, 0.02 m" in refusal
+        assert "position by 0.05 m, more than tracking.max_position, 0.02 m" in refusal
         status, words = console.live._link.release(made.plan_id)
         assert status is Status.STATE_MOVED
         assert refusal == f"{status.name}: {words}"
@@ -254,7 +254,7 @@ def test_an_answer_that_is_lost_is_asked_for_again(
 
 
 def test_who_is_not_there_is_told_so() -> None:
-    with pytest.raises(InvalidInput, match="/nobody: its parameters was not heard within"):
+    with pytest.raises(InvalidInput, match="/nobody/get_parameters: no node offers it within"):
         live_page("nobody", None, 0.5, [])
 
 

@@ -21,7 +21,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,
@@ -116,6 +116,15 @@ def test_joints_that_go_over_to_the_plan_leave_the_momentum_as_it_was_measured(
     )
     np.testing.assert_allclose(found.joint_velocities, truth.joint_velocities, atol=1e-9)
     np.testing.assert_allclose(after, before, rtol=0.0, atol=1e-8 * np.abs(before).max())
+
+
+def test_a_search_that_ends_at_its_first_step_has_the_remainder_of_the_running_plan(
+    problem: PlanningProblem, running: Plan
+) -> None:
+    motion = joint_motion(running.trajectory)
+    measured = carried_forward(problem.robot, problem.start, 4.0, motion)
+    plan = perform(continuing(problem, motion, 4.0, measured).ended_at(1))
+    assert (plan.family, plan.effort) == (REMAINDER, 1)
 
 
 @pytest.mark.parametrize("point", [3, 30])

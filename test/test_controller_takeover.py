@@ -20,8 +20,7 @@ from ff_planner_ros.demo.testbed import motion_from_message, with_heavier_arm
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.to_messages import plan_message
+from ff_planner_ros.ros.messages.to_messages import controller_message, plan_message
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem
 
 BEGIN_NS = 1_763_000_000 * NANOSECONDS + 123_456_789  # of the first plan, as clocks are

@@ -12,12 +12,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from robots import random_urdf
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.ros.outputs.clock_health import ClockHealth
-from ff_planner_ros.ros.outputs.controller_health import ControllerHealth, controller_health
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest, NodeHealth, diagnostics
-from ff_planner_ros.ros.outputs.execution import Event
-from ff_planner_ros.ros.outputs.prediction import TrackingError
+from ff_planner_ros.ros.outputs.execution import ControllerHealth, Event, Execution
+from ff_planner_ros.ros.outputs.prediction import Deviation
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -25,6 +25,14 @@ PARTS = (
     *("chaser state", "obstacles", "target body", "last request", "solver"),
     *("solve time", "other planners", "recorder", "tracking", "controller", "clock"),
 )
+
+
+def off(position: float, angle: float) -> list[Deviation]:
+    """Deviations of a chaser from its plan."""
+    return [
+        Deviation("the chaser's position", "max_position", position, "m"),
+        Deviation("its attitude", "max_angle", angle, "rad"),
+    ]
 
 
 RECORDING = RecorderHealth("/data/bags/run", messages=12, dropped={}, failure="")
@@ -43,9 +51,8 @@ WELL = NodeHealth(
     solver_is_warm=True,
     namesakes=(),
     recorder=RECORDING,
-    tracking=TrackingError(position=0.004, angle=0.01),
-    tracking_max_position=0.02,
-    tracking_max_angle=0.02,
+    tracking=off(0.004, 0.01),
+    allowed=load_parameters().tracking,
 )
 
 
@@ -161,21 +168,21 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             ERROR,
             "are answered by /ff_planner, /spare, too",
         ),
-        ("tracking", {"tracking": None}, OK, "no plan runs"),
-        ("tracking", {"tracking": TrackingError(0.02, 0.02)}, OK, "20.0 mm and 1.15 deg"),
+        ("tracking", {"tracking": ()}, OK, "no plan runs"),
+        ("tracking", {"tracking": off(0.02, 0.02)}, OK, "20.0 mm and 1.15 deg"),
         (
             "tracking",
-            {"tracking": TrackingError(0.0201, 0.0)},
+            {"tracking": off(0.0201, 0.0)},
             WARN,
-            "leaves the plan: 20.1 mm and 0.00 deg",
+            "leaves the plan: the chaser's position by 0.0201 m, more than tracking.max_position",
         ),
         (
             "tracking",
-            {"tracking": TrackingError(0.0, 0.0201)},
+            {"tracking": off(0.0, 0.0201)},
             WARN,
-            "leaves the plan: 0.0 mm and 1.15 deg",
+            "leaves the plan: its attitude by 0.0201 rad, more than tracking.max_angle, 0.02 rad",
         ),
-        ("tracking", {"tracking": TrackingError(float("nan"), 0.0)}, WARN, "leaves the plan"),
+        ("tracking", {"tracking": off(float("nan"), 0.0)}, WARN, "leaves the plan"),
         ("controller", {}, OK, "plans go out on the topic joint_trajectory"),
         ("controller", {"controller": SENT}, OK, "plans are sent to arm/follow; run.7: STARTED"),
         ("controller", {"controller": replace(SENT, is_there=False)}, WARN, "at arm/follow"),
@@ -251,12 +258,19 @@ def test_the_controllers_figures_are_there_for_machines() -> None:
     assert figures == {"hand-over": "action"} | told
 
 
+def test_a_controller_whose_state_is_not_seen_is_a_warning() -> None:
+    unwatched = replace(SENT, unwatched="nobody publishes /arm/controller_state")
+    level, words, _ = part(replace(WELL, controller=unwatched), "controller")
+    assert level == WARN
+    assert words.endswith("is not seen: nobody publishes /arm/controller_state")
+
+
 def test_what_a_prismatic_joint_is_off_by_is_told_in_metres() -> None:
     robot = robot_from_urdf_text(random_urdf(2, 1, sliding=(2,)), "bus", "tool")
     for joint, unit in (("joint_1", "rad"), ("joint_2", "m"), ("another", "rad")):
         client = SimpleNamespace(action="arm/follow", is_there=True, off={joint: 0.5})
-        execution: Any = SimpleNamespace(controller=client, last=None)
-        health = controller_health(execution, robot)
+        execution: Any = SimpleNamespace(controller=client, watch=None, last=None)
+        health = Execution.health(execution, robot)
         assert part(replace(WELL, controller=health), "controller")[2][f"off by [{unit}]"]
 
 
@@ -264,10 +278,10 @@ def test_the_joint_that_is_off_most_is_found_with_the_weight_of_prismatic_joints
     urdf = random_urdf(2, 1, sliding=(2,))
     off = {"joint_1": 0.02, "joint_2": 0.01, "another": 0.015}
     client = SimpleNamespace(action="arm/follow", is_there=True, off=off)
-    execution: Any = SimpleNamespace(controller=client, last=None)
+    execution: Any = SimpleNamespace(controller=client, watch=None, last=None)
     for weight, told in ((1.0, ("joint_1", 0.02, "rad")), (10.0, ("joint_2", 0.01, "m"))):
         robot = robot_from_urdf_text(urdf, "bus", "tool", slide_weight=weight)
-        assert controller_health(execution, robot).furthest == told
+        assert Execution.health(execution, robot).furthest == told
 
 
 def test_percentiles_are_those_of_a_list_that_everybody_can_sort() -> None:

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from answers import answer_of
+from answers import answer_with
 from ff_planner_msgs.msg import PlanAnswer
 from robots import random_urdf
 from scipy.spatial.transform import Rotation
@@ -20,7 +20,7 @@ from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.model import robot_from_urdf_text
-from ff_planner_ros.ros.messages.to_messages import answer_of_error
+from ff_planner_ros.ros.messages.answers import answer_of
 from ff_planner_ros.runs.differences import QUANTITIES, differences
 
 
@@ -30,7 +30,7 @@ def task(lemur_capture: PlanningProblem) -> PlanningTask:
 
 
 def answered(plan: Plan, solve_time: float = 0.1) -> PlanAnswer:
-    return answer_of(plan, solve_time=solve_time)
+    return answer_with(plan, solve_time=solve_time)
 
 
 def test_the_same_plan_does_not_differ_however_long_it_took(
@@ -134,7 +134,7 @@ def test_of_a_refusal_the_best_attempt_is_compared(lemur_plan: Plan, task: Plann
     before, now = (
         NoPlanFound(Status.COLLISION, "too near", attempt) for attempt in (lemur_plan, nearer)
     )
-    (found,) = differences(answer_of_error(before, "run.1", 0.1), task, now)
+    (found,) = differences(answer_of(before, "run.1", 0.1), task, now)
     assert found.quantity == "metrics.min_clearance"
     assert found.amount == pytest.approx(lemur_plan.metrics.min_clearance + 0.25)
 
@@ -184,7 +184,7 @@ def test_the_words_of_a_refusal_are_compared_and_whether_to_ask_again_counts(
     lemur_plan: Plan, task: PlanningTask, name: str
 ) -> None:
     refusal = NoPlanFound(Status.COLLISION, "too near", lemur_plan)
-    answer = answer_of_error(refusal, "run.1", 0.1)
+    answer = answer_of(refusal, "run.1", 0.1)
     assert differences(answer, task, refusal) == []
     setattr(answer.status, name, 9 if name == "retry" else "another")
     (found,) = differences(answer, task, refusal)

@@ -6,15 +6,21 @@ import importlib.metadata
 import json
 import shutil
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
+import rclpy
 from doc_figures import ours
 from pages import README, text_of
+from rclpy.executors import SingleThreadedExecutor
+from ros_processes import private_domain
+from standin_controller import NAME, StandInController
 from test_without_ros import ff_planner
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands import doctor
 from ff_planner_ros.core import compiled
+from ff_planner_ros.ros.process import spin_in_background
 
 
 def test_a_whole_installation_plans_and_both_forms_say_the_same(
@@ -32,6 +38,38 @@ def test_a_whole_installation_plans_and_both_forms_say_the_same(
     assert facts["plan"]["joint_path_length"] == pytest.approx(1.1072, abs=1e-4)
     for told in (facts["version"], facts["ros"]["RMW"], "1.1072 rad in ", "42", facts["core"]):
         assert told in screen
+
+
+def test_it_says_which_settings_of_a_running_controller_keep_plans(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = {"speed_scaling.initial_scaling_factor": 0.95, "interpolation_method": "splines"}
+    file = tmp_path / "doctor.json"
+    with private_domain():
+        rclpy.init(args=[])
+        controller = StandInController(["joint_1"], namespace="/arm", **settings)
+        executor = SingleThreadedExecutor()
+        executor.add_node(controller.node)
+        stop = spin_in_background(executor, controller.node.get_logger())
+        try:
+            asked = ["--controller", NAME, "--json", str(file)]
+            assert main(["doctor", *asked, "--ros-args", "-r", "__ns:=/arm"]) == 0
+        finally:
+            stop()
+            controller.close()
+            rclpy.shutdown()
+    screen, told = capsys.readouterr().out, json.loads(file.read_text())["controller"]
+    assert {name: one["keeps"] for name, one in told.items()} == {
+        "speed_scaling.initial_scaling_factor": False,
+        "interpolation_method": True,
+    }
+    assert "0.95, should be 1.0: with another factor the plan runs at another pace" in screen
+
+
+def test_a_controller_that_does_not_run_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    with private_domain(), patch.object(doctor, "_PATIENCE", 0.1):
+        assert main(["doctor", "--controller", "nobody"]) == 2
+    assert "nobody/list_parameters: no node offers it" in capsys.readouterr().err
 
 
 def test_it_compares_with_the_time_that_the_benchmark_has() -> None:

@@ -27,7 +27,7 @@ DRIFT = 5  # from the scenario's start to that of a plan, about as with PATIENT 
 PATIENT = ("-p", "planning_lead_time:=5.0")  # a busy machine takes its time
 # What becomes of a plan on a machine so busy that the start is over, or the arm has drifted far.
 TOO_SLOW = (Status.TOO_LATE, Status.START_IN_PAST, Status.START_SINGULAR)
-BLUNT = ("-p", "publication.max_position:=0.2")  # what a testbed measures to 2 cm has not moved
+BLUNT = ("-p", "tracking.max_position:=0.2")  # what a testbed measures to 2 cm has not moved
 
 
 @contextmanager

@@ -8,16 +8,17 @@ from unittest.mock import Mock
 
 import pytest
 from action_msgs.msg import GoalStatus
+from changed_parameters import replaced
 from ff_planner_msgs.msg import PlanEvent
 from rclpy.lifecycle import LifecycleNode
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory
-from ff_planner_ros.ros.outputs import controller_client, execution
-from ff_planner_ros.ros.outputs.controller_client import ControllerClient, Ended, ended_by, goal_of
+from ff_planner_ros.ros.messages.to_messages import controller_goal
+from ff_planner_ros.ros.outputs import controller, execution
+from ff_planner_ros.ros.outputs.controller import ControllerClient, Ended, ended_by
 from ff_planner_ros.ros.outputs.execution import Event, Execution
 
 PUBLISHED, STARTED, AT_GOAL, ABORTED, SUPERSEDED = Event
@@ -42,6 +43,20 @@ class Controller:
         self.cancelled += 1
 
 
+class Watch:
+    """What is asked of the watch of the controller's state."""
+
+    complaint = ""
+
+    def __init__(self, *arguments: Any) -> None:
+        *_, self.broken = arguments
+        self.followed: list[str] = []
+        self.replaced, self.leave = Mock(), Mock()
+
+    def follow(self, plan_id: str, *_: Any) -> None:
+        self.followed.append(plan_id)
+
+
 class World:
     """An execution whose clock is set, and whose events are kept."""
 
@@ -53,6 +68,7 @@ class World:
         )
         node.create_lifecycle_publisher.return_value.publish = self.heard.append
         patch.setattr(execution, "ControllerClient", Controller)
+        patch.setattr(execution, "ControllerWatch", Watch)
         self.lost: list[str] = []
         parameters = replaced(load_parameters(), "controller.hand_over", hand_over)
         self.execution = Execution(node, parameters.controller, self.lost.append)
@@ -295,14 +311,44 @@ def test_plans_of_before_a_jump_of_the_clock_are_void(by_action: World) -> None:
     assert len(by_action.heard) == 2
 
 
+def test_a_plan_that_the_controller_does_not_keep_is_aborted_and_forgotten(
+    by_action: World,
+) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0 - LEAD)
+    by_action.controller.sent[0][1]()
+    by_action.look(1.0)
+    watch: Any = by_action.execution.watch
+    assert watch.followed == ["run.1"]
+    watch.broken("run.1", "it stands")
+    assert by_action.heard[-1].message == "broken: it stands"
+    assert by_action.lost == ["run.1"]
+    by_action.controller.sent[0][2](Ended("done", succeeded=True))
+    assert by_action.events[-1] == ("run.1", ABORTED)
+
+
+def test_the_reference_is_not_compared_once_the_controller_has_another_plan(
+    by_action: World,
+) -> None:
+    by_action.publish("run.1", start=1.0, goal=9.0)
+    by_action.look(1.0 - LEAD)
+    watch: Any = by_action.execution.watch
+    watch.replaced.reset_mock()
+    by_action.publish("run.2", start=4.0, goal=9.0)
+    by_action.look(3.0)
+    watch.replaced.assert_not_called()
+    by_action.look(4.0 - LEAD)
+    watch.replaced.assert_called_once_with(round((4.0 - LEAD) * NANOSECONDS))
+
+
 class Reached:
     """A client of an action whose server is there or not, and answers when the test wants."""
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.now, self.node, self.told = 0.0, Mock(), list[Ended]()
         self.action, self.handle = Mock(), Mock(accepted=True)
-        patch.setattr(controller_client, "ActionClient", self.action)
-        patch.setattr(controller_client, "time", SimpleNamespace(monotonic=lambda: self.now))
+        patch.setattr(controller, "ActionClient", self.action)
+        patch.setattr(controller, "time", SimpleNamespace(monotonic=lambda: self.now))
         self.group = Mock()
         client = ControllerClient(self.node, load_parameters().controller, self.group)
         self.client, self.timer = client, self.node.create_timer.return_value
@@ -403,7 +449,7 @@ def test_a_joint_that_is_to_move_at_the_end_need_not_have_stopped(position: floa
     points[1].velocities = [0.0, -0.02]
     trajectory = JointTrajectory(joint_names=["shoulder", "elbow"], points=points)
     settings = replaced(load_parameters(), "controller.goal_tolerance", position).controller
-    told = {one.name: one for one in goal_of(trajectory, settings).goal_tolerance}
+    told = {one.name: one for one in controller_goal(trajectory, settings).goal_tolerance}
     assert (told["elbow"].position, told["elbow"].velocity) == (position, -1.0)
     assert told.keys() == ({"elbow", "shoulder"} if position else {"elbow"})
     assert not position or told["shoulder"].velocity == 0.0
@@ -411,12 +457,12 @@ def test_a_joint_that_is_to_move_at_the_end_need_not_have_stopped(position: floa
 
 def test_tolerances_that_are_not_given_are_the_controllers() -> None:
     trajectory = JointTrajectory(joint_names=["shoulder", "elbow"])
-    silent = goal_of(trajectory, load_parameters().controller)
+    silent = controller_goal(trajectory, load_parameters().controller)
     assert silent == FollowJointTrajectory.Goal(trajectory=trajectory)
     settings = load_parameters()
     for name, value in (("path", 0.05), ("goal", -1.0), ("goal_time", -1.0)):
         settings = replaced(settings, f"controller.{name}_tolerance", value)
-    told = goal_of(trajectory, settings.controller)
+    told = controller_goal(trajectory, settings.controller)
     for tolerances, value in ((told.path_tolerance, 0.05), (told.goal_tolerance, -1.0)):
         assert [one.name for one in tolerances] == ["shoulder", "elbow"]
         assert {one.position for one in tolerances} == {value}

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import runpy
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain, repeat
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import rclpy
-from answers import answer_of
+from answers import answer_with
 from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import (
     ChaserState,
@@ -45,10 +48,16 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.to_messages import state_message, target_body_message
-from ff_planner_ros.ros.qos import LATCHED_QOS
+from ff_planner_ros.ros.messages.to_messages import (
+    controller_message,
+    state_message,
+    target_body_message,
+)
+from ff_planner_ros.ros.process import spin_in_background
+from ff_planner_ros.ros.qos import create_publisher
+from ff_planner_ros.ros.topics import PUBLISHED_PLAN
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
 @dataclass
@@ -104,14 +113,15 @@ def _world(
     # For a while the controllers of tests before, which were killed, seem to listen where one does.
     arguments = [] if controller else ["--ros-args", "-r", "__ns:=/without_controller"]
     with private_domain(), closing(MissionExecutive(check, patience, arguments)) as executive:
-        node = rclpy.create_node("everybody_else")
+        context = executive.client.node.context
+        node = rclpy.create_node("everybody_else", context=context)
         world = World(executive, node)
         publisher = node.create_publisher(ChaserState, "chaser_state", 10)
         node.create_timer(0.01, lambda: publisher.publish(states()))
         if controller:
             node.create_subscription(JointTrajectory, CONTROLLER_TOPIC, world.control, 10)
 
-        plans = node.create_publisher(PublishedPlan, "published_plan", LATCHED_QOS)
+        plans = create_publisher(node, PUBLISHED_PLAN)
 
         def publish(
             request: PublishPlan.Request, response: PublishPlan.Response
@@ -156,7 +166,7 @@ def _world(
                 cancel_callback=cancel,
                 callback_group=ReentrantCallbackGroup(),
             )
-        executor = MultiThreadedExecutor(num_threads=3)
+        executor = MultiThreadedExecutor(num_threads=3, context=context)
         executor.add_node(node)
         stop = spin_in_background(executor, node.get_logger())
         try:
@@ -187,6 +197,34 @@ def test_it_asks_again_while_the_system_starts(refusal: Status) -> None:
         assert world.reports == [PROGRESS] * 3
 
 
+@pytest.mark.parametrize("alone", [False, True])
+def test_the_examples_two_ways_to_ask_give_the_same_answer(alone: bool) -> None:
+    example = runpy.run_path(str(EXAMPLES / "mission_executive.py"))
+    with _world(Status.NO_STATE, Status.SOLVED) as world:
+        by_client = partial(example["ask_with_client"], world.executive.client)
+        ask = example["ask_with_rclpy"] if alone else by_client
+        reports: list[PlanProgress] = []
+        answer = world.executive.plan(REQUEST, reports.append, ask)
+        assert (answer.plan_id, answer.status.code) == ("run.1", Status.SOLVED)
+        assert reports == [PROGRESS] * 2
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_either_way_whoever_stops_waiting_cancels(alone: bool) -> None:
+    example, asked = runpy.run_path(str(EXAMPLES / "mission_executive.py")), threading.Event()
+
+    def check() -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+
+    with _world(silent=asked) as world:
+        by_client = partial(example["ask_with_client"], world.executive.client)
+        ask = example["ask_with_rclpy"] if alone else by_client
+        with pytest.raises(KeyboardInterrupt):
+            ask(REQUEST, lambda _: None, check)
+        assert world.cancelled.wait(DEADLINE)
+
+
 def test_it_asks_again_where_the_body_is_that_of_an_earlier_run() -> None:
     with _world(Status.SOLVED, ages_of_body=(3600.0, 3600.0, 0.0)) as world:
         made = world.plan()
@@ -215,7 +253,7 @@ def test_its_patience_ends_when_the_planner_never_hears_of_the_chaser() -> None:
 def test_its_patience_ends_when_there_is_no_planner() -> None:
     with (
         _world(patience=0.0) as world,
-        pytest.raises(FfPlannerError, match="the action plan_trajectory_action did not come"),
+        pytest.raises(FfPlannerError, match="action is plan_trajectory_action: no node offers it"),
     ):
         world.plan()
 
@@ -248,7 +286,7 @@ def solved(lemur_plan: Plan) -> Callable[[int], PlanAnswer]:
     """A plan as an answer, with its start."""
 
     def answer(start_ns: int) -> PlanAnswer:
-        return answer_of(lemur_plan, "run.1", start_ns)
+        return answer_with(lemur_plan, "run.1", start_ns)
 
     return answer
 

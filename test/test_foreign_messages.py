@@ -12,7 +12,11 @@ import pytest
 
 from ff_planner_ros.bag.mcap.definition import message_definition
 from ff_planner_ros.common.share import STAND_INS
-from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, TFMessage
+from ff_planner_ros.ros.messages.foreign import (
+    FollowJointTrajectory,
+    JointTrajectoryControllerState,
+    TFMessage,
+)
 
 # As `ros2 topic info --verbose /tf` says on every Jazzy machine.
 TF_HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
@@ -47,6 +51,20 @@ def test_the_action_has_the_fields_of_jazzys_controllers_in_their_order() -> Non
     assert feedback == ["header", "joint_names", *states[:3], "multi_dof_joint_names", *states[3:]]
 
 
+def test_the_state_has_the_fields_of_jazzys_controllers_in_their_order() -> None:
+    points = ("reference", "feedback", "error", "output")
+    point = "trajectory_msgs/JointTrajectoryPoint"
+    multi = "trajectory_msgs/MultiDOFJointTrajectoryPoint"
+    assert list(JointTrajectoryControllerState.get_fields_and_field_types().items()) == [
+        ("header", "std_msgs/Header"),
+        ("joint_names", "sequence<string>"),
+        *((name, point) for name in points),
+        ("multi_dof_joint_names", "sequence<string>"),
+        *((f"multi_dof_{name}", multi) for name in points),
+        ("speed_scaling_factor", "double"),
+    ]
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_that_stands_in_lies_where_no_real_one_is_installed(package: str) -> None:
     installed = importlib.metadata.distribution("ff_planner_msgs").files or []
@@ -57,14 +75,15 @@ def test_a_package_that_stands_in_lies_where_no_real_one_is_installed(package: s
 
 def test_a_real_package_goes_first(tmp_path: Path) -> None:
     """It is imported instead, and no path of the process changes for it."""
-    for package, part, name in (
+    for package, part, *names in (
         ("tf2_msgs", "msg", "TFMessage"),
-        ("control_msgs", "msg", "JointTolerance"),
+        ("control_msgs", "msg", "JointTolerance", "JointTrajectoryControllerState"),
         ("control_msgs", "action", "FollowJointTrajectory"),
     ):
         (tmp_path / package).mkdir(exist_ok=True)
         (tmp_path / package / "__init__.py").touch()
-        (tmp_path / package / f"{part}.py").write_text(f"class {name}: pass\n")
+        classes = "".join(f"class {name}: pass\n" for name in names)
+        (tmp_path / package / f"{part}.py").write_text(classes)
     asked = (
         "import sys; before = list(sys.path)\n"
         "from ff_planner_ros.ros.messages.foreign import TFMessage, FollowJointTrajectory\n"

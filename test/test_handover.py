@@ -20,6 +20,7 @@ from ff_planner_ros.errors import NoPlanFound, Retry, Status
 from ff_planner_ros.planning.motion.plan import REMAINDER, Plan
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.deadline import Deadline
@@ -164,6 +165,43 @@ def test_what_remains_of_the_running_plan_is_an_answer_after_its_handover_too(
             assert f"was missed by {late:.3f} s" in found.status.message
 
 
+@pytest.mark.law("NODE-13")
+@pytest.mark.parametrize("ended", ["with a plan that is late", "without a plan"])
+@pytest.mark.parametrize("continues", [True, False])
+def test_what_remains_of_the_running_plan_is_asked_for_where_nothing_else_is_there_in_time(
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+    monkeypatch: pytest.MonkeyPatch,
+    continues: bool,
+    ended: str,
+) -> None:
+    overrides = WHEN | {"planning_lead_time": ALLOWANCE}
+    remainder = replace(lemur_plan, family=REMAINDER, effort=1)
+    with service(lemur_capture, monkeypatch, **overrides) as (answering, worker, _):
+        clock, tasks = Clock(answering), []
+
+        def solve(task: PlanningTask, *_: Any) -> Plan:
+            tasks.append(task)
+            clock.after(ALLOWANCE + 0.1)
+            if task.effort == 1:  # it ends where the search would begin
+                return remainder
+            if ended == "without a plan":
+                raise NoPlanFound(Status.TIMED_OUT, "the time budget is used up", effort=7)
+            return lemur_plan
+
+        worker.solve.side_effect = solve
+        begun_ns = NOW - 4 * NANOSECONDS
+        answering._output.published = PublishedPlan("run.0", lemur_plan.trajectory, begun_ns)
+        found = answer(answering, request_at(lemur_capture, lemur_plan, continues))
+    if not continues:
+        assert (len(tasks), found.status.code) == (1, Status.TOO_LATE)
+        return
+    assert [task.effort for task in tasks] == [0, 1]
+    assert found.status.code == Status.SOLVED, found.status
+    assert (found.plans[0].family, found.plans[0].effort) == (REMAINDER, 1)
+    assert found.task_digest == tasks[1].digest, "it is replayed from the answer"
+
+
 def test_what_was_asked_for_a_time_of_its_own_is_told_to_ask_for_a_later_one(
     lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -197,7 +235,7 @@ def test_the_search_knows_by_when_its_best_plan_has_to_be_there(
         begun_ns = NOW - 4 * NANOSECONDS
         answering._output.published = PublishedPlan("run.0", lemur_plan.trajectory, begun_ns)
         found = answer(answering, request_at(lemur_capture, lemur_plan, continues))
-        _, budget, taken_up, *_ = worker.solve.call_args.args
+        _, budget, taken_up, *_ = worker.solve.call_args_list[0].args
     latest = ALLOWANCE - (HANDOVER if continues else 0.0)
     assert 0.0 < budget.seconds <= 0.9 * latest + (time.monotonic() - taken_up)
     # A running plan's remainder is one, and the rest of the time is for its way.

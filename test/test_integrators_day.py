@@ -58,8 +58,11 @@ def waiting(heard: list[MarkerArray]) -> list[str]:
 
 
 @pytest.mark.ci
-def test_the_client_of_the_page_gets_a_plan_and_otherwise_the_reason(tmp_path: Path) -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+def test_the_clients_of_the_page_get_a_plan_and_otherwise_the_reason(tmp_path: Path) -> None:
+    """By rclpy alone, and by the client that comes with the planner."""
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(blocks) == 2
+    code = "\n".join([*blocks, "print(status.code, answer.plan_id)"])
     with (
         private_domain(),
         running_planner(tmp_path, *PATIENT) as planner,
@@ -72,10 +75,13 @@ def test_the_client_of_the_page_gets_a_plan_and_otherwise_the_reason(tmp_path: P
         client.publish_and_wait(SCENE.state(client.now_ns()))
         planned = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE)
         run = planner.bag.name
-    assert refused.stdout.startswith(f"{int(Status.NO_STATE)} ")
-    assert refused.stdout.endswith("ask again\n")
-    assert planned.stdout.splitlines()[-1].startswith(f"{run}.")
-    assert planned.stdout.endswith(" rad\n")
+    alone, *_, by_client = refused.stdout.splitlines()
+    assert alone.startswith(f"{int(Status.NO_STATE)} ")
+    assert alone.endswith("ask again")
+    assert by_client.startswith(f"{int(Status.UNKNOWN_PLAN)} {run}.")
+    *told, by_client = planned.stdout.splitlines()
+    assert any(line.startswith(f"{run}.") and line.endswith(" rad") for line in told)
+    assert by_client.startswith(f"{int(Status.SOLVED)} {run}.")
 
 
 @pytest.mark.ci

@@ -60,7 +60,11 @@ def test_a_process_without_ros_tells_the_state_and_reads_the_trajectory(
     request.scene = scene.complete_request().scene
     with (
         private_domain(),
-        running_planner(tmp_path, "-p", "planning_lead_time:=5.0") as planner,
+        # The client of tests has a publisher of the state, too, which stays silent here.
+        running_planner(
+            tmp_path,
+            *("-p", "planning_lead_time:=5.0", "-p", "allow_several_publishers:=true"),
+        ) as planner,
         connected_client() as client,
     ):
         foreign = subprocess.Popen(

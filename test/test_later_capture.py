@@ -48,9 +48,9 @@ from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.ros.client import request_of_scenario
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
-from ff_planner_ros.ros.outputs.prediction import FramePose, TrackingError
+from ff_planner_ros.ros.messages.requests import request_of_scenario
+from ff_planner_ros.ros.outputs.prediction import FramePose, PoseError
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.replay import Verdict, replay
 
@@ -329,7 +329,7 @@ def test_its_bag_tells_when_each_phase_begins_and_where_the_body_is(
     since = (np.array(stamps) - stamps[0]) / NANOSECONDS
     np.testing.assert_allclose(since, begins[:-1], atol=2e-9)
     np.testing.assert_allclose(ends_of_phases(response), begins[1:], atol=2e-9)
-    pose, error = FramePose(np.zeros(3), Rotation.identity()), TrackingError(0.0, 0.0)
+    pose, error = FramePose(np.zeros(3), Rotation.identity()), PoseError(0.0, 0.0)
     flown = FlownPlan(pose, pose, error, error, np.zeros(0), np.zeros(0))
     assert mission_report(response, [flown])["duration"] == pytest.approx(begins[-1])
     assert plan_from_answer(response).duration == pytest.approx(begins[-1])

@@ -12,8 +12,8 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters.robot import (
     AUTO,
-    OWN_WHEELS,
     RobotParameters,
+    WheelParameters,
     locked_joints_of,
 )
 from ff_planner_ros.planning.task.digest import digest_of
@@ -288,7 +288,7 @@ def test_the_node_is_told_of_held_joints_in_one_line() -> None:
     assert locked_joints_of("") == {}
     assert locked_joints_of("rail: 0.2, other_elbow: -1.5e0,") == {"rail": 0.2, "other_elbow": -1.5}
     told = RobotParameters(
-        OWN_WHEELS, "a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO, "", 1.0
+        WheelParameters(), "a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO
     )
     robot = told.load(two_arms())
     assert robot.base is Base.PLANAR

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
-from answers import EXCHANGES, FRAME, answer_of, exchange
+from answers import EXCHANGES, FRAME, answer_with, exchange
 from ff_planner_msgs.msg import ChaserState, Exchange, PlanRequest
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
@@ -57,7 +57,7 @@ def long_run(lemur_capture: PlanningProblem, lemur_plan: Plan) -> Record:
             for number in range(messages):
                 now = T0 + number * SECOND // RATE
                 if number % (messages // PLANS) == 0:
-                    answer = answer_of(lemur_plan, f"plan.{number}", now)
+                    answer = answer_with(lemur_plan, f"plan.{number}", now)
                     told = exchange(answer, PlanRequest(), now, task=text)
                     writer.write(EXCHANGES, encode(told), now, now)
                 struct.pack_into("<iI", state, 4, now // SECOND, now % SECOND)
@@ -133,8 +133,9 @@ def test_odometry_goes_with_the_joint_states_nearest_in_time_whatever_comes_firs
         for number, (topic, message) in enumerate(heard):
             writer.write(topic, encode(message), number, number)
     parameters = load_parameters()
-    sensor = replace(parameters.odometry, child_frame_id="sensor", pairing_tolerance=1.0)
-    parameters = replace(parameters, state_source="odometry", odometry=sensor)
+    sensor = replace(parameters.odometry, child_frame_id="sensor")
+    changes = {"state_source": "odometry", "odometry": sensor, "state_synchronization": 1.0}
+    parameters = replace(parameters, **changes)
     window = Window("", "inertial", T0, T0 + 10**9)
     with open_bag(tmp_path / "run") as bag:
         fill_windows(bag, lemur, parameters, [window])

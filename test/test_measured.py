@@ -30,8 +30,13 @@ from ff_planner_ros.runs.measured import Window, fill_windows
 
 FRAME, SENSOR, TOLERANCE = "inertial", "imu", 0.02
 BEGIN = 1_000 * NANOSECONDS
-SENSOR_AT = OdometryParameters(SENSOR, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), TOLERANCE)
-PARAMETERS: NodeParameters = replace(load_parameters(), inertial_frame=FRAME, odometry=SENSOR_AT)
+SENSOR_AT = OdometryParameters(SENSOR, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+PARAMETERS: NodeParameters = replace(
+    load_parameters(),
+    inertial_frame=FRAME,
+    odometry=SENSOR_AT,
+    state_synchronization=TOLERANCE,
+)
 
 
 def filled(
@@ -136,6 +141,30 @@ def test_odometry_is_paired_with_the_joint_states_nearest_to_it_before_or_after(
             paired = one.states[stamp_ns].joint_positions[0]
             assert abs(paired - time) == pytest.approx(apart, abs=1e-9)
     assert len(one.unusable) == unpaired
+
+
+def test_halves_of_the_arm_are_merged_where_both_are_near_enough(
+    lemur: Robot, tmp_path: Path
+) -> None:
+    """Each of a controller of its own; the second half fails from 0.5 s on."""
+    times, messages = [k / 10 for k in range(1, 10)], list[tuple[str, Any]]()
+    for time in times:
+        messages.append(odometry(time))
+        for half, late in ((slice(0, 3), 0.001), (slice(3, 7), -0.002)):
+            if half.start and time > 0.5:
+                continue
+            topic, message = joint_states(lemur, time + late)
+            for field in ("name", "position", "velocity"):
+                setattr(message, field, getattr(message, field)[half])
+            messages.append((topic, message))
+    (one,) = filled(tmp_path / "bag", lemur, "odometry", messages, window(0.0, 1.0))
+    for time in times:
+        state = one.states.get(BEGIN + round(time * NANOSECONDS))
+        assert (state is None) == (time > 0.5)
+        if state is not None:
+            wanted = [time + 0.001] * 3 + [time - 0.002] * 4
+            assert state.joint_positions.tolist() == pytest.approx(wanted)
+    assert len(one.unusable) == 4
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -69,20 +69,21 @@ def test_a_joint_that_is_named_twice_is_refused(lemur_capture: PlanningProblem, 
     assert f"more than once: {robot.joint_names[joint]}" in testbed.refusal().allowed
 
 
-def test_joint_states_of_a_part_of_the_arm_are_told_and_hide_the_whole_until_it_comes_again(
+def test_joint_states_of_a_part_of_the_arm_count_beside_the_newest_of_the_others(
     lemur: Robot,
 ) -> None:
     testbed = Fed(lemur, "odometry")
     testbed.keep["odometry"](_odometry())
-    testbed.keep["joint_states"](_joints(lemur))
-    assert testbed.ask().stamp_ns == NOW_NS
-    part = JointState(name=[lemur.joint_names[0], "finger"], position=[0.1] * 2, velocity=[0.0] * 2)
+    part = JointState(name=[lemur.joint_names[0], "finger"], position=[0.7] * 2, velocity=[0.0] * 2)
     part.header = _joints(lemur).header
     testbed.keep["joint_states"](part)
     assert testbed.refusal().status is Status.UNKNOWN_JOINT
     assert f"missing: {lemur.joint_names[1]}" in testbed.refusal().allowed
-    testbed.keep["joint_states"](_joints(lemur))
-    assert testbed.ask().stamp_ns == NOW_NS
+    whole = _joints(lemur)
+    testbed.keep["joint_states"](whole)
+    assert testbed.ask().state.joint_positions.tolist() == list(whole.position)
+    testbed.keep["joint_states"](part)
+    assert testbed.ask().state.joint_positions.tolist() == [0.7, *whole.position[1:]]
 
 
 def test_each_number_of_a_chasers_message_has_its_place_read_and_written(lemur: Robot) -> None:

@@ -11,7 +11,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.node import Node
 from ros_processes import DEADLINE, private_domain
 
-from ff_planner_ros.ros.requests.namesakes import namesakes
+from ff_planner_ros.ros.inputs.middleware import namesakes
 
 
 @pytest.fixture(autouse=True)

@@ -368,7 +368,7 @@ MADE: dict[str, Callable[[], Any]] = {
     },
 }
 # Flat, but long: the ids of a study's cases are made of them.
-IN_FULL = ("PlannerSettings", "Defaults", "QosParameters")
+IN_FULL = ("PlannerSettings", "Defaults", "ControllerParameters")
 
 
 @pytest.mark.parametrize("made", MADE.values(), ids=MADE)

@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.ros.parameter_files import not_taken
+from ff_planner_ros.ros.node import not_taken
 
 in_ci = partial(pytest.param, marks=pytest.mark.ci)  # each starts a node
 
@@ -29,7 +29,7 @@ in_ci = partial(pytest.param, marks=pytest.mark.ci)  # each starts a node
     ("arguments", "words"),
     [
         (("-p", "state_max_agee:=1.0"), ("state_max_agee is an unknown parameter",)),
-        in_ci(("-p", "points:=3"), ("points is 3", "at least 5")),
+        in_ci(("-p", "points:=3"), ("points is 3", "from 5 to 10000")),
         in_ci(("-p", "points:=many"), ("points is 'many'", "whole number")),
         in_ci(("-p", "robot.urdf:=/nowhere/arm.urdf"), ("robot.urdf", "/nowhere/arm.urdf")),
         in_ci(("-p", "robot.tip_link:=finger"), ("finger",)),

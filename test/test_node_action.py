@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 import pytest
 from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
+from managed_node import Manager
 from quick_capture import resting_capture
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 from ros_processes import (
     DEADLINE,
     Client,
@@ -53,14 +49,8 @@ def long(scene: Scene) -> PlanRequest:
 
 
 def set_parameter(client: Client, name: str, value: object) -> None:
-    parameters = AsyncParameterClient(client.node, "ff_planner")
-    assert parameters.wait_for_services(DEADLINE)
-    done = threading.Event()
-    future = parameters.set_parameters([Parameter(name, value=value)])
-    future.add_done_callback(lambda _: done.set())
-    assert done.wait(DEADLINE)
-    (result,) = future.result().results
-    assert result.successful, result.reason
+    Manager(client).configure_with(name, value)
+    client.wait_for_planner()
 
 
 def test_goal_and_result_have_the_fields_of_request_and_response() -> None:
@@ -107,10 +97,10 @@ def test_a_goal_that_is_refused_is_aborted_with_its_code_and_words(
 
 @pytest.mark.law("NODE-10")
 def test_cancelled_at_random_moments_a_goal_ends_cancelled_or_was_solved_before(
-    planner: PlannerProcess, client: Client, scene: Scene, times: Callable[[int, int], int]
+    client: Client, scene: Scene, times: Callable[[int, int], int]
 ) -> None:
     """Moments are told by the search's own progress, which no clock has a say in."""
-    solver, moments, statuses = planner.worker, random.Random(SEED), set()
+    moments, statuses = random.Random(SEED), set()
     for _ in range(times(50, 200)):
         goal = client.send_goal(scene.complete_request())
         for _ in range(moments.randrange(4)):
@@ -126,13 +116,12 @@ def test_cancelled_at_random_moments_a_goal_ends_cancelled_or_was_solved_before(
         statuses.add(status)
     assert GoalStatus.STATUS_CANCELED in statuses
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
-    assert planner.worker == solver, "the solver had to be loaded again"
 
 
 def test_a_search_for_the_best_moment_is_cancelled_like_any_other(
-    planner: PlannerProcess, client: Client, scene: Scene
+    client: Client, scene: Scene
 ) -> None:
-    solver, request = planner.worker, long(scene)
+    request = long(scene)
     request.duration, request.duration_max = 0.8 * request.duration, 2.0 * request.duration
     request.objective.duration = 0.1
     goal = client.send_goal(request)
@@ -142,7 +131,6 @@ def test_a_search_for_the_best_moment_is_cancelled_like_any_other(
     assert (status, result.status.code) == (GoalStatus.STATUS_CANCELED, Status.CANCELLED)
     assert not result.plans
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
-    assert planner.worker == solver, "the solver had to be loaded again"
 
 
 def test_a_second_client_is_told_that_the_planner_is_busy(client: Client, scene: Scene) -> None:
@@ -190,18 +178,16 @@ def test_a_request_is_answered_when_its_start_passes_whatever_its_solver_does(
     planner: PlannerProcess, client: Client, scene: Scene
 ) -> None:
     """A process that is stopped stands for one in the midst of a long iteration."""
-    solver = planner.worker
     allowance = 3.0
     set_parameter(client, "planning_lead_time", allowance)
     goal = client.send_goal(long(scene))
     if goal.progress.wait(allowance):
-        with suppress(LookupError):  # late already
-            os.kill(planner.plan, signal.SIGSTOP)
+        planner.send_to_solvers(signal.SIGSTOP)
     status, result = goal.result()
+    planner.send_to_solvers(signal.SIGCONT)
     assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.TOO_LATE)
     set_parameter(client, "planning_lead_time", PATIENCE)
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
-    assert planner.worker == solver
 
 
 @pytest.mark.law("NODE-12")
@@ -210,7 +196,7 @@ def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(
 ) -> None:
     goal = client.send_goal(long(scene))
     assert goal.progress.wait(DEADLINE)
-    os.kill(planner.plan, signal.SIGKILL)
+    planner.send_to_solvers(signal.SIGKILL)
     status, result = goal.result()
     assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.SOLVER_DIED)
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED

@@ -73,6 +73,8 @@ def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
     arguments = (
         *("-p", "state_max_age:=3600.0", "-p", "state_future_tolerance:=3600.0"),
         *("-p", f"planning_lead_time:={ALLOWANCE / 1e9}"),
+        # Each plan starts from its own state, however soon after another it was asked for.
+        *("-p", "tracking.max_joint_position:=0.0"),
     )
     with private_domain(), running_planner(directory, *arguments) as planner:
         with connected_client() as client:

@@ -114,8 +114,8 @@ ELSEWHERE: dict[Status, Callable[..., object]] = {
     Status.NO_ACTIVE_PLAN: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
     Status.PLAN_ENDING: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
     Status.STATE_MOVED: test_node_publish_plan.test_a_plan_goes_out_only_from_where_it_begins,
-    Status.CONTRADICTING_PUBLISHERS: (
-        test_node_publishers.test_publishers_that_contradict_each_other_are_refused_by_name_till_one_stops
+    Status.SEVERAL_PUBLISHERS: (
+        test_node_publishers.test_a_second_publisher_is_refused_by_name_until_it_stops
     ),
     Status.NO_OBSTACLES: (
         test_node_refusals.test_what_is_or_is_not_published_is_refused_with_its_cause
@@ -218,7 +218,8 @@ def test_what_comes_after_the_goal_is_what_the_request_says(
 
     # A controller that wants joints at rest at the end takes this one, and only this one.
     manager = Manager(client)
-    assert manager.set(NOT_AT_END, False).successful
+    manager.configure_with(NOT_AT_END, False)
+    client.wait_for_planner()
     stopped, moving = rates_at_the_end("stop_joints")
     manager.configure_with(NOT_AT_END, True)
     assert len(stopped.joint_trajectory.points) > points
@@ -245,9 +246,10 @@ def test_a_chaser_that_leaves_its_plan_is_a_warning_in_the_diagnostics(
     predicted = answer.plans[0].chaser_path.poses[20]
     state = scene.state(0)
     state.header.stamp, state.pose = predicted.header.stamp, predicted.pose
+    state.joint_positions = answer.plans[0].joint_trajectory.points[20].positions
     for off, level, words in (
         (0.0, DiagnosticStatus.OK, "the chaser is 0.0 mm"),
-        (0.05, DiagnosticStatus.WARN, "the chaser leaves the plan: 50.0 mm"),
+        (0.05, DiagnosticStatus.WARN, "leaves the plan: the chaser's position by 0.05 m"),
         (0.0, DiagnosticStatus.OK, "the chaser is 0.0 mm"),
     ):
         moved = predicted.pose.position.x

@@ -27,9 +27,9 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.messages.foreign import TFMessage
 
-# Documented are 1 % idle and 5 % with states at 100 Hz; a slow or busy machine may need three times
+# Documented are 1 % idle and 3 % with states at 100 Hz; a slow or busy machine may need three times
 # as much.
-IDLE, WITH_STATES = 0.03, 0.15
+IDLE, WITH_STATES = 0.03, 0.09
 pytestmark = pytest.mark.ci
 SECONDS = 5  # diagnostics come once a second of the steady clock
 RATE = 100.0  # [Hz]

@@ -22,10 +22,11 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.task_json import task_from_json, urdf_digest
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.outputs import exchanges as module
 from ff_planner_ros.ros.outputs.exchanges import Exchanges
-from ff_planner_ros.ros.qos import EXCHANGES_QOS, LATCHED_QOS
+from ff_planner_ros.ros.process import spin_in_background
+from ff_planner_ros.ros.qos import qos_profile
+from ff_planner_ros.ros.topics import EXCHANGES, ROBOT_MODEL
 
 SETTINGS = load_parameters().planner
 
@@ -48,7 +49,7 @@ def a_node() -> Iterator[tuple[Node, Any]]:
                     found.append(message)
                     came.notify()
 
-            qos = LATCHED_QOS if message_type is String else EXCHANGES_QOS
+            qos = qos_profile(ROBOT_MODEL if message_type is String else EXCHANGES)
             node.create_subscription(message_type, topic, keep, qos)
             with came:
                 assert came.wait_for(lambda: len(found) >= count, DEADLINE)

@@ -107,7 +107,7 @@ def arm(directory: Path, *arguments: str, **parameters: Any) -> Iterator[Arm]:
     ):
         found = Arm(client, planner, **parameters)
         try:
-            client.wait_until(lambda: found.told("plans are sent to"), "the controller's action")
+            client.wait_until(lambda: found.told("plans "), "the controller")
             yield found
         finally:
             client.executor.remove_node(found.controller.node)
@@ -152,6 +152,33 @@ def test_a_plan_is_executed_replaced_aborted_and_all_of_it_told(tmp_path: Path) 
     bag = read_bag(at.planner.bag)
     told = [(one.plan_id, Event(one.event)) for one in bag["/plan_events"]]
     assert told == [(one.plan_id, Event(one.event)) for one in at.events]
+
+
+@pytest.mark.law("NODE-23")
+def test_a_plan_whose_times_the_controller_does_not_keep_is_broken(tmp_path: Path) -> None:
+    """A momentum plan holds at its own times: at 0.95 of its speed it leads elsewhere."""
+    with arm(tmp_path) as at:
+        plan = at.plan()
+        at.wait_for(plan, Event.STARTED)
+        at.controller.scaling = 0.95
+        assert "at 0.95 of its speed" in at.wait_for(plan, Event.ABORTED).message
+        at.client.wait_until(lambda: at.told("at 0.95 of its speed"), "the diagnostics")
+        nothing = at.client.plan(at.request(replan_active=True, duration=0.0))
+        assert Status(nothing.status.code) is Status.NO_ACTIVE_PLAN
+
+
+@pytest.mark.law("NODE-23")
+def test_a_controller_that_stops_breaks_a_plan_that_went_out_on_the_topic(tmp_path: Path) -> None:
+    watched = ("-p", f"controller.state_topic:={NAME}/controller_state")
+    topic = ("-r", f"joint_trajectory:={NAME}/joint_trajectory")
+    with arm(tmp_path, "-p", "controller.hand_over:=topic", *watched, *topic) as at:
+        at.controller.told_scaling = 0.0  # as controllers before 4.39 tell it
+        kept = at.plan()
+        at.wait_for(kept, Event.AT_GOAL)
+        stopped = at.plan()
+        at.wait_for(stopped, Event.STARTED)
+        at.controller.hold()
+        assert "the controller has stopped" in at.wait_for(stopped, Event.ABORTED).message
 
 
 @pytest.mark.ci

@@ -11,24 +11,33 @@ from pathlib import Path
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from ff_planner_msgs.msg import PlanEvent
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.msg import ChaserState, PlanEvent
+from ff_planner_msgs.msg import Scene as SceneMessage
+from ff_planner_msgs.srv import PlanTrajectory
 from quick_capture import resting_capture
+from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ros_processes import (
+    DEADLINE,
     Client,
     Scene,
     connected_client,
     private_domain,
     read_bag,
     running_planner,
+    wait_for,
 )
 from rosgraph_msgs.msg import Clock
+from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.execution import Event
+from ff_planner_ros.ros.process import ask
 
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SPEED, BEGINS = 10.0, 1000.0  # of the simulated clock, and where it begins [s]
@@ -65,13 +74,92 @@ def test_two_planners_in_one_domain_keep_to_their_namespaces(tmp_path: Path) -> 
     assert not bags[1]["/two/joint_trajectory"]
 
 
+def test_a_node_that_is_renamed_and_remapped_works_and_its_bag_replays(tmp_path: Path) -> None:
+    """As integrators place it among theirs; ROS remaps an action by the names of its parts."""
+    parts = ("_action/send_goal", "_action/get_result", "_action/cancel_goal")
+    names = {
+        "__node": "planner_a",
+        "__ns": "/servicer",
+        "chaser_state": "/navigation/state",
+        "obstacles": "/navigation/scene",
+        "plan_trajectory": "/plan",
+        "joint_trajectory": "/arm/joint_trajectory",
+        "exchanges": "/log/exchanges",
+        **{
+            f"plan_trajectory_action/{part}": f"/mission/{part}"
+            for part in (*parts, "_action/feedback", "_action/status")
+        },
+    }
+    remapped = [word for one in names.items() for word in ("-r", "{}:={}".format(*one))]
+    scene = Scene(resting_capture())
+    patient = ("-p", "state_max_age:=3600.0")
+    with private_domain(), running_planner(tmp_path, *patient, *remapped) as planner:
+        with connected_client("/servicer", "planner_a") as client:
+            states = client.node.create_publisher(ChaserState, "/navigation/state", 10)
+            scenes = client.node.create_publisher(SceneMessage, "/navigation/scene", LATCHED)
+            scenes.publish(scene.obstacles())
+            client.node.create_timer(0.1, lambda: states.publish(scene.state(client.now_ns())))
+            heard = client.hear(JointTrajectory, "/arm/joint_trajectory", LATCHED)
+            asked = PlanTrajectory.Request(request=scene.request())
+            status = Status.NO_STATE
+            while status in (Status.NO_STATE, Status.NO_OBSTACLES):
+                answer = client.call(PlanTrajectory, "/plan", asked).answer
+                status = Status(answer.status.code)
+            assert status is Status.SOLVED
+            client.wait_until(lambda: heard, "the trajectory")
+            action = ActionClient(client.node, PlanTrajectoryAction, "/mission")
+            assert action.wait_for_server(DEADLINE)
+            goal = PlanTrajectoryAction.Goal(request=scene.request())
+            goal.request.plan_only = True
+            handle = ask(client.executor, lambda: action.send_goal_async(goal)).result(DEADLINE)
+            result = ask(client.executor, handle.get_result_async).result(DEADLINE)
+            published = client.publish_plan(result.result.answer)
+            assert published.code == Status.SOLVED
+        assert planner.stop() == 0
+    bag = read_bag(planner.bag)
+    for name in ("/navigation/state", "/navigation/scene", "/arm/joint_trajectory"):
+        assert bag[name]
+    assert main(["replay", str(planner.bag)]) == 0
+
+
+def test_a_node_that_is_started_twice_by_mistake_is_told_and_the_one_left_goes_on(
+    tmp_path: Path,
+) -> None:
+    paths = [tmp_path / name for name in ("first", "again")]
+    for path in paths:
+        path.mkdir()
+    with private_domain(), running_planner(paths[0]) as first:
+        with running_planner(paths[1]) as again, connected_client() as client:
+            client.wait_for_planner()
+            for one in (first, again):
+                wait_for(lambda one=one: "answered by /ff_planner, too" in one.log, "the error")
+            answer = client.plan(Scene(resting_capture()).complete_request())
+            assert answer.status.code == Status.SOLVED
+            assert again.stop() == 0
+        with connected_client() as client:
+            health = client.hear(DiagnosticArray, "/diagnostics")
+            client.wait_for_planner()
+            client.wait_until(
+                lambda: (
+                    any("none in this namespace" in p.message for p in health[-1].status)
+                    if health
+                    else False
+                ),
+                "the first to be alone",
+            )
+            answer = client.plan(Scene(resting_capture()).complete_request())
+            assert answer.status.code == Status.SOLVED
+        assert first.stop() == 0
+    assert [bool(read_bag(one.bag)) for one in (first, again)] == [True, True]
+
+
 def test_a_quality_of_service_is_offered_and_recorded_as_the_parameters_say(
     tmp_path: Path,
 ) -> None:
     settings = {
-        "qos.joint_trajectory.reliability": "best_effort",
-        "qos_overrides./joint_trajectory.publisher.durability": "volatile",  # in ROS's words
-        "qos.chaser_state.reliability": "reliable",
+        "qos_overrides./joint_trajectory.publisher.reliability": "best_effort",
+        "qos_overrides./joint_trajectory.publisher.durability": "volatile",
+        "qos_overrides./chaser_state.subscription.reliability": "reliable",
     }
     arguments = [word for item in settings.items() for word in ("-p", "{}:={}".format(*item))]
     with private_domain(), running_planner(tmp_path, *arguments) as planner:

@@ -64,7 +64,7 @@ def test_a_node_plans_from_its_library_and_the_bag_replays_without_it(
             assert manager.change(*THERE) == [True, True]
             refused = manager.set("planner.library", "")
             assert not refused.successful
-            assert "in use as" in refused.reason
+            assert "which is fixed while the node is configured" in refused.reason
             requests = [Scene(problem).complete_request() for problem in asked]
             answers = [client.plan(requests[0]), client.send_goal(requests[1]).result()[1]]
             answers += [client.plan(request) for request in requests[2:]]

@@ -11,11 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from quick_capture import resting_capture
-from rclpy.action import ActionClient
 from rclpy.qos import QoSProfile
 from ros_processes import (
     DEADLINE,
@@ -29,10 +27,10 @@ from ros_processes import (
 from std_srvs.srv import Trigger
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.ros.background import ask
-from ff_planner_ros.ros.qos import MOST_REQUESTS, REQUEST_QOS
+from ff_planner_ros.ros.topics import SERVICE
 
 # A client's answers wait in a queue of its own.
+MOST_REQUESTS = SERVICE.qos.depth
 QOS = QoSProfile(depth=MOST_REQUESTS)
 
 
@@ -126,21 +124,10 @@ def test_so_is_every_one_of_many_goals(
     with connected_client() as client:
         client.wait_for_planner()
         client.wait_for_an_answer()
-        action = ActionClient(
-            client.node,
-            PlanTrajectoryAction,
-            "plan_trajectory_action",
-            goal_service_qos_profile=REQUEST_QOS,
-            result_service_qos_profile=REQUEST_QOS,
-        )
-        assert action.wait_for_server(DEADLINE)
-        goal = PlanTrajectoryAction.Goal(request=PlanRequest(duration=-1.0))
+        request = PlanRequest(duration=-1.0)
         with frozen(planner):
-            sent = [ask(client.executor, lambda: action.send_goal_async(goal)) for _ in range(many)]
-        handles = [one.result(DEADLINE) for one in sent]
-        assert len(handles) == many
-        assert all(handle.accepted for handle in handles)
-        results = [ask(client.executor, handle.get_result_async) for handle in handles]
-        codes = Counter(one.result(DEADLINE).result.answer.status.code for one in results)
+            asked = [client.planner.ask(request) for _ in range(many)]
+        assert all(one.sent.result(DEADLINE).accepted for one in asked)
+        codes = Counter(one.answer().status.code for one in asked)
         assert codes[Status.NO_STATE]
         assert codes.keys() <= {Status.NO_STATE, Status.BUSY}

@@ -127,20 +127,27 @@ class _Testbed:
         ):
             for name, value in zip(names, values.tolist(), strict=True):
                 setattr(message, name, value)
-        self._joints = JointState(
-            name=["finger", *problem.robot.joint_names[::-1]],
-            position=[0.0, *start.joint_positions.tolist()[::-1]],
-            velocity=[0.0, *start.joint_velocities.tolist()[::-1]],
-        )
+        # Each controller publishes half of the arm.
+        self._joints = [
+            JointState(
+                name=["finger", *problem.robot.joint_names[half][::-1]],
+                position=[0.0, *start.joint_positions[half].tolist()[::-1]],
+                velocity=[0.0, *start.joint_velocities[half].tolist()[::-1]],
+            )
+            for half in (slice(0, 3), slice(3, None))
+        ]
         self._stamp_ns = stamp_ns
         self.joints_behind(JOINTS_LATER_NS)
         create = client.node.create_publisher
         self._odometries = create(Odometry, "odometry", qos_profile_sensor_data)
-        self._joint_states = create(JointState, "joint_states", qos_profile_sensor_data)
+        self._joint_states = [
+            create(JointState, "joint_states", qos_profile_sensor_data) for _ in self._joints
+        ]
 
     def joints_behind(self, later_ns: int) -> None:
         """Measure joint states so much later than odometry."""
-        self._joints.header.stamp = time_message(self._stamp_ns + later_ns)
+        for half in self._joints:
+            half.header.stamp = time_message(self._stamp_ns + later_ns)
 
     def plan(self, request: PlanRequest, child_frame_id: str, not_yet: set[Status]) -> Any:
         """Publish and ask until the answer is none of those of the time before."""
@@ -148,7 +155,8 @@ class _Testbed:
 
         def accepted(answer: PlanAnswer) -> bool:
             self._odometries.publish(self._odometry)
-            self._joint_states.publish(self._joints)
+            for publisher, half in zip(self._joint_states, self._joints, strict=True):
+                publisher.publish(half)
             return answer.status.code not in not_yet
 
         return self._client.plan_until(request, accepted)

@@ -155,7 +155,7 @@ def test_a_plan_goes_out_only_from_where_it_begins(client: Client) -> None:
     state.pose.position.x += 0.05
     moved = client.publish_plan(made, start_state=[state])
     assert moved.code == Status.STATE_MOVED
-    assert "position by 0.05 m, more than publication.max_position, 0.02 m" in moved.message
+    assert "position by 0.05 m, more than tracking.max_position, 0.02 m" in moved.message
     state.pose.position.x -= 0.05
     status = client.publish_plan(made, start_state=[state])
     assert status.code == Status.SOLVED, status
@@ -218,7 +218,7 @@ def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
         request(client, **continuing(first, 3.5, start_state=state_in(first, 3.4, turned=0.1)))
     )
     assert moved.status.code == Status.STATE_MOVED
-    assert "more than replanning.max_joint_position, 0.02 rad" in moved.status.message
+    assert "more than tracking.max_joint_position, 0.02 rad" in moved.status.message
     early = request(client, replan_active=True)
     early.start_state[0].header.stamp = time_message(client.now_ns())
     nothing = client.plan(early)

@@ -481,7 +481,7 @@ def test_a_request_is_refused_with_its_cause(run: Run, name: str) -> None:
         (
             "published state in the future",
             Status.STATE_IN_FUTURE,
-            ("chaser_state.header.stamp", "ahead of now", "at most 0.05 s"),
+            ("chaser_state.header.stamp", "ahead of its arrival", "at most 0.05 s"),
         ),
         ("published state not finite", Status.NOT_FINITE, ("chaser_state.pose.position", "nan")),
         (

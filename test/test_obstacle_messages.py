@@ -12,7 +12,7 @@ import pytest
 from ff_planner_msgs.msg import Obstacle
 from ff_planner_msgs.msg import Scene as SceneMessage
 from geometry_msgs.msg import Point
-from heard_inputs import scene_input
+from heard_inputs import HeardScenes
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive
@@ -218,9 +218,9 @@ def test_a_bad_body_is_told_by_its_field(
     for one in (good, bad):
         one.primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.1, 0.2, 0.3])]
     spoil(bad)
-    scene, scenes = SceneMessage(bodies=[good, bad]), scene_input()
+    scene, scenes = SceneMessage(bodies=[good, bad]), HeardScenes()
     scene.header.frame_id = FRAME
-    scenes.keep(serialize_message(scene))
+    scenes.hear(serialize_message(scene))
     own = scene if where == "request" else None
     with pytest.raises(InvalidInput) as refused:
         scenes.scene(own)
@@ -250,8 +250,8 @@ def test_what_moves_is_carried_from_the_scenes_stamp_to_the_plans_start() -> Non
         ),
         Sphere("ball", FAR, 0.1, np.array([0.0, 0.3, 0.0])),
     )
-    scenes = scene_input()
-    scenes.keep(scene_message((moving, ball), STAMP, FRAME))
+    scenes = HeardScenes()
+    scenes.hear(scene_message((moving, ball), STAMP, FRAME))
     scene = scenes.moving_scene(None, STAMP + SECOND, 0.1, 5.0)
     seen, there = scene.obstacles_at(STAMP + 3 * SECOND)
     assert isinstance(seen, Sphere)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ast
-import io
 import sys
 import time
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import NoReturn
 
@@ -63,7 +63,8 @@ def test_command_line_solver_process_and_replay_enter_with_equal_tasks(
     bag = tmp_path / "bag"
     assert main(["plan", str(scenario), "--bag", str(bag)]) == 3
     task = load_task(scenario, Defaults(load_parameters().planner))
-    refusal = solver_process._answer(io.BytesIO(), task, Budget(10.0), time.monotonic())
+    with Pipe()[1] as link:
+        refusal = solver_process._answer(link, task, Budget(10.0), time.monotonic())
     assert isinstance(refusal, NoPlanFound)
     assert main(["replay", str(bag)]) == 0
     assert "digest" not in capsys.readouterr().out

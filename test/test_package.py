@@ -49,8 +49,10 @@ FLOORS = (
     {"problems"},
     {"bag", "time_budget"},
     # "ros" is ros/__init__.py
-    {"ros", "ros.background", "ros.joining", "ros.parameter_files", "ros.qos"},
+    {"ros", "ros.process"},
     {"ros.messages"},
+    {"ros.topics"},
+    {"ros.qos"},
     {"ros.client", "ros.inputs"},
     {"ros.parameters"},
     {"ros.recorder"},

@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 import yaml
 from ff_planner_msgs.msg import PlanRequest
-from heard_inputs import scene_input
+from heard_inputs import HeardScenes
 from recorded_requests import only_request
 from robots import CONFIG, random_state, random_urdf
 
@@ -49,12 +49,12 @@ from ff_planner_ros.ros.messages.to_messages import (
     request_message,
     scene_message,
 )
-from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, read_request
-from ff_planner_ros.ros.requests.waiting_plan import (
-    MadePlan,
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
+from ff_planner_ros.ros.requests.publication import (
     require_same_start,
-    start_differences,
+    start_deviations,
 )
+from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, read_request
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
@@ -223,7 +223,7 @@ def asked(robot: Robot, problem: PlanningProblem, request: PlanRequest) -> Plann
     states = Mock()
     states.snapshot.return_value = Snapshot(problem.start, NOW, "chaser_state")
     request.scene = [scene_message((), 0, "inertial")]
-    knowledge = Knowledge(robot, parameters, states, scene_input(), None, NOW)
+    knowledge = Knowledge(robot, parameters, states, HeardScenes(), None, NOW)
     return read_request(request, knowledge).task
 
 
@@ -240,18 +240,24 @@ def test_a_plan_that_waits_is_compared_with_where_the_robot_goes_with_its_payloa
         "joint_positions": there.joint_positions,
         "joint_velocities": there.joint_velocities,
     }
-    motion = replace(plan.trajectory, **{name: row[None] for name, row in at_start.items()})
+    motion = replace(
+        plan.trajectory,
+        **{
+            name: np.vstack([row, getattr(plan.trajectory, name)[1:]])
+            for name, row in at_start.items()
+        },
+    )
     start_ns, parameters = NOW + 5 * NANOSECONDS, load_parameters()
     states = Mock()
     states.snapshot.return_value = Snapshot(moving, NOW, "chaser_state")
-    node = Knowledge(bare, parameters, states, scene_input(), None, NOW)
+    node = Knowledge(bare, parameters, states, HeardScenes(), None, NOW)
     for robot, refused in ((held, nullcontext()), (bare, pytest.raises(NoPlanFound))):
         made = MadePlan(
             *("run.1", replace(plan, trajectory=motion), start_ns, "none"),
-            *(robot, scene_of(problem), parameters),
+            *(robot, scene_of(problem), parameters.inertial_frame),
         )
         with refused:
-            require_same_start(made, start_differences(made, measured_state((), node), node))
+            require_same_start(made, start_deviations(made, measured_state((), node), node), node)
 
 
 # Of a robot, what a payload changes; the rest is as it was.

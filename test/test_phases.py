@@ -54,16 +54,16 @@ from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import perform
-from ff_planner_ros.planning.task.whole import whole, whole_scene
+from ff_planner_ros.planning.task.whole import bodies_of, whole, whole_scene
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.report.run_page import save_page
 from ff_planner_ros.report.run_report import report_of_answer
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.urdf.payload import Payload
-from ff_planner_ros.ros.client import request_of_task
-from ff_planner_ros.ros.messages.phases import bodies_of, phase_message, phases_in
-from ff_planner_ros.ros.messages.status_message import status_message
+from ff_planner_ros.ros.messages.answers import status_message
+from ff_planner_ros.ros.messages.phases import phase_message, phases_in
+from ff_planner_ros.ros.messages.requests import request_of_task
 from ff_planner_ros.ros.messages.to_messages import request_message
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 from ff_planner_ros.ros.outputs.prediction import predicted_relative_pose, predicted_target

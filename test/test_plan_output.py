@@ -9,6 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from changed_parameters import replaced
 from drawn_plans import DURATION, drawn_plan
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
@@ -18,14 +19,15 @@ from robots import random_state
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters, load_parameters
-from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan, WheelMotion
-from ff_planner_ros.planning.task.captured import CapturedBody
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.to_messages import plan_message, time_message
+from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs import execution
-from ff_planner_ros.ros.outputs.controller_client import Ended
+from ff_planner_ros.ros.outputs.controller import Ended
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput, PublishedPlan
 
 START = 1_000 * NANOSECONDS
@@ -42,27 +44,27 @@ class Output:
             nanoseconds=self.now_ns, to_msg=lambda: time_message(self.now_ns)
         )
 
-        def publisher(_: Any, topic: str, __: Any) -> Any:
+        def publisher(_: Any, topic: str, __: Any, **___: Any) -> Any:
             kept = self.heard.setdefault(topic, [])
             return SimpleNamespace(publish=kept.append)
 
         node.create_lifecycle_publisher.side_effect = publisher
         parameters = replace(parameters or load_parameters(), inertial_frame="inertial")
-        self.output = PlanOutput(node, robot, parameters)
+        self.robot, self.output = robot, PlanOutput(node, robot, parameters)
 
     def publish(
         self,
         plan: Plan,
         plan_id: str,
         start_ns: int = START,
-        captured: CapturedBody | None = None,
+        body: TargetBody | None = None,
         previous_plan_id: str = "",
     ) -> None:
-        written = plan_message(plan, start_ns, "inertial", captured)
-        trajectory = written.joint_trajectory
-        self.output.publish(
-            plan_id, plan, written, trajectory, "me", "none", captured, previous_plan_id
+        scene, frame = Scene(target_body=body), "inertial"
+        made = MadePlan(
+            *(plan_id, plan, start_ns, "none", self.robot, scene, frame, previous_plan_id)
         )
+        self.output.publish(made, made.written(), "me")
 
 
 @pytest.fixture
@@ -78,6 +80,17 @@ def plan(lemur: Robot) -> Plan:
 def running(output: Output) -> PublishedPlan:
     assert output.output.published is not None
     return output.output.published
+
+
+@pytest.mark.parametrize("takes", [True, False])
+def test_torques_go_to_a_controller_that_takes_them(lemur: Robot, plan: Plan, takes: bool) -> None:
+    output = Output(lemur, replaced(load_parameters(), "controller.effort_interface", takes))
+    output.publish(plan, "run.1")
+    (told,) = output.heard["joint_trajectory"]
+    wanted = plan.trajectory.joint_torques.tolist() if takes else [[]] * len(told.points)
+    assert [point.effort.tolist() for point in told.points] == wanted
+    positions = [point.positions.tolist() for point in told.points]
+    assert positions == plan.trajectory.joint_positions.tolist()
 
 
 @pytest.mark.parametrize(
@@ -251,11 +264,11 @@ def test_a_state_is_held_against_where_the_plan_had_the_chaser_when_it_was_measu
     assert (told.plan_id, nanoseconds(told.header.stamp)) == ("run.1", measured_ns)
     assert told.position == pytest.approx(0.02, abs=1e-6)
     assert told.angle == pytest.approx(0.0, abs=1e-6)
-    assert output.output.tracking is not None
+    assert output.output.tracking
     (pose,) = output.heard["predicted_chaser_pose"]
     assert nanoseconds(pose.header.stamp) == output.now_ns
     output.output.stream(Snapshot(state, START - 1, "chaser_state"))
-    assert output.output.tracking is None, "the plan did not run then"
+    assert not output.output.tracking, "the plan did not run then"
     output.output.stream(None)
     assert len(output.heard["tracking_error"]) == 1
     output.output.forget("the clock jumped")
@@ -268,7 +281,7 @@ def test_of_a_capture_the_way_of_the_body_and_the_way_to_the_grasp_are_told(lemu
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
     output, plan = Output(lemur), drawn_plan(lemur, seed=4)
-    output.publish(plan, "run.1", captured=CapturedBody(body))
+    output.publish(plan, "run.1", body=body)
     assert len(output.heard["predicted_target_path"]) == 1
     output.now_ns = START + round(float(plan.trajectory.time[9]) * NANOSECONDS)
     output.output.stream(None)

@@ -16,7 +16,7 @@ import rclpy
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
-from heard_inputs import scene_input
+from heard_inputs import HeardScenes
 from rclpy.action import CancelResponse
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -33,9 +33,9 @@ from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.outputs.exchanges import Exchanges
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.outputs.preview import Preview
-from ff_planner_ros.ros.parameters import LiveParameters
+from ff_planner_ros.ros.parameters import ParameterServer
 from ff_planner_ros.ros.requests.planning_service import PlanningService
-from ff_planner_ros.ros.requests.worker import Worker
+from ff_planner_ros.ros.requests.solver import Solver
 
 
 @contextmanager
@@ -53,12 +53,12 @@ def service(
         )
         executor = SingleThreadedExecutor()  # which the node knows only as long as it is held here
         executor.add_node(node)
-        logger, worker, scenes = Mock(), Mock(spec=Worker), scene_input()
+        logger, worker, scenes = Mock(), Mock(spec=Solver), HeardScenes()
         monkeypatch.setattr(scene_input_module, "_DISCOVERY", 0.0)  # nothing is waited for
         monkeypatch.setattr(node, "get_logger", lambda: logger)
         answering = PlanningService(
             node,
-            LiveParameters(node),
+            ParameterServer(node).fix(),
             problem.robot,
             worker,
             Mock(spec=StateInput),
@@ -113,8 +113,7 @@ def test_a_budget_covers_the_waiting_for_obstacles(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with service(lemur_capture, monkeypatch) as (answering, worker, _):
-        mapper = Mock(heard=lambda _: ["/mapper"], unheard=lambda _: [])
-        monkeypatch.setattr(answering._scenes, "_publishers", mapper)
+        monkeypatch.setattr(answering._scenes.middleware, "names", ["/mapper"])
         for patience in ("_DISCOVERY", "_MATCHED"):
             monkeypatch.setattr(scene_input_module, patience, 10.0 * DEADLINE)
         request = Scene(lemur_capture).complete_request()
@@ -294,7 +293,7 @@ def test_the_first_request_waits_for_obstacles_that_may_come_and_no_longer(
         def comes() -> bool:
             """They arrive after the request was read without them, before anybody asks again."""
             if waits:
-                scenes.keep(Scene(lemur_capture).obstacles())
+                scenes.hear(Scene(lemur_capture).obstacles())
             waits.append(not waits)
             return waits[-1]
 

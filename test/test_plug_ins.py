@@ -13,6 +13,7 @@ import pinocchio as pin
 import pytest
 import reference_program
 import yaml
+from changed_parameters import replaced
 from core_rows import sensitivity_of
 from recorded_requests import only_request
 from robots import CONFIG
@@ -23,7 +24,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan

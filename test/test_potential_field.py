@@ -15,6 +15,7 @@ from ff_planner_ros.baselines.potential_field import (
     load_parameters,
     repulsion,
 )
+from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Sphere, Target
@@ -167,7 +168,7 @@ def test_the_parameters_are_those_of_the_file():
 
 @pytest.mark.parametrize("name", BLOCK)
 def test_a_parameter_out_of_its_range_is_refused_by_name(name):
-    smallest = next(item for item in fields(FIELD) if item.name == name).metadata["minimum"]
+    smallest = declared_by_name(PotentialFieldParameters)[name].form.schema()["minimum"]
     assert getattr(replace(FIELD, **{name: smallest}), name) == smallest
     for value in (smallest - 1.0, float("nan"), "strong"):
         with pytest.raises(InvalidInput, match=rf"artificial_potential_field\.{name} is "):
@@ -198,6 +199,6 @@ def test_a_file_with_a_fault_is_refused_by_name(tmp_path, found, instead, messag
 
 
 def test_every_parameter_says_what_it_means():
-    for item in fields(PotentialFieldParameters):
-        assert len(item.metadata["description"]) > 5
-        assert item.metadata["unit"]
+    for one in declared_by_name(PotentialFieldParameters).values():
+        assert len(one.sentence) > 5
+        assert one.unit

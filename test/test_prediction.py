@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +18,13 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.outputs.prediction import (
+    Deviation,
+    deviations,
     predicted_chaser_pose,
     predicted_pose,
-    tracking_error,
+    too_far,
 )
 
 START_NS = 1_700_000_000_123_456_789
@@ -159,11 +163,11 @@ def test_tracking_error_is_the_distance_and_the_turn_from_the_prediction(lemur: 
             turn * Rotation.from_rotvec(time * OMEGA) * FIRST
         ).as_quat(),
     )
-    error = tracking_error(spinning(lemur), START_NS, state, START_NS + 3_700_000_000)
-    assert error is not None
-    assert error.position == pytest.approx(0.13, abs=1e-9)
-    assert error.angle == pytest.approx(0.1, abs=1e-9)
-    assert tracking_error(spinning(lemur), START_NS, state, START_NS - 1) is None
+    position, angle, *_ = deviations(state, spinning(lemur), time, lemur)
+    assert position.amount == pytest.approx(0.13, abs=1e-9)
+    assert angle.amount == pytest.approx(0.1, abs=1e-9)
+    for outside in (-1e-9, 10.0 + 1e-9):
+        assert deviations(state, spinning(lemur), outside, lemur) == []
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -179,8 +183,45 @@ def test_a_tracking_error_is_the_same_to_every_side(lemur: Robot, axis: int, sig
                 Rotation.from_rotvec(0.3 * off) * attitude
             ).as_quat(),
         )
-        stamp_ns = START_NS + round(time * 1e9)
-        error = tracking_error(spinning(lemur), START_NS, state, stamp_ns)
-        assert error is not None
-        assert error.position == pytest.approx(0.02, abs=1e-9)
-        assert error.angle == pytest.approx(0.3, abs=1e-9)
+        position, angle, *_ = deviations(state, spinning(lemur), time, lemur)
+        assert position.amount == pytest.approx(0.02, abs=1e-9)
+        assert angle.amount == pytest.approx(0.3, abs=1e-9)
+
+
+def test_every_velocity_and_joint_is_held_against_the_plan_at_any_time(
+    lemur: Robot, lemur_plan: Plan
+) -> None:
+    """At the points, from the plan's own numbers; a joint that slides counts by its weight."""
+    motion, rng = lemur_plan.trajectory, np.random.default_rng(7)
+    weights = rng.uniform(0.5, 3.0, lemur.joints)
+    robot = replace(lemur, joint_weights=weights)
+    for point in (0, 17, len(motion.time) - 1):
+        moved = rng.normal(size=(2, 3)), rng.normal(size=(2, lemur.joints)) / 10.0
+        state = SystemState(
+            motion.chaser_positions[point],
+            motion.chaser_quaternions_xyzw[point],
+            motion.chaser_linear_velocities[point] + moved[0][0],
+            motion.chaser_angular_velocities[point] + moved[0][1],
+            motion.joint_positions[point] + moved[1][0],
+            motion.joint_velocities[point] + moved[1][1],
+        )
+        found = deviations(state, motion, float(motion.time[point]), robot)
+        amounts = [one.amount for one in found]
+        wanted = [
+            *(0.0, 0.0, *np.linalg.norm(moved[0], axis=1)),
+            *np.abs(weights * moved[1]).ravel(),
+        ]
+        np.testing.assert_allclose(amounts, wanted, rtol=0.0, atol=1e-8)
+
+
+def test_what_is_within_its_tolerance_is_not_told_and_no_number_is() -> None:
+    allowed = load_parameters().tracking
+    for tolerance in vars(allowed):
+        limit = getattr(allowed, tolerance)
+        found = [Deviation("this", tolerance, share * limit, "m") for share in (0.5, 1.0)]
+        assert too_far(found, allowed, at_rates=True) == ""
+        for amount in (1.1 * limit, math.nan):
+            told = too_far(
+                [*found, Deviation("that", tolerance, amount, "m")], allowed, at_rates=True
+            )
+            assert told.startswith(f"that by {amount:.3g} m, more than tracking.{tolerance}, ")

@@ -10,6 +10,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from changed_parameters import replaced
 from drawn_plans import POINTS, drawn_plan
 from rclpy.lifecycle import LifecycleNode
 from test_plan_output import Output
@@ -17,12 +18,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.outputs import preview
-from ff_planner_ros.ros.outputs.preview import Drawn, Preview, preview_joint_states
+from ff_planner_ros.ros.outputs import made_plan
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
+from ff_planner_ros.ros.outputs.preview import Preview, preview_joint_states
 from ff_planner_ros.ros.outputs.transforms import Transforms
 
 DURATION = 10.0
@@ -86,8 +87,8 @@ def test_it_is_played_again_and_again_and_only_the_first_time_is_new(
     states = node.create_lifecycle_publisher.return_value
     for number in range(2):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(preview, "plan_markers", Mock(return_value=MarkerArray()))
-            played.release(Drawn(f"run.{number}", lemur, plan, Scene(), "inertial"))
+            patch.setattr(made_plan, "plan_markers", Mock(return_value=MarkerArray()))
+            played.release(MadePlan(f"run.{number}", plan, 0, "none", lemur, Scene(), "inertial"))
             played.draw()
         rate = load_parameters().rates.preview
         states.publish.reset_mock()
@@ -111,7 +112,7 @@ def test_each_plan_is_played_once_though_nobody_looks(
     shows.look_for_viewers(recorders=1)
     for number in (1, 2, 3):
         before = len(played)
-        shows.release(Drawn(f"run.{number}", lemur, plan, Scene(), "inertial"))
+        shows.release(MadePlan(f"run.{number}", plan, 0, "none", lemur, Scene(), "inertial"))
         shows.draw()
         states = preview_joint_states(plan, load_parameters().rates.preview)
         for _ in range(2 * len(states)):
@@ -147,7 +148,7 @@ def test_a_plan_that_waits_is_played_and_drawn_beside_the_one_that_was_published
 ) -> None:
     other, shows = drawn_plan(lemur, seed=9), screen.output.preview
     published, waits = (
-        Drawn(name, lemur, one, Scene(), "inertial")
+        MadePlan(name, one, 0, "none", lemur, Scene(), "inertial")
         for name, one in (("run.1", plan), ("run.2", other))
     )
     shows.release(published)
@@ -179,7 +180,10 @@ def test_a_plan_that_waits_is_played_and_drawn_beside_the_one_that_was_published
 def test_a_plan_that_is_released_is_no_longer_drawn_as_one_that_waits(
     lemur: Robot, plan: Plan, screen: Output
 ) -> None:
-    shows, waits = screen.output.preview, Drawn("run.2", lemur, plan, Scene(), "inertial")
+    shows, waits = (
+        screen.output.preview,
+        MadePlan("run.2", plan, 0, "none", lemur, Scene(), "inertial"),
+    )
     shows.let_wait(waits)
     shows.draw()
     assert all(name.startswith("waiting/") for name in namespaces(screen))

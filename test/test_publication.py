@@ -10,16 +10,16 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from changed_parameters import replaced
 from ff_planner_msgs.msg import PlanStatus
 from ff_planner_msgs.srv import PublishPlan
-from heard_inputs import scene_input
+from heard_inputs import HeardScenes
 from ros_processes import FRAME, Scene
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.parameters import NodeParameters, load_parameters
-from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
@@ -27,10 +27,10 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import plan_message
 from ff_planner_ros.ros.outputs.exchanges import Exchanges
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.publication import MOST_WAITING, Publication
 from ff_planner_ros.ros.requests.reading import Knowledge
-from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.simulation.free_floating import carried_back
 
 NOW = 1_000 * NANOSECONDS
@@ -58,13 +58,13 @@ class World:
         stamp_ns = self.now_ns - self.state_age_ns
         states.snapshot.return_value = Snapshot(self.state, stamp_ns, "chaser_state")
         published = self.output.published
-        scene = scene_input()
+        scene = HeardScenes()
         return Knowledge(self.problem.robot, self.parameters, states, scene, published, self.now_ns)
 
     def made(self, plan_id: str = "run.1", start_ns: int = START) -> MadePlan:
         scene = scene_of(self.problem)
         return MadePlan(
-            *(plan_id, self.plan, start_ns, "none", self.problem.robot, scene, self.parameters),
+            *(plan_id, self.plan, start_ns, "none", self.problem.robot, scene, FRAME),
             made_ns=self.now_ns,
         )
 
@@ -82,7 +82,7 @@ class World:
     def out(self) -> list[tuple[str, str]]:
         """Ids of what went out, and who asked for it."""
         calls = [call.args for call in self.output.publish.call_args_list]
-        return [(plan_id, requester) for plan_id, _, _, _, requester, *_ in calls]
+        return [(made.plan_id, requester) for made, _, requester in calls]
 
 
 @pytest.fixture
@@ -100,15 +100,10 @@ def test_a_plan_that_still_fits_goes_out_once_as_it_was_answered(world: World) -
     assert "run.1" in status.message
     assert "flight director" in status.message
     assert world.out == [("run.1", "flight director")]
-    _, plan, written, trajectory, _, behaviour, *_ = world.output.publish.call_args.args
-    assert plan is world.plan
-    assert behaviour == "none"
+    made, written, _ = world.output.publish.call_args.args
+    assert made.plan is world.plan
     answered = plan_message(world.plan, START, FRAME)
     assert written.joint_trajectory == answered.joint_trajectory
-    assert [p.positions for p in trajectory.points] == [
-        p.positions for p in answered.joint_trajectory.points
-    ]
-    assert all(len(point.effort) == 0 for point in trajectory.points)
     again = world.ask()
     assert again.code == Status.UNKNOWN_PLAN
     assert len(world.out) == 1
@@ -194,12 +189,12 @@ def test_a_plan_goes_out_only_while_the_system_will_be_where_it_begins(
     world: World, tolerance: str, sign: float
 ) -> None:
     """What is off by this much now is off by as much, and a little more, when the plan begins."""
-    most = getattr(world.parameters.publication, tolerance)
+    most = getattr(world.parameters.tracking, tolerance)
     sound = world.state
     world.state = AWAY[tolerance](1.3 * sign * most)(sound)
     status = world.ask()
     assert status.code == Status.STATE_MOVED, status
-    assert f"publication.{tolerance}, {most:g}" in status.message
+    assert f"tracking.{tolerance}, {most:g}" in status.message
     assert "run.1" in status.message
     assert world.out == []
     world.state = AWAY[tolerance](0.7 * sign * most)(sound)
@@ -220,7 +215,7 @@ def test_nothing_but_the_plans_first_point_says_where_it_begins(world: World) ->
     status = world.ask()
     assert status.code == Status.STATE_MOVED
     for name in ("max_position", "max_angle", "max_joint_position"):
-        assert f"publication.{name}" in status.message
+        assert f"tracking.{name}" in status.message
 
 
 def test_a_plan_goes_out_with_all_that_was_made_of_it(world: World) -> None:
@@ -228,11 +223,9 @@ def test_a_plan_goes_out_with_all_that_was_made_of_it(world: World) -> None:
     made = replace(world.made("run.2"), previous_plan_id="run.1", end_behaviour="stop_joints")
     world.publication.keep(made)
     assert world.ask("run.2").code == Status.SOLVED
-    plan_id, plan, _, _, _, *more = world.output.publish.call_args.args
-    assert (plan_id, plan, more) == ("run.2", made.plan, ["stop_joints", None, "run.1"])
-    executor: Any = world.publication._node.executor
-    world.output.preview.release.assert_called_once_with(made.drawn)
-    executor.create_task.assert_called_with(world.output.preview.draw)
+    assert world.output.publish.call_args.args[0] is made
+    world.output.preview.release.assert_called_once_with(made)
+    world.exchanges.afterwards.assert_called_with(world.output.preview.draw)
 
 
 def waits(world: World) -> str:
@@ -277,14 +270,6 @@ def test_a_plan_that_is_rejected_is_shown_no_more_and_never_goes_out(world: Worl
     assert world.out == []
 
 
-def test_torques_go_to_a_controller_that_takes_them(world: World) -> None:
-    world.parameters = replaced(world.parameters, "controller.effort_interface", True)
-    assert world.ask().code == Status.SOLVED
-    _, _, _, trajectory, *_ = world.output.publish.call_args.args
-    efforts = np.array([point.effort for point in trajectory.points])
-    np.testing.assert_array_equal(efforts, world.plan.trajectory.joint_torques)
-
-
 def test_a_velocity_that_is_a_little_off_counts_for_as_long_as_the_plan_is_ahead(
     lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
@@ -297,7 +282,7 @@ def test_a_velocity_that_is_a_little_off_counts_for_as_long_as_the_plan_is_ahead
     status = world.ask()
     assert status.code == Status.STATE_MOVED
     assert "position by 0.036 m" in status.message
-    assert "publication.max_velocity" not in status.message
+    assert "tracking.max_velocity" not in status.message
     world.state = before
     assert world.ask().code == Status.SOLVED
 
@@ -344,7 +329,7 @@ def test_a_refusal_names_each_joint_that_is_off_and_by_how_much(world: World) ->
     status = world.ask()
     assert status.code == Status.STATE_MOVED
     second, sixth = (world.problem.robot.joint_names[joint] for joint in (1, 5))
-    assert f"{second}'s position by 0.031 rad, more than publication.max_joint" in status.message
+    assert f"{second}'s position by 0.031 rad, more than tracking.max_joint" in status.message
     assert f"{sixth}'s position by 0.052 rad" in status.message
     assert status.message.count("'s position") == 2
 
@@ -371,32 +356,6 @@ def test_an_old_plan_is_not_published_whatever_its_start(world: World) -> None:
     status = world.ask("run.2")
     assert (status.code, status.retry) == (Status.CHECK_FAILED, PlanStatus.RETRY_CHANGED)
     assert "run.2 was made 0.41 s ago, longer than publication.max_age, 0.4 s" in status.message
-
-
-@pytest.mark.law("NODE-09")
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("planner.clearance_margin", 0.05), ("limits.chaser_attitude", 0.01), ("state_max_age", 0.1)],
-)
-def test_a_plan_checked_by_looser_rules_than_those_of_now_does_not_go_out(
-    world: World, name: str, value: float
-) -> None:
-    world.parameters = replaced(world.parameters, name, value)
-    status = world.ask()
-    assert status.code == Status.CHECK_FAILED
-    assert name in status.message
-    assert world.out == []
-
-
-def test_a_tolerance_of_publication_that_is_tightened_counts_at_once(world: World) -> None:
-    world.state = _moved("position_chaser_in_inertial", [0.01, 0.0, 0.0])(world.state)
-    loose, name = world.parameters, "publication.max_position"
-    world.parameters = replaced(loose, name, 0.005)
-    status = world.ask()
-    assert status.code == Status.STATE_MOVED
-    assert f"{name}, 0.005 m" in status.message
-    world.parameters = loose
-    assert world.ask().code == Status.SOLVED
 
 
 def test_the_newest_plans_wait_and_the_oldest_makes_way(world: World) -> None:

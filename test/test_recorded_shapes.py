@@ -15,7 +15,7 @@ from test_pairs import disabling
 from ff_planner_ros.analysis.plan_document import planned_motion
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.parameters.robot import OWN_WHEELS, RobotParameters
+from ff_planner_ros.parameters.robot import RobotParameters, WheelParameters
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Objective, Orientation, PlanningProblem, Target
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
@@ -31,7 +31,15 @@ SETTINGS = load_parameters().planner
 def parameters(directory: Path, geometry: str = "auto") -> RobotParameters:
     urdf, srdf = directory / "arm.urdf", directory / "arm.srdf"
     return RobotParameters(
-        OWN_WHEELS, str(urdf), "bus", "tool", "free_flyer", "joint_1: 0.3", geometry, str(srdf), 1.0
+        WheelParameters(),
+        str(urdf),
+        "bus",
+        "tool",
+        "free_flyer",
+        "joint_1: 0.3",
+        geometry,
+        str(srdf),
+        1.0,
     )
 
 
@@ -76,7 +84,7 @@ def require_same(ours: Robot, theirs: Robot) -> None:
 
 @pytest.mark.parametrize("geometry", ["auto", "lines"])
 def test_a_node_s_bag_holds_the_whole_robot(directory: Path, geometry: str) -> None:
-    from ff_planner_ros.ros.recorder.recorded_topics import attached_parameters
+    from ff_planner_ros.ros.recorder.recording import attached_parameters
 
     told = parameters(directory, geometry)
     robot = told.load((directory / "arm.urdf").read_text(), directory)

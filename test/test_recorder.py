@@ -21,16 +21,15 @@ from std_msgs.msg import String
 
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.ros.recorder import topic_queue
-from ff_planner_ros.ros.recorder.recorder import Recorder
-from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
+from ff_planner_ros.ros.recorder import recorder
+from ff_planner_ros.ros.recorder.recorder import RecordedTopic, Recorder
 
 STATE = RecordedTopic("/chaser_state", ChaserState, QoSProfile(depth=1))
 EXCHANGES = RecordedTopic("/exchanges", Exchange, QoSProfile(depth=1))
 SCENE = RecordedTopic(
     "/scene", String, QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 )
-QUEUE = topic_queue._QUEUE
+QUEUE = recorder._QUEUE
 
 
 @pytest.fixture(autouse=True)

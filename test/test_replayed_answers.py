@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from answers import answer_of, exchange, write_bag
+from answers import answer_with, exchange, write_bag
 from ff_planner_msgs.msg import Exchange, PlanAnswer
 from recorded_requests import recorded
 
@@ -22,7 +22,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.task_json import task_json
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.ros.messages.to_messages import answer_of_error
+from ff_planner_ros.ros.messages.answers import answer_of
 from ff_planner_ros.runs import replay as replay_module
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.replay import ALL_SAME, DIFFERS, Verdict, replay
@@ -48,7 +48,7 @@ def refusal(status: Status) -> FfPlannerError:
 
 
 def refused(status: Status) -> PlanAnswer:
-    return answer_of_error(refusal(status), "run.1", 0.1)
+    return answer_of(refusal(status), "run.1", 0.1)
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_one_difference_that_counts_makes_an_answer_another_one(
     task: PlanningTask, lemur_plan: Plan, again: Any, changes: dict[str, float], verdict: Verdict
 ) -> None:
     again(off(lemur_plan, **changes))
-    found = replay(recorded(task, answer_of(lemur_plan)))
+    found = replay(recorded(task, answer_with(lemur_plan)))
     assert found.verdict is verdict
     assert {one.quantity for one in found.differences} == changes.keys()
 
@@ -86,7 +86,7 @@ def test_a_plan_and_a_refusal_are_different_and_so_are_two_refusals(
     task: PlanningTask, lemur_plan: Plan, again: Any
 ) -> None:
     for then, now in (
-        (answer_of(lemur_plan), refusal(Status.COLLISION)),
+        (answer_with(lemur_plan), refusal(Status.COLLISION)),
         (refused(Status.COLLISION), lemur_plan),
         (refused(Status.COLLISION), refusal(Status.SINGULAR)),
     ):
@@ -124,7 +124,7 @@ def test_a_search_that_a_clock_ended_is_compared_where_its_step_is_known(
 ) -> None:
     """Its words tell of a clock then, and of a step now."""
     again(lemur_plan if found else refusal(Status.TIMED_OUT))
-    then = answer_of_error(FfPlannerError(Status.TIMED_OUT, "the time is over"), "run.1", 0.1)
+    then = answer_of(FfPlannerError(Status.TIMED_OUT, "the time is over"), "run.1", 0.1)
     verdict = replay(recorded(task.ended_at(7), then)).verdict
     assert verdict is (Verdict.DIFFERENT if found else Verdict.IDENTICAL)
 
@@ -136,7 +136,7 @@ def test_a_request_without_answer_or_robot_is_not_read_and_says_why(
     assert found.verdict is Verdict.NOT_READ
     assert "recording, or the planner, ended before its answer" in found.words
     text = task_json(task, task.problem.robot.drawn_urdf)
-    found = replay(replace(recorded(None, answer_of(lemur_plan)), task=text))
+    found = replay(replace(recorded(None, answer_with(lemur_plan)), task=text))
     assert found.verdict is Verdict.NOT_READ
     assert found.words.startswith("robot.urdf is sha256:")
 
@@ -149,7 +149,7 @@ def test_an_answer_without_a_task_was_refused_before_there_was_one() -> None:
 
 def test_a_damaged_answer_is_told(task: PlanningTask, lemur_plan: Plan, again: Any) -> None:
     again(lemur_plan)
-    answer = answer_of(lemur_plan)
+    answer = answer_with(lemur_plan)
     answer.plans[0].joint_trajectory.points.pop()
     found = replay(recorded(task, answer))
     assert found.verdict is Verdict.DIFFERENT
@@ -159,7 +159,7 @@ def test_a_damaged_answer_is_told(task: PlanningTask, lemur_plan: Plan, again: A
 
 
 def told(task: PlanningTask, plan: Plan, plan_id: str = "run.1", **more: Any) -> Exchange:
-    return exchange(answer_of(plan, plan_id), task=task_json(task), **more)
+    return exchange(answer_with(plan, plan_id), task=task_json(task), **more)
 
 
 @pytest.mark.parametrize(

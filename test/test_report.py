@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from answers import FRAME, answer_of, exchange, write_bag
+from answers import FRAME, answer_with, exchange, write_bag
 from drawn_plans import paper_terms_at
 from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest, PublishedPlan
@@ -55,9 +55,9 @@ from ff_planner_ros.report.run_report import (
 )
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.answers import answer_of
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
-    answer_of_error,
     pose_message,
     request_message,
     state_message,
@@ -120,7 +120,7 @@ class Run:
 
 
 def answered(plan: Plan, plan_id: str, start_ns: int) -> PlanAnswer:
-    return answer_of(plan, plan_id, start_ns, 0.25)
+    return answer_with(plan, plan_id, start_ns, 0.25)
 
 
 def stamps(motion: Trajectory, start_ns: int) -> list[int]:
@@ -181,10 +181,10 @@ def told(
         run.bag.add_record(PROVENANCE, {"node": "/ff_planner", "numpy": "2.0.0", "host": "moon"})
         run.ask(answered(lemur_plan, "run.1", T0 + 10 * SECOND), T0 + SECOND)
         run.states(measured, T0 + 10 * SECOND)
-        refusal = answer_of_error(FfPlannerError(Status.NO_STATE, EVIL), "run.2", 0.01)
+        refusal = answer_of(FfPlannerError(Status.NO_STATE, EVIL), "run.2", 0.01)
         run.ask(refusal, T0 + 30 * SECOND)
         attempt = NoPlanFound(Status.COLLISION, "c1 is in the way", lemur_plan)
-        run.ask(answer_of_error(attempt, "run.3", 1.5), T0 + 40 * SECOND, "action")
+        run.ask(answer_of(attempt, "run.3", 1.5), T0 + 40 * SECOND, "action")
         run.ask(None, T0 + 50 * SECOND)
         run.ask(answered(lemur_plan, "run.5", T0 + 70 * SECOND), T0 + 60 * SECOND)
         run.states(replace(motion, joint_positions=motion.joint_positions + 0.3), T0 + 70 * SECOND)
@@ -471,7 +471,7 @@ def test_of_very_many_states_some_are_drawn_and_the_worst_of_each_kind_always() 
 
 
 def test_who_did_not_follow_or_was_not_measured_is_told(told: Told) -> None:
-    assert "more than following_tolerance" in told.page.words
+    assert "more than tracking.max_joint_position" in told.page.words
     assert told.page.words.count("holds no measured state while it ran") == 1
     plans = [request.plan for request in told.report.requests if request.plan is not None]
     assert [plan.measured is not None for plan in plans] == [True, True, False]
@@ -528,7 +528,7 @@ def test_a_bag_with_refusals_only_is_a_page_without_plots(
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
         refusal = FfPlannerError(Status.BUSY, "another request is being planned")
-        run.ask(answer_of_error(refusal, "run.1", 0.0), T0)
+        run.ask(answer_of(refusal, "run.1", 0.0), T0)
     page = page_of(report_of_bag(tmp_path / "run", 20), tmp_path)
     assert page.row("run.1")[3] == "500 BUSY"
     assert page.plots == {}
@@ -628,7 +628,6 @@ def test_states_from_odometry_and_joint_states_are_paired(
         "child_frame_id": "sensor",
         "sensor_position_in_chaser": lever.tolist(),
         "sensor_quaternion_in_chaser_xyzw": turn.as_quat().tolist(),
-        "pairing_tolerance": 0.01,
     }
     run = Run(tmp_path / "run", lemur_capture, state_source="odometry", odometry=odometry)
     motion = lemur_plan.trajectory
@@ -759,7 +758,7 @@ def test_an_answer_of_another_form_is_left_out_and_the_page_says_why(
     [
         (None, "no parameters.yaml is attached: nothing measured is compared"),
         (b": [", "parameters.yaml is damaged, and nothing measured is compared"),
-        (b"following_tolerance: -1", "parameters.yaml is damaged, and nothing measured"),
+        (b"tracking: {max_angle: -1}", "parameters.yaml is damaged, and nothing measured"),
     ],
 )
 def test_without_the_parameters_of_its_node_nothing_measured_is_compared_and_the_page_says_so(

@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree.ElementTree import tostring
 
 import numpy as np
-from answers import answer_of, exchange, write_bag
+from answers import answer_with, exchange, write_bag
 
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.parameters import load_parameters
@@ -33,7 +33,7 @@ def test_a_plan_is_drawn_among_the_obstacles_of_its_task_and_the_goal_at_the_tim
     window, start = DurationRange(5.0, 9.0), lemur_capture.start
     problem = replace(capture, robot=robot, start=start, duration=9.0, duration_range=window)
     problem = with_capture_target(body, replace(problem, obstacles=(rock, *problem.obstacles)))
-    answer = answer_of(lemur_plan)
+    answer = answer_with(lemur_plan)
     answer.plans[0].duration = 7.5
     text = task_json(PlanningTask(problem, load_parameters().planner))
     bag = write_bag(tmp_path / "run", exchange(answer, task=text))

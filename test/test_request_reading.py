@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import Phase, PlanInputs, PlanRequest, TargetBody
-from heard_inputs import scene_input
+from heard_inputs import HeardScenes
 from robots import LEMUR_URDF
 from ros_processes import FRAME, Scene
 
-from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Retry, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.parameters.robot import LimitParameters
@@ -27,14 +27,12 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import load_robot
 from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.status_message import status_message
+from ff_planner_ros.ros.messages.answers import status_message
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import (
     Knowledge,
-    Provenance,
     ReadRequest,
-    RequestRefused,
     read_request,
 )
 
@@ -47,7 +45,6 @@ PARAMETERS = {
     "attitude_time_budget": 3.0,
     "planning_lead_time": 2.0,
     "start_horizon": 600.0,
-    "following_tolerance": 0.02,
     "end_behaviour": "none",
     "post_goal_duration": 1.5,
     "state_max_age": 0.5,
@@ -66,15 +63,16 @@ def asked(
     request: PlanRequest,
     measured_ns: int = NOW,
     published: PublishedPlan | None = None,
+    inputs: PlanInputs | None = None,
     **parameters: Any,
 ) -> ReadRequest:
     used = replace(load_parameters(), **PARAMETERS | parameters)
     states = Mock()
     states.snapshot.return_value = Snapshot(problem.start, measured_ns, "chaser_state")
-    scenes = scene_input()
-    scenes.keep(Scene(problem).obstacles())
+    scenes = HeardScenes()
+    scenes.hear(Scene(problem).obstacles())
     knowledge = Knowledge(problem.robot, used, states, scenes, published, NOW)
-    return read_request(request, knowledge)
+    return read_request(request, knowledge, inputs)
 
 
 def test_without_a_start_time_the_plan_starts_after_the_allowance(
@@ -84,23 +82,21 @@ def test_without_a_start_time_the_plan_starts_after_the_allowance(
     found = asked(lemur_capture, request, NOW - 300_000_000)
     assert found.start_ns == NOW + 2 * NANOSECONDS
     assert found.task.ahead == pytest.approx(2.3)
-    assert found.provenance == Provenance(
-        received_stamp_ns=NOW,
-        state_stamp_ns=NOW - 300_000_000,
+    assert found.inputs == PlanInputs(
+        received_stamp=time_message(NOW),
+        state_stamp=time_message(NOW - 300_000_000),
         state_source="chaser_state",
-        geometry="lines",
     )
 
 
 def test_a_refusal_tells_its_sources_as_far_as_it_came(lemur_capture: PlanningProblem) -> None:
     request = Scene(lemur_capture).complete_request()
     request.scene[0].header.frame_id = "elsewhere"
-    with pytest.raises(RequestRefused, match=r"scene\.header\.frame_id") as refusal:
-        asked(lemur_capture, request)
-    known = Provenance(
-        received_stamp_ns=NOW, state_stamp_ns=NOW, state_source="start_state", geometry="lines"
-    )
-    assert refusal.value.provenance == known
+    found = PlanInputs()
+    with pytest.raises(InvalidInput, match=r"scene\.header\.frame_id"):
+        asked(lemur_capture, request, inputs=found)
+    now = time_message(NOW)
+    assert found == PlanInputs(received_stamp=now, state_stamp=now, state_source="start_state")
 
 
 @pytest.mark.parametrize(
@@ -181,7 +177,7 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
     found = asked(problem, Scene(problem).request(), published=published)
     running = found.task.running
     assert (running is not None) == follows
-    assert found.provenance.previous_plan_id == ("run.1" if follows else "")
+    assert found.inputs.previous_plan_id == ("run.1" if follows else "")
     if running is not None:
         # From the point before the state on: the task depends on no earlier one
         assert -0.21 < running.time[0] <= max(-since, 0.0) + 1e-9
@@ -221,7 +217,7 @@ def test_the_joints_follow_one_plan_and_then_the_next_one_until_the_new_one_star
     request = Scene(problem).request()
     request.start_time = time_message(NOW + 4 * NANOSECONDS)
     found = asked(problem, request, published=second)
-    assert found.provenance.previous_plan_id == "run.2"
+    assert found.inputs.previous_plan_id == "run.2"
     running = found.task.running
     assert running is not None
     for since in np.linspace(4.0, 8.0, 41):
@@ -237,7 +233,7 @@ def test_the_joints_follow_one_plan_and_then_the_next_one_until_the_new_one_star
     # For a start before the next one begins, that does not count.
     request.start_time = time_message(NOW + NANOSECONDS // 2)
     found = asked(problem, request, published=second)
-    assert found.provenance.previous_plan_id == "run.1"
+    assert found.inputs.previous_plan_id == "run.1"
 
 
 def test_every_joint_must_be_where_the_last_plan_wants_it(
@@ -283,8 +279,8 @@ def test_a_state_that_a_request_brings_is_as_old_and_as_early_as_one_heard_may_b
     request.start_state[0].header.stamp = time_message(NOW - round(age * NANOSECONDS))
     if status is None:
         found = asked(lemur_capture, request)
-        assert found.provenance.state_stamp_ns == NOW - round(age * NANOSECONDS)
-        assert found.provenance.state_source == "start_state"
+        assert nanoseconds(found.inputs.state_stamp) == NOW - round(age * NANOSECONDS)
+        assert found.inputs.state_source == "start_state"
         return
     with pytest.raises(InvalidInput, match=r"start_state\.header\.stamp") as refusal:
         asked(lemur_capture, request)
@@ -297,7 +293,7 @@ def test_a_state_that_is_brought_without_a_stamp_is_of_now(lemur_capture: Planni
     request = Scene(lemur_capture).complete_request()
     request.start_state[0].header.stamp = time_message(0)
     found = asked(lemur_capture, request)
-    assert found.provenance.state_stamp_ns == NOW
+    assert nanoseconds(found.inputs.state_stamp) == NOW
     assert found.task.ahead == pytest.approx(2.0)
 
 
@@ -429,11 +425,6 @@ def test_wheels_that_a_robot_does_not_have_have_no_momenta(lemur_capture: Planni
         asked(lemur_capture, request)
     assert refused.value.status is Status.WRONG_SIZE
     assert refused.value.field == "start_state.wheel_momenta"
-
-
-def test_an_answer_tells_all_that_it_was_made_from() -> None:
-    told = {item.name.removesuffix("_ns") for item in fields(Provenance)}
-    assert told == {*PlanInputs.get_fields_and_field_types(), "geometry"}
 
 
 @pytest.mark.parametrize("name", ["two\nlines", "\x1b[31m", "n" * 201])

@@ -15,7 +15,7 @@ from ros_processes import private_domain
 from security_policy import NODE, POLICY, REPLY, REQUEST, policy, profiles
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.ros.joining import joining_ros, security_gap
+from ff_planner_ros.ros.process import joining_ros, security_gap
 
 DEMAND = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
 

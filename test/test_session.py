@@ -11,7 +11,7 @@ from unittest.mock import Mock
 
 import pytest
 from ff_planner_msgs.msg import TargetBody
-from heard_inputs import scene_input, state_input
+from heard_inputs import HeardScenes, HeardStates
 from rclpy.clock import ClockChange, ROSClock
 from robots import LEMUR_URDF
 from ros_processes import FRAME, Scene
@@ -41,10 +41,10 @@ class Configured:
     def __init__(self, problem: PlanningProblem, patch: pytest.MonkeyPatch) -> None:
         robot, self.scene = problem.robot, Scene(problem)
         self.now_ns = NOW
-        self.states = state_input(robot, "chaser_state", PARAMETERS.odometry, lambda: self.now_ns)
-        self.scenes = scene_input(lambda: self.now_ns)
+        self.states = HeardStates(robot, PARAMETERS, lambda: self.now_ns)
+        self.scenes = HeardScenes(lambda: self.now_ns)
         self.output, self.service, self.node = (
-            Mock(tracking=None, execution=Mock(last=None, controller=None)),
+            Mock(tracking=(), execution=Mock(last=None, controller=None)),
             Mock(last=None),
             Mock(),
         )
@@ -59,8 +59,8 @@ class Configured:
         self.session = Session.__new__(Session)
         vars(self.session).update(
             _node=self.node,
-            _parameters=SimpleNamespace(current=PARAMETERS),
-            _worker=Mock(is_warm=True),
+            _parameters=PARAMETERS,
+            _solver=Mock(is_warm=True),
             _states=self.states,
             _scenes=self.scenes,
             _output=self.output,
@@ -71,7 +71,7 @@ class Configured:
             _controller=Mock(read=None, controller="", complaint=""),
             _namesakes=[],
             _clock=ClockWatch(self.node),
-            _publishers=Mock(heard=lambda _: ["/mapper"], unheard=lambda _: []),
+            _middleware=Mock(heard=lambda _: ["/mapper"], unheard=lambda _: []),
         )
 
     def diagnosed(self) -> NodeHealth:
@@ -82,10 +82,10 @@ class Configured:
         stamp_ns = NOW - round(age * NANOSECONDS)
         state = self.scene.state(stamp_ns)
         state.pose.position.x += x
-        self.states.callbacks()["chaser_state"](state)
+        self.states.hear("chaser_state", state)
         obstacles = self.scene.obstacles()
         obstacles.header.stamp, obstacles.source = time_message(stamp_ns), "mapper"
-        self.scenes.keep(obstacles)
+        self.scenes.hear(obstacles)
 
     def hear_body(self, age: float, **changes: Any) -> None:
         body = tumbling.problem("tumbling", 0).target_body
@@ -93,7 +93,7 @@ class Configured:
         message: TargetBody = target_body_message(body, NOW - round(age * NANOSECONDS), FRAME)
         for name, value in changes.items():
             setattr(message, name, value)
-        self.scenes.callbacks()["target_body"](message)
+        self.scenes.hear_body(message)
 
 
 @pytest.fixture
@@ -111,14 +111,13 @@ def test_a_question_for_the_description_is_answered_as_soon_as_it_can_be_asked(
         asked.append(is_active())
         return nullcontext()
 
-    for name in ("ClockWatch", "PlanOutput", "PlanningService", "Listener"):
+    for name in ("ClockWatch", "PlanOutput", "PlanningService", "Middleware"):
         monkeypatch.setattr(session, name, Mock())
-    for name in ("recording", "split_service"):
-        monkeypatch.setattr(session, name, lambda *_: nullcontext(Mock()))
+    monkeypatch.setattr(session, "recording", lambda *_: nullcontext(Mock()))
     monkeypatch.setattr(session, "description_service", described)
     session.PlanningService.return_value.is_active = False
     monkeypatch.chdir(tmp_path)
-    Session(Mock(), Mock(current=PARAMETERS), Mock())
+    Session(Mock(), PARAMETERS, Mock())
     assert asked == [False]
 
 
@@ -184,36 +183,33 @@ def test_each_age_is_how_long_ago_that_was_measured(configured: Configured, age:
         PARAMETERS.state_max_age,
         PARAMETERS.target_max_age,
     )
-    assert (health.tracking_max_position, health.tracking_max_angle) == (
-        PARAMETERS.tracking.max_position,
-        PARAMETERS.tracking.max_angle,
-    )
+    assert health.allowed is PARAMETERS.tracking
 
 
 def test_what_cannot_be_used_is_told_with_its_reason(configured: Configured) -> None:
     configured.hear(0.0, x=float("nan"))
     obstacles = configured.scene.obstacles()
     obstacles.header.frame_id = "elsewhere"
-    configured.scenes.keep(obstacles)
+    configured.scenes.hear(obstacles)
     configured.hear_body(-5.0)
     health = configured.diagnosed()
     assert "chaser_state.pose.position" in health.state_refusal
     assert "obstacles.header.frame_id" in health.obstacles_refusal
-    assert "ahead of now" in health.target_refusal
+    assert "5.000 s ahead of its arrival" in health.target_refusal
 
 
 def test_a_locked_joint_that_is_measured_elsewhere_is_told_with_what_to_set(
     configured: Configured, lemur_capture: PlanningProblem
 ) -> None:
     robot = load_robot(LEMUR_URDF, "chaser", "end_effector", held_at={"joint_1": 0.3})
-    states = state_input(robot, "chaser_state", PARAMETERS.odometry, lambda: NOW)
+    states = HeardStates(robot, PARAMETERS, lambda: NOW)
     vars(configured.session).update(_states=states)
     state = Scene(lemur_capture).state(NOW)
     state.joint_positions[0], state.joint_velocities[0] = 0.3, 0.0
-    states.callbacks()["chaser_state"](state)
+    states.hear("chaser_state", state)
     assert configured.diagnosed().state_refusal == ""
     state.joint_positions[0] = 1.2
-    states.callbacks()["chaser_state"](state)
+    states.hear("chaser_state", state)
     refusal = configured.diagnosed().state_refusal
     assert 'robot.locked_joints to "joint_1: 1.2"' in refusal
     assert f"{PARAMETERS.locked_joint_tolerance:g} rad are allowed" in refusal

@@ -10,7 +10,7 @@ from unittest.mock import Mock
 import pytest
 from ff_planner_msgs.msg import Approach, PlanRequest
 from geometry_msgs.msg import Vector3
-from heard_inputs import scene_input
+from heard_inputs import HeardScenes
 from ros_processes import Scene
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -77,7 +77,7 @@ def test_durations_and_limits_that_nothing_keeps_are_refused_as_what_they_are(
         request = Scene(lemur_capture).complete_request()
         field = spoil(request, value)
         knowledge = Knowledge(
-            lemur_capture.robot, load_parameters(), Mock(), scene_input(), None, NOW
+            lemur_capture.robot, load_parameters(), Mock(), HeardScenes(), None, NOW
         )
         with pytest.raises(InvalidInput) as refused:
             read_request(request, knowledge)

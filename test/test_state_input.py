@@ -6,34 +6,32 @@ import random
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-from heard_inputs import NamedPublishers, StatesOfMessages, scene_input, state_input
+from heard_inputs import HeardStates
 from nav_msgs.msg import Odometry
-from robots import LEMUR_URDF, random_urdf
+from robots import LEMUR_URDF
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.parameters.node import STATE_SOURCES
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.ros.inputs.clock_offset import WINDOW
-from ff_planner_ros.ros.inputs.contradictions import of_joints
-from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, heard_with
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 
 FRAME, SENSOR = "inertial", "imu"
 SECOND = 1_000_000_000
 NOW_NS = 1_700_000_000 * SECOND
 MAX_AGE, MAX_LEAD, TOLERANCE = 0.5, 0.05, 0.01
-PARAMETERS = OdometryParameters(
-    child_frame_id=SENSOR,
-    sensor_position_in_chaser=(0.0, 0.0, 0.0),
-    sensor_quaternion_in_chaser_xyzw=(0.0, 0.0, 0.0, 1.0),
-    pairing_tolerance=TOLERANCE,
+AT_CENTRE = OdometryParameters(SENSOR, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+PARAMETERS: NodeParameters = replace(
+    load_parameters(), odometry=AT_CENTRE, state_synchronization=TOLERANCE
 )
 
 
@@ -41,13 +39,10 @@ class Fed:
     """A state input with its callbacks by topic, and the question at a time."""
 
     def __init__(self, robot: Robot, source: str, clock: Callable[[], int] = time.time_ns) -> None:
-        self.input = state_input(robot, source, PARAMETERS, clock)
-        callbacks = self.input.callbacks()
-        self.keep: dict[str, Callable[[Any], None]] = {
-            topic.name: callbacks[topic.name]
-            for topic in heard_with(source)
-            if topic.name in callbacks
-        }
+        parameters = replace(PARAMETERS, state_source=source)
+        self.input = HeardStates(robot, parameters, clock)
+        hear = self.input.hear
+        self.keep = {topic: partial(hear, topic) for topic in self.input.middleware.waiting}
 
     def ask(self, now_ns: int = NOW_NS) -> Any:
         return self.input.snapshot(now_ns, MAX_AGE, MAX_LEAD)
@@ -142,8 +137,9 @@ def test_one_stamp_far_ahead_does_not_count_for_ever(
 
 
 def test_a_stamp_with_more_nanoseconds_than_a_second_is_told_until_the_next_state(
-    states: Fed, lemur_capture: PlanningProblem
+    lemur_capture: PlanningProblem,
 ) -> None:
+    states = Fed(lemur_capture.robot, "chaser_state", lambda: NOW_NS)
     states.keep["chaser_state"](_chaser_state(lemur_capture))
     bad = _chaser_state(lemur_capture)
     bad.header.stamp.nanosec = 1_000_000_000
@@ -156,14 +152,6 @@ def test_a_stamp_with_more_nanoseconds_than_a_second_is_told_until_the_next_stat
 def test_each_source_subscribes_to_its_own_topics(states: Fed, testbed: Fed) -> None:
     assert list(states.keep) == ["chaser_state"]
     assert list(testbed.keep) == ["odometry", "joint_states"]
-
-
-@pytest.mark.parametrize("source", STATE_SOURCES)
-def test_the_node_subscribes_only_to_what_an_input_takes(source: str, states: Fed) -> None:
-    taken = states.input.callbacks() | scene_input().callbacks()
-    heard = [topic.name for topic in heard_with(source)]
-    assert heard[-2:] == ["obstacles", "target_body"]
-    assert set(heard) <= taken.keys() == INPUT_TOPICS.keys()
 
 
 def test_what_was_not_received_is_named(states: Fed, testbed: Fed, lemur: Robot) -> None:
@@ -291,7 +279,7 @@ def test_halves_of_different_moments_are_refused_with_their_difference(
     refusal = testbed.refusal()
     assert refusal.status is Status.STATE_NOT_SYNCHRONIZED
     assert "odometry and joint_states is 0.200 s apart" in str(refusal)
-    assert "odometry.pairing_tolerance" in refusal.allowed
+    assert "state_synchronization" in refusal.allowed
 
 
 def test_halves_may_be_as_far_apart_as_declared_and_no_more(testbed: Fed, lemur: Robot) -> None:
@@ -489,7 +477,7 @@ class Navigation:
             self.now_ns += round(SECOND / rate)
             self.say(self.ahead)
 
-    def say(self, ahead: float) -> None:
+    def say(self, ahead: float, came_ns: int | None = None) -> None:
         stamp_ns = self.now_ns + round(ahead * SECOND)
         messages = {
             "chaser_state": _chaser_state(self._problem, stamp_ns),
@@ -497,7 +485,7 @@ class Navigation:
             "joint_states": _joints(self._problem.robot, stamp_ns),
         }
         for topic, keep in self.fed.keep.items():
-            keep(messages[topic])
+            keep(messages[topic], came_ns=came_ns)
 
     def refusal(self) -> InvalidInput:
         return self.fed.refusal(self.now_ns)
@@ -515,8 +503,8 @@ def test_a_stamp_ahead_of_now_never_becomes_a_measurement_of_now(
         navigation.go_on(1.0)
         refusal = navigation.refusal()
         assert refusal.status is Status.STATE_IN_FUTURE
-        assert refusal.value == f"{ahead:.3f} s ahead of now"
-        assert navigation.fed.input.clock_offset(navigation.now_ns) == pytest.approx(ahead)
+        assert refusal.value == f"{ahead:.3f} s ahead of its arrival"
+        assert navigation.fed.input.clock_offset == pytest.approx(ahead)
     for _ in range(20):
         navigation.now_ns += round(ahead / 10 * SECOND)
         assert navigation.refusal().status is Status.STATE_IN_FUTURE
@@ -528,31 +516,59 @@ def test_what_came_with_a_stamp_ahead_hides_no_measurement_when_its_time_has_com
 ) -> None:
     """It has the newest stamp by then, and was heard long before the last measurement."""
     navigation = Navigation(lemur_capture, source, 0.0)
-    navigation.say(2.0 * WINDOW)
-    navigation.go_on(2.0 * WINDOW - 0.1)
+    navigation.say(6.0)
+    navigation.go_on(5.9)
     measured_ns = navigation.now_ns
     navigation.now_ns += SECOND // 5
     assert navigation.fed.ask(navigation.now_ns).stamp_ns == measured_ns
 
 
-@pytest.mark.law("NODE-04")
 @pytest.mark.parametrize("source", STATE_SOURCES)
-def test_a_clock_that_is_ahead_is_refused_whichever_message_comes_until_it_was_right_for_seconds(
+def test_what_was_stamped_ahead_is_refused_until_the_first_message_that_is_not(
     lemur_capture: PlanningProblem, source: str
 ) -> None:
+    """However many of either wait until somebody asks."""
     navigation = Navigation(lemur_capture, source, 3.0)
-    for ahead in (0.0, 3.0, 0.0, -0.1, 0.0):
-        navigation.say(3.0)
-        navigation.now_ns += SECOND // 10
-        navigation.say(ahead)
+    for right_ones, ahead_ones in ((0, 1), (1, 1), (5, 5)):
+        navigation.ahead = -0.01
+        navigation.go_on(right_ones / 20.0)
+        navigation.ahead = 3.0
+        navigation.go_on(ahead_ones / 20.0)
         assert navigation.refusal().status is Status.STATE_IN_FUTURE
-    navigation.ahead = -0.01
-    navigation.go_on(WINDOW - 0.2)
-    assert navigation.refusal().status is Status.STATE_IN_FUTURE
-    navigation.go_on(0.5)
+    navigation.say(-0.01)
     snapshot = navigation.fed.ask(navigation.now_ns)
     assert snapshot.stamp_ns == navigation.now_ns - SECOND // 100
     assert snapshot.clock_offset == pytest.approx(-0.01)
+
+
+@pytest.mark.law("NODE-04")
+@pytest.mark.parametrize("source", STATE_SOURCES)
+def test_in_simulated_time_what_is_ahead_when_it_is_taken_never_becomes_a_measurement(
+    lemur_capture: PlanningProblem, source: str
+) -> None:
+    """The host's clock, which goes on alone, tells nothing of it."""
+    navigation = Navigation(lemur_capture, source, 0.0)
+    navigation.fed.input.middleware.simulated = True
+    navigation.say(3.0, came_ns=NOW_NS + 3600 * SECOND)
+    for _ in range(5):
+        assert navigation.refusal().status is Status.STATE_IN_FUTURE
+        navigation.now_ns += SECOND
+    navigation.say(0.0, came_ns=NOW_NS - 3600 * SECOND)
+    assert navigation.fed.ask(navigation.now_ns).stamp_ns == navigation.now_ns
+    assert navigation.fed.ask(navigation.now_ns).clock_offset == 0.0
+    assert navigation.fed.input.clock_offset is None
+
+
+def test_what_comes_before_simulated_time_begins_waits_for_it(
+    lemur_capture: PlanningProblem,
+) -> None:
+    navigation = Navigation(lemur_capture, "chaser_state", 0.0)
+    navigation.fed.input.middleware.simulated = True
+    navigation.say(0.0)
+    begun_ns, navigation.now_ns = navigation.now_ns, 0
+    assert navigation.refusal().status is Status.NO_STATE
+    navigation.now_ns = begun_ns
+    assert navigation.fed.ask(begun_ns).stamp_ns == begun_ns
 
 
 @pytest.mark.parametrize("source", STATE_SOURCES)
@@ -597,111 +613,150 @@ def test_joint_states_whose_names_begin_as_the_arms_are_of_others(
     assert testbed.ask().stamp_ns == NOW_NS
 
 
-class TwoPublishers(NamedPublishers):
-    """Two publishers of states, heard in turn, each with numbers of its own."""
-
-    def __init__(self, problem: PlanningProblem, source: str) -> None:
-        self.now_ns, self._problem, self._numbers = NOW_NS, problem, {"a": 0, "b": 500}
-        super().__init__("/nav_a", "/nav_b")
-        publishers: Any = self
-        self.input = StatesOfMessages(
-            problem.robot, FRAME, source, PARAMETERS, lambda: self.now_ns, publishers
-        )
-
-    def say(self, who: str, joint: float = 0.0, x: float = 0.0, rate: float = 0.0) -> None:
-        self._numbers[who] += 1
-        state = _chaser_state(self._problem, self.now_ns)
-        state.joint_positions[4] += joint
-        state.joint_velocities[4] += rate
-        state.pose.position.x += x
-        joints = _joints(self._problem.robot, self.now_ns)
-        joints.position[4] += joint
-        joints.velocity[4] += rate
-        messages = {
-            "chaser_state": state,
-            "odometry": _odometry(self.now_ns, x),
-            "joint_states": joints,
-        }
-        for topic, keep in self.input.callbacks().items():
-            keep(messages[topic], self._numbers[who])
-
-    def ask(self) -> Any:
-        return self.input.snapshot(self.now_ns, MAX_AGE, MAX_LEAD)
+def _said_by_two(problem: PlanningProblem, source: str) -> Fed:
+    """A state input that hears two publishers of each topic, in turn."""
+    fed = Fed(problem.robot, source, lambda: NOW_NS)
+    fed.input.middleware.names = ["/nav_a", "/nav_b"]
+    messages = {
+        "chaser_state": _chaser_state(problem),
+        "odometry": _odometry(),
+        "joint_states": _joints(problem.robot),
+    }
+    for by in ("/nav_a", "/nav_b"):
+        for topic, keep in fed.keep.items():
+            keep(messages[topic], by=by)
+    return fed
 
 
 @pytest.mark.law("NODE-06")
 @pytest.mark.parametrize("source", STATE_SOURCES)
-@pytest.mark.parametrize(
-    ("off", "words"),
-    [({"joint": 0.5}, "joint_5 is "), ({"x": 0.1}, "m away from where the other says")],
-)
-def test_two_publishers_of_states_that_contradict_each_other_are_refused_by_name(
-    lemur_capture: PlanningProblem, source: str, off: dict[str, float], words: str
-) -> None:
-    two = TwoPublishers(lemur_capture, source)
-    for _ in range(5):
-        for who, error in (("a", {}), ("b", off)):
-            two.now_ns += SECOND // 100
-            two.say(who, **error)
-    for last in ("a", "b"):
-        with pytest.raises(InvalidInput) as refused:
-            two.ask()
-        assert refused.value.status is Status.CONTRADICTING_PUBLISHERS
-        assert "/nav_a and /nav_b" in str(refused.value)
-        assert words in refused.value.allowed
-        two.say(last, **(off if last == "b" else {}))
-    # What is lost on the way hides nothing.
-    for _ in range(2):
-        two._numbers["b"] += 3
-        two.say("b", **off)
-        with pytest.raises(InvalidInput, match="/nav_a and /nav_b"):
-            two.ask()
-    # One of them is stopped.
-    two.names = ["/nav_b"]
-    assert two.ask().stamp_ns == two.now_ns
-
-
-def test_publishers_that_count_alike_are_told_apart_in_whatever_order_they_speak(
-    lemur_capture: PlanningProblem,
-) -> None:
-    two = TwoPublishers(lemur_capture, "chaser_state")
-    two._numbers = dict.fromkeys("ab", 0)
-    for place, who in enumerate("abbaababbaba"):
-        two.now_ns += SECOND // 100
-        two.say(who, joint=0.5 if who == "b" else 0.0)
-        if place:
-            with pytest.raises(InvalidInput, match="/nav_a and /nav_b"):
-                two.ask()
-
-
-@pytest.mark.parametrize("source", STATE_SOURCES)
-def test_two_publishers_that_agree_and_one_that_jumps_contradict_nobody(
+def test_two_publishers_of_a_state_are_refused_by_name_till_one_stops_or_they_are_allowed(
     lemur_capture: PlanningProblem, source: str
 ) -> None:
-    two = TwoPublishers(lemur_capture, source)
-    begun_ns = two.now_ns
-    for step in range(200):
-        two.now_ns += SECOND // 100
-        time = (two.now_ns - begun_ns) / SECOND
-        # Faster and faster.
-        two.say("ab"[step % 2], joint=time**2, rate=2.0 * time)
-        assert two.ask().stamp_ns == two.now_ns
-    alone = TwoPublishers(lemur_capture, source)  # the other one says nothing
+    fed = _said_by_two(lemur_capture, source)
+    refusal = fed.refusal()
+    assert (refusal.status, refusal.field) == (Status.SEVERAL_PUBLISHERS, next(iter(fed.keep)))
+    assert refusal.value == "published by /nav_a and /nav_b"
+    assert "allow_several_publishers" in refusal.allowed
+    fed.input.middleware.allows_several = True
+    assert fed.ask().stamp_ns == NOW_NS
+    fed.input.middleware.allows_several = False
+    fed.input.middleware.names = ["/nav_b"]
+    assert fed.ask().stamp_ns == NOW_NS
+
+
+class Controllers:
+    """Controllers that publish the joint states of parts of an arm, beside one odometry."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.now_ns, self._robot = NOW_NS, robot
+        self.fed = Fed(robot, "odometry", lambda: self.now_ns)
+        self.fed.input.middleware.names = ["/lower", "/upper"]
+        self.fed.keep["odometry"](_odometry())
+
+    @property
+    def lower(self) -> list[str]:
+        return list(self._robot.joint_names[:3])
+
+    @property
+    def upper(self) -> list[str]:
+        return list(self._robot.joint_names[3:])
+
+    def say(self, names: list[str], at: float, by: str, value: float = 0.0) -> None:
+        """Publish joint states, measured `at` seconds after odometry."""
+        message = JointState(name=names)
+        message.header.stamp = time_message(NOW_NS + round(at * SECOND))
+        message.position, message.velocity = [value] * len(names), [-value] * len(names)
+        self.fed.keep["joint_states"](message, by=by)
+
+
+@pytest.fixture
+def arm(lemur: Robot) -> Controllers:
+    controllers = Controllers(lemur)
+    odometry = controllers.fed.input.middleware
+    odometry.several = lambda topic: odometry.names if topic == "joint_states" else []  # type: ignore[method-assign]
+    return controllers
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_halves_of_an_arm_are_merged_by_name_each_from_its_nearest_message(
+    arm: Controllers, seed: int
+) -> None:
+    """At rates and phases of their own, beside a gripper; against a look at every message."""
+    shuffle = random.Random(seed)
+    heard = list[tuple[float, str]]()
+    for half in ("lower", "upper"):
+        period, phase = shuffle.uniform(0.002, 0.015), shuffle.uniform(0.0, 0.015)
+        heard += [(phase + k * period - 0.2, half) for k in range(int(0.2 / period))]
+    heard = [(round(at, 9), half) for at, half in heard if at <= 0.0]
+    for at, half in sorted(heard, key=lambda one: one[0] + shuffle.uniform(0.0, 0.02)):
+        arm.say(getattr(arm, half), at, f"/{half}", value=at)
+        arm.say(["finger"], at, "/gripper")
+    expected = [max(at for at, one in heard if one == half) for half in ("lower", "upper")]
+    if min(expected) < -TOLERANCE:
+        assert arm.fed.refusal().status is Status.STATE_NOT_SYNCHRONIZED
+        return
+    snapshot = arm.fed.ask()
+    wanted = [expected[0]] * 3 + [expected[1]] * 4
+    assert snapshot.state.joint_positions.tolist() == wanted
+    assert snapshot.state.joint_velocities.tolist() == [-one for one in wanted]
+    assert snapshot.joint_states_stamp_ns == NOW_NS + round(min(expected) * SECOND)
+
+
+def test_a_half_that_is_missing_is_named_joint_by_joint(arm: Controllers) -> None:
+    arm.say(arm.lower, 0.0, "/lower")
+    refusal = arm.fed.refusal()
+    assert (refusal.status, refusal.field) == (Status.UNKNOWN_JOINT, "joint_states.name")
+    assert refusal.value == arm.lower
+    assert f"missing: {', '.join(arm.upper)}" in refusal.allowed
+    arm.say(arm.upper, 0.0, "/upper")
+    assert arm.fed.ask().stamp_ns == NOW_NS
+
+
+def test_a_half_that_has_fallen_silent_is_named_though_the_other_goes_on(arm: Controllers) -> None:
+    arm.say(arm.upper, -1.0, "/upper")
+    for step in range(11):
+        arm.say(arm.lower, -1.0 + 0.1 * step, "/lower")
+    refusal = arm.fed.refusal()
+    assert refusal.status is Status.STATE_TOO_OLD
+    assert refusal.field in [f"joint_states.header.stamp[{name}]" for name in arm.upper]
+    assert refusal.value == "1.000 s old"
+
+
+def test_halves_further_from_odometry_than_the_tolerance_make_no_state(arm: Controllers) -> None:
+    arm.say(arm.lower, 0.005, "/lower")
+    arm.say(arm.upper, -0.1, "/upper")
+    refusal = arm.fed.refusal()
+    assert (refusal.status, refusal.value) == (Status.STATE_NOT_SYNCHRONIZED, "0.100 s apart")
+    arm.say(arm.upper, -0.009, "/upper")
+    assert arm.fed.ask().joint_states_stamp_ns == NOW_NS - 9 * SECOND // 1000
+
+
+def test_a_half_that_is_no_number_is_refused_though_the_other_is_newer(arm: Controllers) -> None:
+    arm.say(arm.upper, -0.005, "/upper")
+    arm.say(arm.upper, -0.001, "/upper", value=float("nan"))
+    arm.say(arm.lower, 0.0, "/lower")
+    assert arm.fed.refusal().status is Status.NOT_FINITE
+    arm.say(arm.upper, 0.0, "/upper", value=0.5)
+    assert arm.fed.ask().state.joint_positions.tolist() == [0.0] * 3 + [0.5] * 4
+
+
+@pytest.mark.law("NODE-06")
+def test_two_publishers_of_one_joint_are_refused_with_it_and_each_of_its_own_are_not(
+    arm: Controllers,
+) -> None:
     for step in range(10):
-        alone.now_ns += SECOND // 100
-        alone.say("a", joint=0.1 * step)
-        assert alone.ask().stamp_ns == alone.now_ns
-
-
-def test_what_becomes_faster_on_the_way_contradicts_nobody() -> None:
-    """Half a second from rest to 0.2 rad/s, late or early: 0.01 to 0.09 rad, by the rates alone."""
-    robot, rest = robot_from_urdf_text(random_urdf(1, 1), "bus", "tool"), (np.zeros(1), np.zeros(1))
-    for moved in (0.01, 0.09):
-        assert of_joints(rest, (np.array([moved]), np.array([0.2])), 0.5, robot) == ""
-    further = rest, (np.array([0.13]), np.array([0.2])), 0.5
-    assert of_joints(*further, robot) == "joint_1 is 0 and 0.13 rad"
-    sliding = robot_from_urdf_text(random_urdf(1, 1, sliding=(1,)), "bus", "tool")
-    assert of_joints(*further, sliding) == "joint_1 is 0 and 0.13 m"
+        arm.say(arm.lower, -0.001 * step, "/lower")
+        arm.say(arm.upper, -0.001 * step, "/upper")
+        assert arm.fed.ask().stamp_ns == NOW_NS
+    arm.say(arm.upper[:1] + arm.lower[:1], 0.0, "/third")
+    refusal = arm.fed.refusal()
+    assert (refusal.status, refusal.field) == (Status.SEVERAL_PUBLISHERS, "joint_states")
+    assert refusal.value == "published by /lower and /upper"
+    assert f"one publisher of {arm.lower[0]}, {arm.upper[0]}" in refusal.allowed
+    # One that was started anew counts from one, too: it is not refused for long.
+    arm.now_ns += 4 * SECOND
+    assert arm.fed.input.snapshot(arm.now_ns, 5.0, MAX_LEAD).stamp_ns == NOW_NS
 
 
 def _with_first_locked(kind: str, at: float) -> Robot:

@@ -12,9 +12,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import Goal, PlanRequest, Scene, TargetBody
-from heard_inputs import scene_input
+from heard_inputs import HeardScenes
 from matplotlib.patches import Circle
-from rclpy.serialization import serialize_message
 from recorded_requests import motions_in, only_request
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
@@ -42,7 +41,6 @@ from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
 from ff_planner_ros.ros.messages.to_messages import (
@@ -94,11 +92,11 @@ def asked(
         target_max_age=MAX_AGE,
         state_future_tolerance=MAX_LEAD,
     )
-    states, scenes = Mock(), scene_input(lambda: NOW)
+    states, scenes = Mock(), HeardScenes(lambda: NOW)
     states.snapshot.return_value = Snapshot(problem.start, NOW, "chaser_state")
-    scenes.keep(obstacles or scene_message((), NOW, FRAME))
+    scenes.hear(obstacles or scene_message((), NOW, FRAME))
     if body is not None:
-        scenes.callbacks()[TARGET_BODY.name](serialize_message(body))
+        scenes.hear_body(body)
     return read_request(request, Knowledge(problem.robot, parameters, states, scenes, None, NOW))
 
 
@@ -135,8 +133,8 @@ def test_nothing_acts_on_a_body_from_its_stamp_to_the_plans_start(
     assert body.position == pytest.approx(center, abs=1e-9)
     assert (Rotation.from_quat(body.quaternion_xyzw.copy()) * attitude.inv()).magnitude() < 1e-9
     assert body.angular_velocity == pytest.approx(rate, abs=1e-10)
-    assert found.provenance.target_body_source == "camera"
-    assert found.provenance.target_body_stamp_ns == NOW + round(stamp * NANOSECONDS)
+    assert found.inputs.target_body_source == "camera"
+    assert nanoseconds(found.inputs.target_body_stamp) == NOW + round(stamp * NANOSECONDS)
     # The goal is where its grasp will be.
     (center,), (attitude,), _ = moved(body_of(problem), np.array([2.0 - stamp + problem.duration]))
     grasp = center + attitude.apply(body.grasp_position.copy())
@@ -151,7 +149,7 @@ def test_a_body_that_is_brought_without_a_stamp_was_seen_now(problem: PlanningPr
         request.target_body = [message(problem)]
         request.target_body[0].header.stamp = time
         found = asked(problem, request)
-        assert found.provenance.target_body_stamp_ns == NOW
+        assert nanoseconds(found.inputs.target_body_stamp) == NOW
         digests.add(found.task.digest)
     assert len(digests) == 1
 
@@ -266,7 +264,7 @@ def test_a_body_is_not_looked_at_where_nothing_is_captured(problem: PlanningProb
     request.goal.kind, spoilt.inertia.ixx = Goal.POSE, -1.0
     found = asked(problem, request, spoilt)
     assert found.task.problem.target_body is None
-    assert found.provenance.target_body_stamp_ns == 0
+    assert nanoseconds(found.inputs.target_body_stamp) == 0
     assert (found.task.problem.target.position == problem.target.position).all()
 
 
@@ -323,7 +321,7 @@ def test_spheres_that_move_need_a_time_but_those_of_a_request_may_be_of_now(
     assert refused(lemur_capture, request, None, ahead).status is Status.STATE_IN_FUTURE
     request.scene = [scene_message(ROCKS, 0, FRAME)]
     found = asked(lemur_capture, request)
-    assert found.provenance.obstacles_stamp_ns == NOW
+    assert nanoseconds(found.inputs.obstacles_stamp) == NOW
     assert found.task.problem.obstacles[0].center[0] == pytest.approx(9.0 - 0.2, abs=1e-12)
 
 

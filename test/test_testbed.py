@@ -36,7 +36,6 @@ from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import (
     CONTROLLER_TOPIC,
-    STATE_QOS,
     Imperfections,
     SimulatedTestbed,
     motion_from_message,
@@ -47,15 +46,15 @@ from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.messages.from_messages import (
     scene_from_message,
     state_from_message,
     target_body_from_message,
 )
-from ff_planner_ros.ros.messages.interfaces import EXCHANGES
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.ros.qos import EXCHANGES_QOS
+from ff_planner_ros.ros.process import spin_in_background
+from ff_planner_ros.ros.qos import qos_profile
+from ff_planner_ros.ros.topics import CHASER_STATE, EXCHANGES, TARGET_BODY
 from ff_planner_ros.simulation.free_floating import carried_back
 
 PERFECT = Imperfections()
@@ -169,16 +168,18 @@ class Watcher:
         self.obstacles: list[Scene] = []
         self.bodies: list[TargetBody] = []
         self.node.create_subscription(
-            TargetBody, "target_body", self._keeper(self.bodies), STATE_QOS
+            TargetBody, "target_body", self._keeper(self.bodies), qos_profile(TARGET_BODY)
         )
         late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.node.create_subscription(
-            ChaserState, "chaser_state", self._keeper(self.states), STATE_QOS
+            ChaserState, "chaser_state", self._keeper(self.states), qos_profile(CHASER_STATE)
         )
         self.node.create_subscription(Scene, "obstacles", self._keeper(self.obstacles), late)
         self.controller = self.node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 10)
         # What the planner tells of its requests.
-        self._exchanges = self.node.create_publisher(Exchange, EXCHANGES, EXCHANGES_QOS)
+        self._exchanges = self.node.create_publisher(
+            Exchange, EXCHANGES.name, qos_profile(EXCHANGES)
+        )
 
     def _keeper(self, kept: list[Any]) -> Callable[[Any], None]:
         def keep(message: Any) -> None:
@@ -190,7 +191,7 @@ class Watcher:
 
     def wait_until_heard(self) -> None:
         """Wait until the testbed would hear whatever is told."""
-        topics = (EXCHANGES, CONTROLLER_TOPIC)
+        topics = (EXCHANGES.name, CONTROLLER_TOPIC)
         self.wait_until(
             lambda: self.states and all(self.node.count_subscribers(topic) for topic in topics)
         )

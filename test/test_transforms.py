@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
+from changed_parameters import replaced
 from drawn_plans import drawn_plan
 from geometry_msgs.msg import Pose, Transform
 from rclpy.lifecycle import LifecycleNode
@@ -22,15 +23,13 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters, load_parameters
-from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.ros.outputs import preview
-from ff_planner_ros.ros.outputs import transforms as transforms_module
+from ff_planner_ros.ros.outputs import made_plan
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
 from ff_planner_ros.ros.outputs.prediction import FramePose
-from ff_planner_ros.ros.outputs.preview import Drawn
 from ff_planner_ros.ros.outputs.transforms import Transforms, root_link, root_pose
 
 
@@ -53,7 +52,7 @@ def frames(messages: list[Any]) -> dict[str, Any]:
 def transforms(robot: Robot, parameters: NodeParameters) -> tuple[Transforms, dict[str, list[Any]]]:
     heard = dict[str, list[Any]]()
     node = Mock(spec=LifecycleNode)
-    node.create_lifecycle_publisher.side_effect = lambda _, topic, __: SimpleNamespace(
+    node.create_lifecycle_publisher.side_effect = lambda _, topic, __, **___: SimpleNamespace(
         publish=heard.setdefault(topic, []).append
     )
     return Transforms(node, robot, parameters), heard
@@ -104,7 +103,7 @@ def test_the_chain_of_frames_leads_to_the_pose_that_the_topic_tells(lemur: Robot
 
 def test_the_frames_of_a_capture_lead_to_the_way_that_the_topic_tells(lemur: Robot) -> None:
     output, plan = Output(lemur), drawn_plan(lemur, seed=4)
-    output.publish(plan, "run.1", captured=captured())
+    output.publish(plan, "run.1", body=captured().body)
     output.now_ns = START + 6_400_000_000
     output.output.stream(None)
     found = frames([*output.heard["/tf"], *output.heard["/tf_static"]])
@@ -122,9 +121,11 @@ def test_the_preview_moves_in_the_inertial_frame(
     lemur: Robot, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With all links, so that nobody needs another node to see the arm on its planned path."""
-    monkeypatch.setattr(preview, "plan_markers", Mock(return_value=MarkerArray()))
+    monkeypatch.setattr(made_plan, "plan_markers", Mock(return_value=MarkerArray()))
     output, motion = Output(lemur), lemur_plan.trajectory
-    output.output.preview.release(Drawn("run.1", lemur, lemur_plan, Scene(), "inertial"))
+    output.output.preview.release(
+        MadePlan("run.1", lemur_plan, 0, "none", lemur, Scene(), "inertial")
+    )
     output.output.preview.draw()
     model = lemur.model
     data, rate = model.createData(), load_parameters().rates.preview
@@ -163,26 +164,6 @@ def test_the_measured_chaser_is_told_where_it_was_measured(lemur: Robot) -> None
     np.testing.assert_allclose(chain.translation, state.position_chaser_in_inertial, atol=1e-12)
 
 
-def test_the_measured_chaser_is_due_on_request_and_at_most_at_the_rate_of_predictions(
-    lemur: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = Mock(return_value=100.0)
-    monkeypatch.setattr(transforms_module, "time", SimpleNamespace(monotonic=clock))
-    unasked, _ = transforms(lemur, load_parameters())
-    assert not unasked.is_due
-    parameters = replaced(load_parameters(), "tf.measured", True)
-    told, _ = transforms(lemur, parameters)
-    state, period = (
-        random_state(lemur, np.random.default_rng(3)),
-        1.0 / parameters.rates.predicted_pose,
-    )
-    assert told.is_due
-    told.measured(state, START)
-    for after, due in ((0.0, False), (0.9 * period, False), (period, True)):
-        clock.return_value = 100.0 + after
-        assert told.is_due is due
-
-
 def test_the_sensor_of_odometry_is_fixed_to_the_chaser(lemur: Robot) -> None:
     parameters = load_parameters()
     sensor = replace(
@@ -212,7 +193,7 @@ def test_without_a_prefix_there_is_no_frame(lemur: Robot) -> None:
         Output(lemur, replaced(parameters, "tf.preview_prefix", "")),
         drawn_plan(lemur, 4),
     )
-    output.publish(plan, "run.1", captured=captured())
+    output.publish(plan, "run.1", body=captured().body)
     output.output.stream(None)
     assert output.heard["predicted_chaser_pose"]
     assert not output.heard["/tf"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import answer_of, exchange, write_bag
+from answers import answer_with, exchange, write_bag
 from ff_planner_msgs.msg import Exchange, PlanAnswer
 from recorded_requests import motions_in
 
@@ -21,7 +21,7 @@ from ff_planner_ros.planning.problem.uncertainty import Uncertainty
 from ff_planner_ros.planning.robust.robust import withstood
 from ff_planner_ros.planning.scenario.task_json import task_json
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.ros.messages.to_messages import answer_of_error
+from ff_planner_ros.ros.messages.answers import answer_of
 from ff_planner_ros.runs.offline_bag import record_answer
 
 SETTINGS = load_parameters().planner
@@ -60,8 +60,8 @@ def test_robot_plan_and_scene_come_back_as_they_were(
 def test_every_plan_of_a_run_is_found_and_refusals_are_left_out(
     task: PlanningTask, lemur_plan: Plan, tmp_path: Path
 ) -> None:
-    first, third = (answer_of(lemur_plan, f"run.{number}") for number in (1, 3))
-    second = answer_of_error(NoPlanFound(Status.COLLISION, "too near"), "run.2", 0.1)
+    first, third = (answer_with(lemur_plan, f"run.{number}") for number in (1, 3))
+    second = answer_of(NoPlanFound(Status.COLLISION, "too near"), "run.2", 0.1)
     bag = write_bag(tmp_path / "bag", *(told(task, one) for one in (first, second, third)))
     assert [one.name for one in motions_in(bag)] == ["run.1", "run.3"]
 
@@ -86,7 +86,7 @@ def test_a_damaged_answer_is_refused_by_its_name(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    answer = answer_of(lemur_plan)
+    answer = answer_with(lemur_plan)
     motion, recorded = answer.plans[0].joint_trajectory, told(task, answer)
     if damage == "points":
         motion.points = motion.points[:-1]
@@ -125,6 +125,6 @@ def test_a_plan_is_verified_by_the_limits_and_the_uncertainty_of_its_task(
     limits = replace(Limits(joint_torques=torques), **{angle: 0.2})
     robust = replace(SETTINGS.robust, sigmas=3.0, mass=0.25, angular_velocity=0.5)
     asked = PlanningTask(replace(lemur_capture, limits=limits), replace(SETTINGS, robust=robust))
-    (found,) = motions_in(write_bag(tmp_path / "bag", told(asked, answer_of(lemur_plan))))
+    (found,) = motions_in(write_bag(tmp_path / "bag", told(asked, answer_with(lemur_plan))))
     assert found.limits == limits
     assert found.uncertainty == Uncertainty(mass=0.25, angular_velocity=0.5)

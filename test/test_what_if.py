@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from answers import answer_of, exchange, write_bag
+from answers import answer_with, exchange, write_bag
 from recorded_requests import only_request, recorded
 
 from ff_planner_ros.cli import main
@@ -20,7 +20,7 @@ from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.ros.messages.to_messages import answer_of_error
+from ff_planner_ros.ros.messages.answers import answer_of
 from ff_planner_ros.runs import what_if
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.what_if import changed_task, parsed
@@ -181,7 +181,7 @@ def test_refused_attempts_have_numbers_and_others_have_none(
 def test_a_request_without_a_task_is_left_out_and_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused = answer_of_error(FfPlannerError(Status.NO_STATE, "none"), "run.7", 0.0)
+    refused = answer_of(FfPlannerError(Status.NO_STATE, "none"), "run.7", 0.0)
     bag = write_bag(tmp_path / "bag", exchange(refused))
     assert main(["replay", str(bag), "--set", "points=30"]) == 0
     assert "note: run.7 is left out: the bag holds no task of it" in capsys.readouterr().out
@@ -193,4 +193,4 @@ def test_an_answer_is_told_in_radians_degrees_and_millimetres(lemur_plan: Plan) 
     told = replace(lemur_plan, metrics=metrics)
     wanted = ("SOLVED", "2.5000", "12.500", "14.250", "12.50")
     assert what_if._cells(told) == wanted
-    assert what_if._recorded_cells(answer_of(told)) == wanted
+    assert what_if._recorded_cells(answer_with(told)) == wanted

@@ -22,8 +22,9 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, l
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.model import Base
+from ff_planner_ros.ros.messages.answers import answer_of
 from ff_planner_ros.ros.messages.from_messages import state_from_message
-from ff_planner_ros.ros.messages.to_messages import answer_with_plan, plan_message, state_message
+from ff_planner_ros.ros.messages.to_messages import plan_message, state_message
 from ff_planner_ros.runs.differences import differences
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -58,7 +59,7 @@ def test_a_state_tells_what_its_wheels_hold(solved: tuple[PlanningTask, Plan]) -
 def test_an_answer_tells_what_the_wheels_hold_and_give(solved: tuple[PlanningTask, Plan]) -> None:
     task, plan = solved
     assert plan.wheels is not None
-    answer = answer_with_plan(plan, [plan_message(plan, 1, "inertial")], "plan_1", 0.1)
+    answer = answer_of(plan, "plan_1", 0.1, None, 1, "inertial")
     read = plan_from_answer(answer).wheels
     assert read is not None
     np.testing.assert_array_equal(read.momenta, plan.wheels.momenta)

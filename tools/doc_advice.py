@@ -7,7 +7,7 @@ from ff_planner_ros.errors import Status
 ADVICE = {
     Status.NO_STATE: "Publish `chaser_state`, or `odometry` with `joint_states`, as the parameter "
     "`state_source` says. `/diagnostics` (state) says what has arrived. A publisher with another "
-    "quality of service is not heard: compare it with the parameters `qos.*`.",
+    "quality of service is not heard: compare it with the table of topics.",
     Status.STATE_TOO_OLD: "Look at the publisher's rate and at its clock: stamps are times of "
     "measurement. `/diagnostics` tells the age. Raise `state_max_age` only if your plans may begin "
     "that far from where the system is.",
@@ -25,12 +25,14 @@ ADVICE = {
     Status.START_SINGULAR: "Move the arm out of the singular posture: a stretched elbow, two axes "
     "in line. Or ask for `search.parametrisation: joint_spline`, which may begin there.",
     Status.STATE_NOT_SYNCHRONIZED: "Publish `odometry` and `joint_states` with stamps that are at "
-    "most `odometry.pairing_tolerance` apart.",
+    "most `state_synchronization` apart, of each joint.",
     Status.NO_TARGET_BODY: "Publish `target_body`, or bring `target_body` in the request.",
     Status.TARGET_TOO_OLD: "Look at the rate and the clock of the target's publisher. Raise "
     "`target_max_age` only if the body's motion is known that well.",
     Status.TARGET_IN_FUTURE: "Synchronise the clocks of the target's publisher and the node.",
-    Status.CONTRADICTING_PUBLISHERS: "Stop one of the publishers that the message names.",
+    Status.SEVERAL_PUBLISHERS: "Stop all but one of the publishers that the message names. One "
+    "that has crashed is listed until its lease ends (Fast DDS: 20 s). "
+    "`allow_several_publishers` lets the newest message count, whoever sent it.",
     Status.NOT_FINITE: "Look for the NaN or infinity in the field that the message names.",
     Status.WRONG_SIZE: "Give the field as many entries as the message says: one a joint, say.",
     Status.BAD_QUATERNION: "Normalise the quaternion. All zeros is no rotation either: identity "
@@ -57,8 +59,8 @@ ADVICE = {
     Status.SINGULAR: "Ask for `search.parametrisation: joint_spline`, or for another goal "
     "orientation. If the tool's rotation does not matter, `goal.orientation: ABOUT_AXIS` frees it.",
     Status.CHECK_FAILED: "Read which requirement the check found broken. More `search.points` or a "
-    "longer duration usually help. For `~/publish_plan`: the plan is too old, or a limit has "
-    "become stricter; ask for a new plan.",
+    "longer duration usually help. For `~/publish_plan`: the plan is too old; ask for a new "
+    "one.",
     Status.TIMED_OUT: "Give the search more time (`search.time_budget`, parameter `time_budget`), "
     "or less to do: fewer points, `search.depth: quick`, a library of plans.",
     Status.TORQUE_TOO_HIGH: "Ask for a longer duration. If the joint is stronger than its effort "

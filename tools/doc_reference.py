@@ -5,18 +5,18 @@ from __future__ import annotations
 import re
 from argparse import SUPPRESS, Action, ArgumentParser, HelpFormatter
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from doc_advice import ADVICE
-from security_policy import interfaces
+from security_policy import INTERFACES
 
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.errors import REMEDIES, Status
-from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.ros.recorder.recorded_topics import _topics
+from ff_planner_ros.parameters.node import STATE_SOURCES
+from ff_planner_ros.ros.messages.interfaces import type_name
+from ff_planner_ros.ros.recorder.recording import recorded
+from ff_planner_ros.ros.topics import INPUTS, OUTPUTS
 
 DEFINITIONS = Path(__file__).resolve().parents[1] / "msg_defs"
 MESSAGES = DEFINITIONS / "msg"
@@ -180,16 +180,21 @@ def _help(parser: ArgumentParser, action: Action) -> str:
 def bag_topics() -> Iterator[tuple[str, ...]]:
     """Yield what a node records with simulated time and either state."""
     yield "the planner", "topics"
-    directions = {row.name: row.direction for row in interfaces()}
-    node: Any = SimpleNamespace(
-        resolve_topic_name=str, get_parameter=lambda _: SimpleNamespace(value=True)
-    )
-    found = {one: dict[str, None]() for one in ("subscribes", "publishes", "ROS itself")}
-    for source in ("chaser_state", "odometry"):
-        for topic in _topics(node, replace(load_parameters(), state_source=source)):
-            found[directions.get(topic.name, "ROS itself")][f"`{topic.name}`"] = None
-    for direction, topics in found.items():
-        yield direction, ", ".join(topics)
+    topics = {one.name: one for source in STATE_SOURCES for one in recorded(source)}
+    for direction, of_table in (("subscribes", INPUTS), ("publishes", OUTPUTS)):
+        names = [one.name for one in of_table if topics.pop(one.name, None)]
+        yield direction, ", ".join(f"`{name}`" for name in names)
+    yield "ROS itself", ", ".join(f"`{name}`" for name in topics)
+
+
+def interfaces() -> Iterator[tuple[str, ...]]:
+    yield "", "name", "type", "quality of service", "peer", "meaning"
+    for direction, table in INTERFACES.items():
+        for one in table:
+            words = f"{one.qos.reliability}, {one.qos.durability}".replace("_", " ")
+            qos = words if direction in ("subscribes", "publishes") else ""
+            kind = type_name(one.message_type)
+            yield direction, f"`{one.name}`", f"`{kind}`", qos, one.peer, one.sentence
 
 
 def _name_of(kind: Any) -> str:

@@ -18,10 +18,10 @@ from doc_reference import MESSAGES
 from pages import DOCS, PAGES, text_of
 
 import ff_planner_ros
-from ff_planner_ros.common.declared import DeclaredField
 from ff_planner_ros.common.declared_messages import places_in
 from ff_planner_ros.errors import Retry
-from ff_planner_ros.parameters import DECLARATIONS, default_values
+from ff_planner_ros.parameters import DECLARATIONS
+from ff_planner_ros.parameters.controller import KEEPS_PLANS
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     ObstacleBody,
@@ -34,13 +34,19 @@ from ff_planner_ros.planning.scenario.scenario import scenario_schema
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
-from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
+from ff_planner_ros.ros.parameters import _AT_START, _PATHS
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 STUDY_SCHEMA = SOURCE_TREE / "config" / "schemas" / "study.json"
 BLOCK = re.compile(
     r"(<!-- (table|example|figures|bench): ([\w, ]+) -->\n?)(.*?)(<!-- end -->)", re.DOTALL
 )
+
+
+def controller_settings() -> Iterator[tuple[str, ...]]:
+    yield "setting", "value", "why"
+    for one in KEEPS_PLANS:
+        yield f"`{one.name}`", f"`{json.dumps(one.value)}`", one.why
 
 
 def retries() -> Iterator[tuple[str, ...]]:
@@ -55,13 +61,13 @@ def parameters() -> Iterator[tuple[str, ...]]:
     yield "parameter", "default", "range", "meaning"
     told: dict[str, str] = {}
     for name, one in DECLARATIONS.items():
-        value = default_values()[name]
+        value = one.form.written(one.default)
         schema = one.form.schema()
         bounds = (("from", schema.get("minimum")), ("to", schema.get("maximum")))
         meaning = one.sentence + (f" [{one.unit}]" if one.unit else "")
         first = told.setdefault(meaning, f"`{name}`")
         yield (
-            f"`{name}`{_when(name, one)}",
+            f"`{name}`{_when(name)}",
             f"`{_shown(value)}`",
             " ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None),
             meaning if first == f"`{name}`" else f"as {first}",
@@ -73,13 +79,9 @@ def _shown(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value}" or '""'
 
 
-def _when(name: str, declared: DeclaredField) -> str:
-    """Return the mark that says when a parameter may change."""
-    if name in (*_AT_START, *_PATHS):
-        return " **"
-    if name.startswith(_WHILE_CONFIGURED):
-        return " *"
-    return f" {declared.strictness.mark}" if declared.strictness else ""
+def _when(name: str) -> str:
+    """Return the mark of parameters that are those of the process's start."""
+    return " *" if name in (*_AT_START, *_PATHS) else ""
 
 
 def scenario() -> Iterator[tuple[str, ...]]:

@@ -5,19 +5,19 @@ It is in the format of sros2's `policy.xsd`, version 0.2.0.
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from ff_planner_ros.ros.topics import ACTION, INPUTS, OUTPUTS, ROBOT_MODEL, SERVICES
+
 SOURCE_TREE = Path(__file__).resolve().parents[1]
-INTERFACES = SOURCE_TREE / "docs" / "reference" / "interfaces.md"
 POLICY = SOURCE_TREE / "config" / "security" / "policy.xml"
 HEADER = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <!-- Who may do what with the planner; docs/how_to/security.md says how to use it. Made by
-     tools/security_policy.py from the table of docs/reference/interfaces.md. -->
+     tools/security_policy.py from the table of ff_planner_ros/ros/topics.py. -->
 """
 NODE, RECORDER = "ff_planner", "ff_planner_recorder"
 PUBLISH, SUBSCRIBE, REPLY, REQUEST = "publish", "subscribe", "reply", "request"
@@ -43,23 +43,8 @@ OF_LIFECYCLE: tuple[str, ...] = (
     "get_state",
 )
 OF_LIFECYCLE += ("get_transition_graph",)
-# A bag attaches it.
-NOT_RECORDED = {"robot_model"}
-ROW = re.compile(
-    r"^\| (subscribes|publishes|service|action) \| `([\w/~]+)` \| `([\w/]+)` \| ([\w, -]*) "
-    r"\| (\w+) \|",
-    re.M,
-)
-
-
-class Interface(NamedTuple):
-    """One row of the table."""
-
-    direction: str
-    name: str
-    type: str
-    qos: str
-    other_side: str
+# By what the node does with them.
+INTERFACES = {"subscribes": INPUTS, "publishes": OUTPUTS, "service": SERVICES, "action": (ACTION,)}
 
 
 class Rule(NamedTuple):
@@ -69,35 +54,30 @@ class Rule(NamedTuple):
     name: str
 
 
-def interfaces() -> list[Interface]:
-    """Return the rows of the table."""
-    rows = ROW.findall(INTERFACES.read_text(encoding="utf-8"))
-    return [Interface(*(cell.strip() for cell in row)) for row in rows]
-
-
 def profiles() -> dict[str, set[Rule]]:
     """Return the rules of every node, by its name; names as the node itself would write them."""
     found: dict[str, set[Rule]] = defaultdict(set)
     heard: set[str] = set()  # by whoever may see everything
-    for row in interfaces():
-        # Of others, `~` is another node.
-        of_others = row.name.replace("~", NODE)
+    for direction, table in INTERFACES.items():
         mine, theirs = {
             "subscribes": (SUBSCRIBE, PUBLISH),
             "publishes": (PUBLISH, SUBSCRIBE),
             "service": (REPLY, REQUEST),
             "action": (EXECUTE, CALL),
-        }[row.direction]
-        found[NODE].add(Rule(mine, row.name))
-        found[row.other_side].add(Rule(theirs, of_others))
-        if row.direction in ("subscribes", "publishes"):
-            heard.add(row.name)
+        }[direction]
+        for one in table:
+            found[NODE].add(Rule(mine, one.name))
+            # Of others, `~` is another node.
+            found[one.peer].add(Rule(theirs, one.name.replace("~", NODE)))
+            if direction in ("subscribes", "publishes"):
+                heard.add(one.name)
     for name in ("executive", "screen"):
         found[name] |= {Rule(SUBSCRIBE, topic) for topic in heard}
     found[NODE] |= {Rule(PUBLISH, "~/transition_event")}
     found[NODE] |= {Rule(REPLY, f"~/{one}") for one in OF_LIFECYCLE}
     events = {"/rosout", "/parameter_events", f"{NODE}/transition_event"}
-    recorded = (heard | events) - NOT_RECORDED - {"/parameter_events"}
+    # A bag attaches the model.
+    recorded = (heard | events) - {ROBOT_MODEL.name, "/parameter_events"}
     found[RECORDER] |= {Rule(SUBSCRIBE, topic) for topic in recorded}
     found["operator"] |= {Rule(SUBSCRIBE, topic) for topic in events}
     found["operator"] |= {Rule(REQUEST, f"{NODE}/{one}") for one in OF_NODES + OF_LIFECYCLE}

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.common.declared import check_declared
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.forms import a_number
 from ff_planner_ros.common.plain_values import mapping
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.planning.distance.clearance import (
@@ -25,7 +26,6 @@ from ff_planner_ros.planning.distance.clearance import (
     segments,
 )
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.problem.settings import tunable
 
 _BLOCK = "artificial_potential_field"
 
@@ -38,29 +38,37 @@ class PotentialFieldParameters:
         InvalidInput: A value is of the wrong type or out of its range.
     """
 
-    attraction: float = tunable(
-        "Magnitude of the attraction towards the goal position", minimum=1e-6, unit="m/s2"
+    attraction: float = declare(
+        a_number(at_least=1e-6),
+        "Magnitude of the attraction towards the goal position",
+        unit="m/s2",
     )
-    angular_attraction: float = tunable(
-        "Magnitude of the attraction towards the goal orientation", minimum=1e-6, unit="rad/s2"
+    angular_attraction: float = declare(
+        a_number(at_least=1e-6),
+        "Magnitude of the attraction towards the goal orientation",
+        unit="rad/s2",
     )
-    damping: float = tunable(
+    damping: float = declare(
+        a_number(at_least=1e-3),
         "Deceleration per velocity; attraction / damping is the cruising speed",
-        minimum=1e-3,
         unit="1/s",
     )
-    repulsion: float = tunable(
-        "Strength of the Yukawa potential between a link and a sphere", minimum=0.0, unit="m3/s2"
+    repulsion: float = declare(
+        a_number(at_least=0.0),
+        "Strength of the Yukawa potential between a link and a sphere",
+        unit="m3/s2",
     )
-    decay: float = tunable(
-        "Decay of the Yukawa potential with the distance", minimum=0.0, unit="1/m"
+    decay: float = declare(
+        a_number(at_least=0.0), "Decay of the Yukawa potential with the distance", unit="1/m"
     )
-    smallest_distance: float = tunable(
+    smallest_distance: float = declare(
+        a_number(at_least=1e-4),
         "Nearer to a surface, and inside a sphere, the repulsion grows no more",
-        minimum=1e-4,
         unit="m",
     )
-    longest_step: float = tunable("Longest step of the integration", minimum=1e-4, unit="s")
+    longest_step: float = declare(
+        a_number(at_least=1e-4), "Longest step of the integration", unit="s"
+    )
 
     def __post_init__(self) -> None:
         """Check every value against its declaration."""

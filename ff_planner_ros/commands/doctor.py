@@ -8,6 +8,7 @@ import re
 import time
 from argparse import Namespace
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +21,7 @@ from ff_planner_ros.common.share import PACKAGE, share_directory
 
 # Processor time of the second plan of a process [s], and where it was measured (README.md).
 REFERENCE, REFERENCE_MACHINE = 0.015, "one core of an AMD EPYC"
+_PATIENCE = 10.0  # for a controller [s]
 MESSAGES = "ff_planner_msgs"  # no package of an index: they come from the sources
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)[^;]*(;.*extra == [\"'](?P<extra>[\w-]+)[\"'])?")
 # Read by ROS when it starts, and what it takes where they are not set.
@@ -38,14 +40,21 @@ def add_doctor(add: Add) -> None:
         "say what is installed, what is missing, and how fast it plans",
         description="One screen for a report of a defect: versions, extras and the commands that "
         "bring them, the core, ROS, and one timed plan.",
-        epilog="Exit code: 0 a plan can be made, 2 none can.",
+        epilog="Exit code: 0 a plan can be made, 2 none can. What follows --ros-args goes to ROS.",
     )
+    controller_help = (
+        "also say which parameters of this joint_trajectory_controller, which runs, keep the times "
+        "of plans"
+    )
+    doctor.add_argument("--controller", metavar="NODE", help=controller_help)
     add_output(doctor, "--json", "FILE", "write it all", require_file)
 
 
 def examine(options: Namespace) -> int:
     """Print what is installed and whether it plans, and write it as JSON if asked."""
     facts = findings()
+    if options.controller is not None:
+        facts["controller"] = _controller(options.controller, options.rest)
     print_table(list(_rows(facts)))
     if options.json is not None:
         options.json.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
@@ -136,6 +145,28 @@ def _ros() -> dict[str, str]:
     return {"messages": "found" if find_spec(MESSAGES) else "missing", "RMW": middleware, **told}
 
 
+def _controller(name: str, ros_arguments: list[str]) -> dict[str, dict[str, Any]]:
+    """Return what a running controller has of each setting that matters, and why it does."""
+    from rcl_interfaces.srv import GetParameters, ListParameters
+    from rclpy.parameter import parameter_value_to_python
+
+    from ff_planner_ros.parameters.controller import KEEPS_PLANS
+    from ff_planner_ros.ros.client import PlannerClient
+
+    with closing(PlannerClient(f"ff_planner_doctor_{os.getpid()}", ros_arguments)) as client:
+        asked = ListParameters.Request()
+        listed = client.call(ListParameters, f"{name}/list_parameters", asked, _PATIENCE)
+        # Of an unknown one a controller tells none at all; older ones have fewer.
+        known = [one for one in KEEPS_PLANS if one.name in listed.result.names]
+        request = GetParameters.Request(names=[one.name for one in known])
+        told = client.call(GetParameters, f"{name}/get_parameters", request, _PATIENCE)
+    values = map(parameter_value_to_python, told.values)
+    return {
+        one.name: {"value": value, "keeps": value == one.value, "needed": one.value, "why": one.why}
+        for one, value in zip(known, values, strict=True)
+    }
+
+
 def _plan() -> dict[str, Any]:
     """Plan the paper's capture twice, and time the second: the first loads what it needs."""
     try:
@@ -177,6 +208,9 @@ def _rows(facts: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "ROS", "no module rclpy: install the extra ros, or source a ROS workspace"
     for name, value in facts["ros"].items():
         yield {"messages": MESSAGES, "RMW": "ROS middleware"}.get(name, name), value
+    for name, one in facts.get("controller", {}).items():
+        wrong = f"should be {one['needed']!r}: {one['why']}"
+        yield name, f"{one['value']!r}{'' if one['keeps'] else f', {wrong}'}"
     plan = facts["plan"]
     if plan["solved"]:
         took = f"{plan['seconds']:.2f} s, {plan['processor_seconds']:.2f} s of a processor"

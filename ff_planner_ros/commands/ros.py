@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from argparse import Namespace
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,12 +78,14 @@ def ask_node(options: Namespace) -> int:
     from ff_planner_ros.common.arrays import finite_number
     from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
     from ff_planner_ros.messages.plans import plan_from_answer
-    from ff_planner_ros.ros.client import answer_of_node
+    from ff_planner_ros.ros.client import PlannerClient
 
     request = _request(options)
     patience = finite_number("--timeout", options.timeout, above=0.0)
     try:
-        answer = answer_of_node(request, patience, options.rest)
+        with closing(PlannerClient(f"ff_planner_ask_{os.getpid()}", options.rest)) as client:
+            client.wait_for_planner(patience)
+            answer = client.plan(request)
     except KeyboardInterrupt:
         return INTERRUPTED
     status, solve_time = Status(answer.status.code), answer.solver.solve_time
@@ -108,7 +112,11 @@ def ask_node(options: Namespace) -> int:
 def _request(options: Namespace) -> PlanRequest:
     """Return the request: of the scenario, or empty, with the changes of `--set`."""
     from ff_planner_ros.common.arrays import finite_number
-    from ff_planner_ros.ros.client import change_request, request_of_nothing, request_of_scenario
+    from ff_planner_ros.ros.messages.requests import (
+        change_request,
+        request_of_nothing,
+        request_of_scenario,
+    )
 
     if options.scenario is not None:
         request = request_of_scenario(options.scenario, options.frame, options.bring)

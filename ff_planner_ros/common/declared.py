@@ -6,7 +6,8 @@ file all derive from these declarations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
 from typing import Any, TypeAlias
@@ -23,6 +24,7 @@ from ff_planner_ros.common.forms import (
     a_number,
     a_vector,
     a_whole_number,
+    a_word,
 )
 from ff_planner_ros.common.plain_values import an_object, dotted, mapping
 from ff_planner_ros.errors import Faults, InvalidInput
@@ -46,7 +48,6 @@ class DeclaredField:
     instead: tuple[str, Form, str] | None = None
     # Another key, its value with which this field may be omitted, and the field's value then
     unless: tuple[str, str, Any] | None = None
-    strictness: Any = None  # of a tunable: which values let fewer plans pass
     name: str = ""  # the dataclass field's
     default: Any = field(default_factory=lambda: MISSING)
 
@@ -62,6 +63,9 @@ class DeclaredField:
         return not (self.optional or self.instead)
 
 
+# A sentence, and a unit in brackets at its end.
+_UNIT = re.compile(r"^(.*?)(?: \[([^\[\]]*)\])?$")
+
 DeclaredFields: TypeAlias = Mapping[str, DeclaredField]  # by key
 
 
@@ -74,6 +78,34 @@ def declare(form: Form, sentence: str, **more: Any) -> Any:
     usual = {name: more[name] for name in ("default", "default_factory") if name in more}
     more.pop("default_factory", None)
     return field(metadata={"declared": DeclaredField(form, sentence, **more)}, **usual)
+
+
+def tunable(
+    default: Any,
+    sentence: str,
+    within: tuple[Any, Any] = (0.0, None),
+    words: Iterable[str] = (),
+    key: str = "",
+) -> Any:
+    """Declare a tunable with its default, which has the type of its values.
+
+    Args:
+        sentence: What it means, and its unit in brackets at the end.
+        within: Least and largest number; None: there is none.
+        words: What a text may be; empty: any text.
+        key: Its full name, if it does not follow from group and field.
+    """
+    low, high = within
+    if words:
+        form = a_word(words)
+    elif isinstance(default, bool | str):
+        form = TRUTH if isinstance(default, bool) else NAME
+    elif isinstance(default, int):
+        form = a_whole_number(int(low), high)
+    else:
+        form = NUMBERS if isinstance(default, tuple) else a_number(at_least=low, at_most=high)
+    meaning, unit = _UNIT.findall(sentence)[0]
+    return declare(form, meaning, unit=unit, key=key, default=default)
 
 
 def declare_velocity(part: str, sentence: str, brief: bool = False) -> Any:
@@ -97,8 +129,6 @@ def _declared(kind: Any) -> DeclaredFields:
     found: dict[str, DeclaredField] = dict(vars(kind).get("BESIDE", {}))
     for item in fields(kind):
         one: DeclaredField | None = item.metadata.get("declared")
-        if "description" in item.metadata:
-            one = _tunable(item.type, item.metadata)
         if one is not None:
             default = item.default
             if item.default_factory is not MISSING:
@@ -109,18 +139,6 @@ def _declared(kind: Any) -> DeclaredFields:
             )
     first = [key for key in vars(kind).get("FIRST", ()) if key in found]
     return {key: found[key] for key in dict.fromkeys([*first, *found])}
-
-
-def _tunable(kind: Any, metadata: Mapping[str, Any]) -> DeclaredField:
-    """Return what a tunable is as a declared field, by the name of its type."""
-    low, high = metadata["minimum"], metadata["maximum"]
-    form = {"str": NAME, "bool": TRUTH}.get(kind, NUMBERS)
-    if kind == "int":
-        form = a_whole_number(low, high)
-    elif kind == "float":
-        form = a_number(at_least=low, at_most=high)
-    said = {name: metadata[name] for name in ("unit", "strictness")}
-    return DeclaredField(form, metadata["description"], optional=True, **said)
 
 
 @cache

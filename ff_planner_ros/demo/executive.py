@@ -6,24 +6,18 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
-import rclpy
-from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import (
     ChaserState,
     PlanAnswer,
     PlanProgress,
     PlanRequest,
+    PlanStatus,
     PublishedPlan,
     TargetBody,
 )
-from ff_planner_msgs.srv import PublishPlan
-from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future as RosFuture
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
@@ -35,17 +29,16 @@ from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.background import ask, spin_in_background
-from ff_planner_ros.ros.joining import joining_ros
+from ff_planner_ros.ros.client import Check, PlannerClient
 from ff_planner_ros.ros.messages.from_messages import state_from_message, target_body_from_message
 from ff_planner_ros.ros.outputs.prediction import (
     FramePose,
-    TrackingError,
+    PoseError,
+    deviations,
     difference,
     predicted_pose,
-    tracking_error,
 )
-from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
+from ff_planner_ros.ros.topics import CHASER_STATE, PUBLISHED_PLAN, TARGET_BODY
 from ff_planner_ros.simulation.capture import Capture, captured, end_effector_motion
 
 NAME = "mission_executive"  # of the node, and of who asks
@@ -58,6 +51,8 @@ _NOT_YET = frozenset(
         *(Status.NO_OBSTACLES, Status.NO_TARGET_BODY, Status.TARGET_TOO_OLD),
     }
 )
+# Asks for a plan, calls back with the progress, and checks repeatedly whether to go on.
+Ask: TypeAlias = Callable[[PlanRequest, Callable[[PlanProgress], None], Check], PlanAnswer]
 _CHECK_INTERVAL = 0.2  # [s] between looks at the caller's check while waiting
 _ASK_AGAIN = 0.5  # [s] after a refusal: every request is logged and recorded
 
@@ -68,9 +63,9 @@ class FlownPlan:
 
     predicted: FramePose  # end effector at the last measurement before the end of the plan
     reached: FramePose  # measured end effector at that time
-    error: TrackingError  # between the two
+    error: PoseError  # between the two
     # Largest differences of the chaser from its prediction along the plan
-    worst: TrackingError
+    worst: PoseError
     time: Array  # of the measurements, from the plan's start; shape (states,) [s]
     from_end: Array  # distance of the end effector to `predicted`; shape (states,) [m]
     # Measured errors of the end effector to the grasp of the body; None: nothing was captured
@@ -95,31 +90,21 @@ class MissionExecutive:
         self._new_state = threading.Event()
         self._published: dict[str, PublishedPlan] = {}
         self._new_plan = threading.Event()
-        with joining_ros():
-            rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
-            self._node = rclpy.create_node(NAME)
-        self._since_ns = self._node.get_clock().now().nanoseconds
-        self._node.create_subscription(ChaserState, "chaser_state", self._keep, STATE_QOS)
         self._bodies: list[TargetBody] = []
-        self._node.create_subscription(TargetBody, "target_body", self._bodies.append, STATE_QOS)
-        self._node.create_subscription(
-            PublishedPlan, "published_plan", self._keep_plan, LATCHED_QOS
-        )
-        self._planner = ActionClient(self._node, PlanTrajectory, "plan_trajectory_action")
-        self._publication = self._node.create_client(PublishPlan, "ff_planner/publish_plan")
-        self._controller = self._node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
-        # A thread of its own and an event: spinning until a future is complete leaks in Jazzy.
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._stop = spin_in_background(self._executor, self._node.get_logger())
+        self.client = PlannerClient(NAME, ros_arguments)
+        self._since_ns = self.client.now_ns()
+        self.client.hear(CHASER_STATE, self._keep)
+        self.client.hear(TARGET_BODY, self._bodies.append)
+        self.client.hear(PUBLISHED_PLAN, self._keep_plan)
+        self._controller = self.client.node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
 
     def close(self) -> None:
         """Leave ROS."""
-        self._stop()
-        self._planner.destroy()
-        rclpy.shutdown()
+        self.client.close()
 
-    def plan(self, request: PlanRequest, report: Callable[[PlanProgress], None]) -> PlanAnswer:
+    def plan(
+        self, request: PlanRequest, report: Callable[[PlanProgress], None], ask: Ask | None = None
+    ) -> PlanAnswer:
         """Request a plan, as soon as the planner is there and has received a state.
 
         A target body that was measured before this executive came may be that of an earlier run,
@@ -127,6 +112,7 @@ class MissionExecutive:
 
         Args:
             report: Called with the progress of the search.
+            ask: Asks the planner; None: the executive's client does.
 
         Returns:
             An answer whose status is SOLVED.
@@ -135,10 +121,11 @@ class MissionExecutive:
             FfPlannerError: The planner's refusal, or no answer in time.
         """
         deadline = time.monotonic() + self._patience
-        while not self._planner.wait_for_server(timeout_sec=_CHECK_INTERVAL):
-            self._go_on_until(deadline, "the action plan_trajectory_action")
+        self.client.wait_for_planner(self._patience, self._check)
         while True:
-            answer = self._once_it_can(lambda: self._answer(request, report, deadline), deadline)
+            answer = self._answer(request, report, deadline, ask)
+            if not self._is_solved(answer.status, deadline):
+                continue
             body_ns = nanoseconds(answer.inputs.target_body_stamp)
             if not body_ns or body_ns >= self._since_ns:
                 return answer
@@ -156,12 +143,8 @@ class MissionExecutive:
         while self._controller.get_subscription_count() == 0:
             self._go_on_until(deadline, f"a controller that listens to {CONTROLLER_TOPIC}")
             time.sleep(_CHECK_INTERVAL)
-        while not self._publication.wait_for_service(timeout_sec=_CHECK_INTERVAL):
-            self._go_on_until(deadline, "the service ff_planner/publish_plan")
-        request = PublishPlan.Request(plan_id=answer.plan_id, requester=NAME)
-        self._once_it_can(
-            lambda: self._asked(lambda: self._publication.call_async(request), deadline), deadline
-        )
+        while not self._is_solved(self._publication(answer.plan_id), deadline):
+            pass
         self._states.clear()
         self._bodies.clear()
         self._hand_over(answer.plan_id, deadline)
@@ -201,8 +184,8 @@ class MissionExecutive:
         planned = answer.plans[0]
         start_ns = nanoseconds(planned.joint_trajectory.header.stamp)
         end_ns = start_ns + round(duration * NANOSECONDS)
-        now_ns = self._node.get_clock().now().nanoseconds
-        deadline = time.monotonic() + (end_ns - now_ns) / NANOSECONDS + self._patience
+        seconds = (end_ns - self.client.now_ns()) / NANOSECONDS
+        deadline = time.monotonic() + seconds + self._patience
         while not self._states or nanoseconds(self._states[-1].header.stamp) < end_ns:
             # Also while states keep arriving.
             self._go_on_until(deadline, "the end of the plan")
@@ -243,41 +226,27 @@ class MissionExecutive:
         request: PlanRequest,
         report: Callable[[PlanProgress], None],
         deadline: float,
+        ask: Ask | None = None,
     ) -> PlanAnswer:
-        goal = PlanTrajectory.Goal(request=request)
-        handle = self._asked(
-            lambda: self._planner.send_goal_async(
-                goal, lambda message: report(message.feedback.progress)
-            ),
-            deadline,
-        )
-        try:
-            answer: PlanAnswer = self._asked(handle.get_result_async, deadline).result.answer
-            return answer
-        except BaseException:
-            ask(self._executor, handle.cancel_goal_async)  # the plan is not needed any more
-            raise
+        def check() -> None:
+            self._go_on_until(deadline, "an answer of the planner")
 
-    def _once_it_can(self, ask_once: Callable[[], Any], deadline: float) -> Any:
-        """Return the first answer that is SOLVED; ask again after a transient refusal."""
-        while True:
-            self._new_state.clear()
-            answer = ask_once()
-            status = Status(answer.status.code)
-            if status is Status.SOLVED:
-                return answer
-            if status not in _NOT_YET or time.monotonic() > deadline:
-                raise FfPlannerError(status, answer.status.message)
-            time.sleep(_ASK_AGAIN)
-            self._wait(self._new_state, deadline, "a chaser state")
+        return (ask or self.client.plan)(request, report, check)
 
-    def _asked(self, question: Callable[[], RosFuture], deadline: float) -> Any:
-        answer = ask(self._executor, question)
-        while True:
-            try:
-                return answer.result(_CHECK_INTERVAL)
-            except TimeoutError:
-                self._go_on_until(deadline, "an answer of the planner")
+    def _publication(self, plan_id: str) -> PlanStatus:
+        return self.client.publish(plan_id, NAME, patience=self._patience, check=self._check)
+
+    def _is_solved(self, told: PlanStatus, deadline: float) -> bool:
+        """Return whether a status is SOLVED; after a transient refusal, wait for a state first."""
+        status = Status(told.code)
+        if status is Status.SOLVED:
+            return True
+        if status not in _NOT_YET or time.monotonic() > deadline:
+            raise FfPlannerError(status, told.message)
+        self._new_state.clear()
+        time.sleep(_ASK_AGAIN)
+        self._wait(self._new_state, deadline, "a chaser state")
+        return False
 
     def _wait(self, event: threading.Event, deadline: float, what: str) -> None:
         while not event.wait(_CHECK_INTERVAL):
@@ -294,15 +263,21 @@ class MissionExecutive:
 def _flown_plan(
     plan: Plan, start_ns: int, measured: list[tuple[int, SystemState]], robot: Robot
 ) -> FlownPlan:
-    errors = [tracking_error(plan.trajectory, start_ns, state, at_ns) for at_ns, state in measured]
-    positions, angles = zip(*(error for error in errors if error is not None), strict=True)
+    motion = plan.trajectory
+    of_states = [
+        deviations(state, motion, (at_ns - start_ns) / NANOSECONDS, robot)
+        for at_ns, state in measured
+    ]
+    positions, angles = zip(
+        *((found[0].amount, found[1].amount) for found in of_states if found), strict=True
+    )
     last_ns, last = measured[-1]
     time_in_plan = min((last_ns - start_ns) / NANOSECONDS, float(plan.trajectory.time[-1]))
     predicted = predicted_pose(plan.trajectory, "ee", time_in_plan)
     if predicted is None:
         raise FfPlannerError(Status.INTERNAL_ERROR, f"no prediction at {time_in_plan} s")
     reached = end_effector(robot, last)
-    worst = TrackingError(max(positions), max(angles))
+    worst = PoseError(max(positions), max(angles))
     places = np.array([end_effector(robot, state).position for _, state in measured])
     return FlownPlan(
         predicted=predicted,

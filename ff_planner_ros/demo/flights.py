@@ -22,7 +22,7 @@ from ff_planner_ros.planning.problem.problem import DurationRange, Objective, Pl
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.background import StopRequest
+from ff_planner_ros.ros.process import StopRequest
 
 # The time to start a ROS process and to make the plan is measured. A plan that is flown begins this
 # many times as long after the start of its processes, so that it is in time even on a busier

@@ -18,8 +18,8 @@ from ff_planner_ros.demo.executive import FlownPlan
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.messages.trajectories import begin_of, trajectory_in
 from ff_planner_ros.planning.problem.goal_words import GoalKind
-from ff_planner_ros.ros.background import StopRequest
 from ff_planner_ros.ros.outputs.prediction import FramePose
+from ff_planner_ros.ros.process import StopRequest
 
 
 def run_mission(

@@ -44,7 +44,7 @@ from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import load_task
 from ff_planner_ros.robot.rotation import euler_from_rotation
-from ff_planner_ros.ros.background import StopRequest
+from ff_planner_ros.ros.process import StopRequest
 
 
 def run_demo(

@@ -13,8 +13,6 @@ import pinocchio as pin
 from ff_planner_msgs.msg import (
     ChaserState,
     PlanAnswer,
-    Scene,
-    TargetBody,
 )
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
@@ -30,14 +28,14 @@ from ff_planner_ros.planning.problem.target_body import TargetBody as FreeBody
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE, OBSTACLES
 from ff_planner_ros.ros.messages.joint_names import joint_order
 from ff_planner_ros.ros.messages.to_messages import (
     scene_message,
     state_message,
     target_body_message,
 )
-from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
+from ff_planner_ros.ros.qos import create_publisher
+from ff_planner_ros.ros.topics import CHASER_STATE, OBSTACLES, TARGET_BODY
 from ff_planner_ros.simulation.capture import captured
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
 
@@ -119,13 +117,13 @@ class SimulatedTestbed:
         self._system = FreeFloatingSystem(self._true, self._first, self._begin)
 
         self._name = node.get_name()
-        self._obstacles = node.create_publisher(Scene, OBSTACLES.name, LATCHED_QOS)
+        self._obstacles = create_publisher(node, OBSTACLES)
         self._publish_obstacles()
         if any(one.moves for one in scenario.obstacles):
             node.create_timer(1.0 / _BODY_RATE, self._hold_obstacles)
-        self._states = node.create_publisher(ChaserState, CHASER_STATE.name, STATE_QOS)
+        self._states = create_publisher(node, CHASER_STATE)
         node.create_timer(1.0 / state_rate, self._publish_state)
-        self._bodies = node.create_publisher(TargetBody, "target_body", STATE_QOS)
+        self._bodies = create_publisher(node, TARGET_BODY)
         if body is not None:
             node.create_timer(1.0 / _BODY_RATE, partial(self._publish_body, body))
         node.create_subscription(JointTrajectory, CONTROLLER_TOPIC, self._follow, 10)

@@ -10,8 +10,7 @@ from rclpy.node import Node
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.messages.exchange_words import Event, Interface
-from ff_planner_ros.ros.messages.interfaces import EXCHANGES
-from ff_planner_ros.ros.qos import STREAM_QOS
+from ff_planner_ros.ros.topics import EXCHANGES
 
 
 class Wait:
@@ -29,7 +28,7 @@ class Wait:
         self._plan_begins_ns = 0  # the last plan that was found
         self.is_over = False
         # Not those of before this testbed
-        node.create_subscription(Exchange, EXCHANGES, self._heard, STREAM_QOS)
+        node.create_subscription(Exchange, EXCHANGES.name, self._heard, 10)
 
     def stands_still(self) -> bool:
         """Tell whether the testbed's time stands still now."""

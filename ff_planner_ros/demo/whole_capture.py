@@ -25,7 +25,7 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import perform
-from ff_planner_ros.ros.background import StopRequest
+from ff_planner_ros.ros.process import StopRequest
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.whole_flight import fly
 

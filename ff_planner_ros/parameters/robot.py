@@ -9,23 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from ff_planner_ros.common.arrays import finite_number
-from ff_planner_ros.common.forms import FROM_URDF, a_word
+from ff_planner_ros.common.declared import tunable
 from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
-from ff_planner_ros.planning.problem.settings import (
-    STRICT_IF_LOW_EACH,
-    STRICT_IF_LOW_NOT_ZERO,
-    strict_if,
-    tunable,
-)
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import SLIDE_WEIGHTS, Base, Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.wheels import Wheels
 
 # Of robot.geometry: shapes if the arm has any, else lines.
 AUTO = "auto"
+# Of limits.velocity and limits.effort.
+FROM_URDF, NONE = "from_urdf", "none"
 
 
 @dataclass(frozen=True)
@@ -37,15 +33,14 @@ class WheelParameters:
     """
 
     axes: tuple[float, ...] = tunable(
-        "Axes of the wheels, three numbers each, one after the other, in axes of the base link"
+        (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        "Axes of the wheels, three numbers each, in axes of the base link",
     )
     momentum: tuple[float, ...] = tunable(
-        "Largest momentum of each wheel either way, or one for all; [0.0]: any",
-        unit="N m s",
+        (0.0,), "Largest momentum of each wheel either way, or one for all; [0.0]: any [N m s]"
     )
     torque: tuple[float, ...] = tunable(
-        "Largest torque of each wheel either way, or one for all; [0.0]: any",
-        unit="N m",
+        (0.0,), "Largest torque of each wheel either way, or one for all; [0.0]: any [N m]"
     )
 
     def __post_init__(self) -> None:
@@ -61,53 +56,51 @@ class WheelParameters:
         return Wheels(np.reshape(self.axes, (-1, 3)), *limits)
 
 
-# One along each axis of the base link, without limits.
-OWN_WHEELS = WheelParameters(tuple(np.eye(3).ravel().tolist()), (0.0,), (0.0,))
-
-
 @dataclass(frozen=True)
 class RobotParameters:
     """The robot to plan for.
 
     Raises:
-        InvalidInput: `base` or `geometry` is unknown, or `locked_joints` is malformed.
+        InvalidInput: `locked_joints` is malformed.
     """
 
     wheels: WheelParameters
-    urdf: str = tunable("URDF file: a path or a package:// URI")
-    base_link: str = tunable("URDF link that carries the arm")
-    tip_link: str = tunable("URDF link whose frame is the end effector")
+    urdf: str = tunable(
+        "package://ff_planner_ros/config/robots/lemur/lemur.urdf",
+        "URDF file: a path or a package:// URI",
+    )
+    base_link: str = tunable("chaser", "URDF link that carries the arm")
+    tip_link: str = tunable("end_effector", "URDF link whose frame is the end effector")
     base: str = tunable(
-        "Base: free_flyer; planar (on an air-bearing table); or attitude_held (by robot.wheels)"
+        "free_flyer",
+        "Base: free_flyer; planar (on an air-bearing table); or attitude_held (by robot.wheels)",
+        words=Base,
     )
     locked_joints: str = tunable(
-        "Locked joints and their positions [rad or m]: `rail: 0.2, hand: -1.0`"
+        "", "Locked joints and their positions [rad or m]: `rail: 0.2, hand: -1.0`"
     )
 
     geometry: str = tunable(
-        "Collision geometry of the robot: shapes (the URDF's collision elements), lines (the link "
-        "centre lines), or auto (shapes if the arm has any, else lines)"
+        "auto",
+        "Collision geometry: shapes (of the URDF), lines (link centre lines), or auto (shapes if "
+        "the arm has any, else lines)",
+        words=(AUTO, *Geometry),
     )
     srdf: str = tunable(
-        "SRDF file of links that may touch, beside neighbours: a path or a package:// URI; empty: "
-        "links that touch in nearly every posture may touch"
+        "", "SRDF file of links that may touch; empty: those that touch in nearly every posture"
     )
 
     slide_weight: float = tunable(
-        "Weight of a prismatic joint in the joint path, in which a revolute joint counts 1; 0.0: "
-        "prismatic joints are locked",
-        minimum=0.0,
-        maximum=SLIDE_WEIGHTS[1],
-        unit="rad/m",
+        1.0,
+        "Weight of a prismatic joint in the joint path; 0.0: prismatic joints are locked [rad/m]",
+        (0.0, SLIDE_WEIGHTS[1]),
     )
 
     FACTS = ("urdf", "base_link", "tip_link", "base")
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:
-        """Check the words and the list."""
-        a_word(Base).read("robot.base", self.base)
-        a_word((AUTO, *Geometry)).read("robot.geometry", self.geometry)
+        """Check the list."""
         locked_joints_of(self.locked_joints)
 
     def load(self, description: str, directory: Path | None = None) -> Robot:
@@ -159,59 +152,36 @@ def locked_joints_of(text: str) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class LimitParameters:
-    """Limits that plans keep beside those of the joint positions.
+    """Limits that plans keep beside those of the joint positions; a request may ask for less.
 
     Raises:
-        InvalidInput: A word is unknown, or a limit is not allowed.
+        InvalidInput: A limit is not allowed.
     """
 
     velocity: str = tunable(
-        "Joint velocity limits: from_urdf, or none",
-        strictness=strict_if("from_urdf"),
+        "from_urdf", "Joint velocity limits: from_urdf, or none", words=(FROM_URDF, NONE)
     )
     acceleration: tuple[float, ...] = tunable(
-        "Largest acceleration of each joint either way, or one for all; a request may ask for "
-        "less; [0.0]: any",
-        unit="rad/s2, m/s2",
-        strictness=STRICT_IF_LOW_EACH,
+        (0.0,),
+        "Largest acceleration of each joint either way, or one for all; [0.0]: any [rad/s2, m/s2]",
     )
     effort: str = tunable(
+        "from_urdf",
         "Joint torque limits: from_urdf (its effort limits), or none",
-        strictness=strict_if("from_urdf"),
+        words=(FROM_URDF, NONE),
     )
     chaser_attitude: float = tunable(
-        "Largest Euler angle of the chaser since the plan's first point; a request may ask for "
-        "less; 0.0: any",
-        minimum=0.0,
-        unit="rad",
-        strictness=STRICT_IF_LOW_NOT_ZERO,
+        0.0, "Largest Euler angle of the chaser since the plan's first point; 0.0: any [rad]"
     )
     chaser_rotation: float = tunable(
-        "Largest rotation angle of the chaser since the plan's first point; a request may ask for "
-        "less; 0.0: any",
-        minimum=0.0,
-        unit="rad",
-        strictness=STRICT_IF_LOW_NOT_ZERO,
+        0.0, "Largest rotation angle of the chaser since the plan's first point; 0.0: any [rad]"
     )
-    grasp_force: float = tunable(
-        "Largest force through the grasp of a payload; a request may ask for less; 0.0: any",
-        minimum=0.0,
-        unit="N",
-        strictness=STRICT_IF_LOW_NOT_ZERO,
-    )
+    grasp_force: float = tunable(0.0, "Largest force through the grasp of a payload; 0.0: any [N]")
     grasp_torque: float = tunable(
-        "Largest torque through the grasp of a payload, about its link's frame; a request may ask "
-        "for less; 0.0: any",
-        minimum=0.0,
-        unit="N m",
-        strictness=STRICT_IF_LOW_NOT_ZERO,
+        0.0, "Largest torque through the grasp of a payload, about its link's frame; 0.0: any [N m]"
     )
     capture_impulse: float = tunable(
-        "Largest impulse on a body that is captured, within the tolerances of the grasp; a request "
-        "may ask for less; 0.0: any",
-        minimum=0.0,
-        unit="N s",
-        strictness=STRICT_IF_LOW_NOT_ZERO,
+        0.0, "Largest impulse on a captured body, within the grasp's tolerances; 0.0: any [N s]"
     )
 
     def __post_init__(self) -> None:
@@ -226,8 +196,8 @@ class LimitParameters:
     def limits(self) -> Limits:
         """Return the limits of a problem."""
         return Limits(
-            joint_velocities=FROM_URDF.read("limits.velocity", self.velocity),
+            joint_velocities=self.velocity == FROM_URDF,
             joint_accelerations=self.accelerations,
-            joint_torques=FROM_URDF.read("limits.effort", self.effort),
+            joint_torques=self.effort == FROM_URDF,
             **{name: getattr(self, name) or math.inf for name in OF_ONE_NUMBER},
         )

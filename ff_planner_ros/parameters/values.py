@@ -1,90 +1,80 @@
-"""Values of parameters by their full names: read from files, checked, replaced."""
+"""Values of parameters by their full names: read from files, checked, written."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
-from enum import StrEnum
-from functools import cache
-from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+from functools import reduce
+from typing import Any, NamedTuple, get_type_hints
 
-from ff_planner_ros.common.declared import DeclaredField, DeclaredFields, declared_by_name
+from ff_planner_ros.common.declared import (
+    DeclaredField,
+    DeclaredFields,
+    declared_by_name,
+    written,
+)
 from ff_planner_ros.common.plain_values import mapping
-from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.common.text_file import AnyPath, path_of
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.node import NodeParameters
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-Group = TypeVar("Group", bound="DataclassInstance")
-
 _LONGEST_NAME = 100  # [characters] of a parameter, more than any has
-# Types of JSON Schema as parameters files have them.
-_KINDS: Mapping[str, str] = {
-    "boolean": "true or false",
-    "string": "text",
-    "integer": "a whole number",
-    "number": "a number with a decimal point",
-    "array": "an array of numbers with a decimal point",
-}
-# Full names of fields of NodeParameters that differ from the field's name.
-_FULL_NAMES = {"library": "planner.library", "plug_ins": "planner.plugins"}
-_FIELDS = {full: name for name, full in _FULL_NAMES.items()}
 
 
-def _full_name(prefix: str, name: str) -> str:
-    return f"{prefix}{name}" if prefix else _FULL_NAMES.get(name, name)
+class _Parameter(NamedTuple):
+    name: str  # full
+    path: tuple[str, ...]  # of fields from `NodeParameters` to its value
+    declared: DeclaredField
 
 
-def _declarations(group: Any, prefix: str = "") -> DeclaredFields:
+GROUPS: dict[str, Any] = {}  # class of each group of parameters, by its full name
+
+
+def _parameters(group: Any, path: tuple[str, ...] = ()) -> Iterator[_Parameter]:
     types, known = get_type_hints(group), declared_by_name(group)
-    found: dict[str, DeclaredField] = {}
     for item in fields(group):
-        name = _full_name(prefix, item.name)
-        if is_dataclass(types[item.name]):
-            found |= _declarations(types[item.name], f"{name}.")
+        here, kind = (*path, item.name), types[item.name]
+        if is_dataclass(kind):
+            GROUPS[".".join(here)] = kind
+            yield from _parameters(kind, here)
         else:
-            found[name] = known[item.name]
-    return found
+            one = known[item.name]
+            # Files have every parameter, also those that scenarios leave out.
+            yield _Parameter(one.key or ".".join(here), here, replace(one, brief=False))
 
 
+_PARAMETERS = tuple(_parameters(NodeParameters))
 # By full name, `planner.starts`.
-DECLARATIONS: DeclaredFields = _declarations(NodeParameters)
-_GROUPS = {name.rpartition(".")[0] for name in DECLARATIONS}
+DECLARATIONS: DeclaredFields = {one.name: one.declared for one in _PARAMETERS}
+
+
+def default_values() -> dict[str, Any]:
+    """Return the default of every parameter by full name, as a parameters file has it."""
+    return {name: one.form.written(one.default) for name, one in DECLARATIONS.items()}
 
 
 def load_parameters(path: AnyPath | None = None) -> NodeParameters:
-    """Read a ROS parameters file; parameters that it omits are those of `config/planner.yaml`.
+    """Read a ROS parameters file; parameters that it omits have their defaults.
 
     Raises:
         InvalidInput: The file cannot be read; a parameter is unknown, of the wrong type or out of
             its range.
     """
-    values = dict(default_values())
     given = {} if path is None else flattened(read_yaml(path_of("path", path)))
-    for name, value in given.items():
+    for name in given:
         if name not in DECLARATIONS:
             raise unknown_parameter(name)
-        values[name] = checked(name, value)
-    return parameters_of(values)
+    return parameters_of(default_values() | given)
 
 
-def unknown_parameter(name: str) -> InvalidInput:
+def unknown_parameter(name: str, known: Iterable[str] = DECLARATIONS) -> InvalidInput:
     """Return the error for an unknown parameter name; it lists the most similar names."""
-    near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
-    known = f"known are {', '.join(near)} and others: see config/planner.yaml"
-    return InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
-
-
-@cache
-def default_values() -> Mapping[str, Any]:
-    """Return the values of `config/planner.yaml` by full name."""
-    return flattened(read_yaml(share_directory() / "config" / "planner.yaml"))
+    near = get_close_matches(name[:_LONGEST_NAME], known, n=5, cutoff=0.0)
+    allowed = f"known are {', '.join(near)} and others: see docs/reference/parameters.md"
+    return InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", allowed)
 
 
 def flattened(document: Any) -> dict[str, Any]:
@@ -109,7 +99,7 @@ def _flatten(block: Any, prefix: str, values: dict[str, Any]) -> None:
         raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(block), "it must hold parameters")
     for name, value in block.items():
         full = f"{prefix}{name}"
-        if isinstance(value, dict) or full in _GROUPS:
+        if isinstance(value, dict) or full in GROUPS:
             _flatten(value, f"{full}.", values)
         elif full in values:  # as `robot.urdf` and below `robot`
             raise InvalidInput(Status.OUT_OF_RANGE, full, "given twice", "give it once")
@@ -123,22 +113,8 @@ def checked(name: str, value: Any) -> Any:
     Raises:
         InvalidInput: It is of the wrong type or out of its range.
     """
-    form, given = DECLARATIONS[name].form, list(value) if isinstance(value, tuple) else value
-    try:
-        return form.checked(name, form.read(name, given))
-    except InvalidInput:
-        raise InvalidInput(Status.OUT_OF_RANGE, name, quoted(value), allowed_values(name)) from None
-
-
-def allowed_values(name: str) -> str:
-    """Return what a parameter may be, in words."""
-    declared = DECLARATIONS[name]
-    schema = declared.form.schema()
-    words = f"one of {', '.join(schema['enum'])}" if "enum" in schema else _KINDS[schema["type"]]
-    for word, bound in (("least", "minimum"), ("most", "maximum")):
-        words += f", at {word} {schema[bound]:g}" if bound in schema else ""
-    unit = f"[{declared.unit}] " if declared.unit else ""
-    return f"it must be {words} {unit}({declared.sentence})"
+    form = DECLARATIONS[name].form
+    return form.checked(name, form.read(name, list(value) if isinstance(value, tuple) else value))
 
 
 def parameters_of(values: Mapping[str, Any]) -> NodeParameters:
@@ -147,51 +123,31 @@ def parameters_of(values: Mapping[str, Any]) -> NodeParameters:
     Raises:
         InvalidInput: A value is not allowed.
     """
-    return _group(NodeParameters, values, "")
+    tree: dict[str, Any] = {}
+    for name, path, _ in _PARAMETERS:
+        block = tree
+        for part in path[:-1]:
+            block = block.setdefault(part, {})
+        block[path[-1]] = checked(name, values[name])
+    built: NodeParameters = _built(NodeParameters, tree)
+    return built
 
 
-def _group(group: type[Group], values: Mapping[str, Any], prefix: str) -> Group:
-    types, read = get_type_hints(group), dict[str, Any]()
-    for item in fields(group):
-        kind, name = types[item.name], _full_name(prefix, item.name)
-        if is_dataclass(kind):
-            read[item.name] = _group(kind, values, f"{name}.")  # type: ignore[arg-type]
-        else:
-            value = values[name]
-            read[item.name] = tuple(value) if isinstance(value, list) else value
-    return group(**read)
+def _built(group: Any, tree: Mapping[str, Any]) -> Any:
+    types = get_type_hints(group)
+    return group(
+        **{
+            name: _built(types[name], value) if isinstance(value, dict) else value
+            for name, value in tree.items()
+        }
+    )
 
 
-def replaced(group: Group, name: str, value: Any) -> Group:
-    """Return parameters with one value replaced; an unknown name changes nothing.
-
-    Raises:
-        InvalidInput: A value is not allowed.
-    """
-    first, _, rest = _FIELDS.get(name, name).partition(".")
-    if first not in {item.name for item in fields(group)}:
-        return group
-    inner = replaced(getattr(group, first), rest, value) if rest else value
-    return replace(group, **{first: inner})
-
-
-def value_of(parameters: NodeParameters, name: str) -> Any:
-    """Return the value of a parameter by its full name; None: there is no such parameter."""
-    value: Any = parameters
-    for part in _FIELDS.get(name, name).split("."):
-        value = getattr(value, part, None)
-    return value
+def values_of(parameters: NodeParameters) -> dict[str, Any]:
+    """Return the value of every parameter by full name."""
+    return {name: reduce(getattr, path, parameters) for name, path, _ in _PARAMETERS}
 
 
 def document_of(parameters: NodeParameters) -> dict[str, Any]:
     """Return every parameter in the structure of a parameters file: by group, arrays as lists."""
-    document: dict[str, Any] = {}
-    for name in DECLARATIONS:
-        *groups, last = name.split(".")
-        block = document
-        for group in groups:
-            block = block.setdefault(group, {})
-        value = value_of(parameters, name)
-        plain = str(value) if isinstance(value, StrEnum) else value
-        block[last] = list(plain) if isinstance(plain, tuple) else plain
-    return document
+    return written(DECLARATIONS, values_of(parameters))

@@ -324,11 +324,11 @@ def _with_measured(
     of_joints = plan.robot.joint_weights, plan.robot.continuous
     found = deviations(plan.motion, measured, *of_joints)
     worst = float(found.joint_position.max())
-    tolerance = parameters.following_tolerance if parameters is not None else np.inf
+    tolerance = parameters.tracking.max_joint_position if parameters is not None else np.inf
     if worst > tolerance:
         remarks.append(
-            f"A joint was {worst:.3g} rad off the plan, more than following_tolerance, "
-            f"{tolerance:g} rad: the plan was not executed, or not to its end."
+            f"A joint was {worst:.3g} rad off the plan, more than tracking.max_joint_position, "
+            f"{tolerance:g} rad: it was not executed, or not to its end."
         )
     return replace(plan, measured=measured, deviations=found, remarks=tuple(remarks))
 

@@ -1,26 +1,36 @@
-"""The process of the node `ff_planner`: signals, threads and a clean end."""
+"""The process of the node `ff_planner`: its command line, signals, threads and a clean end."""
 
 from __future__ import annotations
 
 import gc
+import re
 import sys
+from collections.abc import Iterator, Sequence
 from contextlib import closing
+from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from ff_planner_ros.common.shown import in_log
-from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.ros.background import StopRequest, spin_in_background
-from ff_planner_ros.ros.joining import joining_ros, security_gap
-from ff_planner_ros.ros.parameter_files import not_taken
+from ff_planner_ros.common.yaml_file import yaml_document
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.ros.planner_node import PlannerNode
-from ff_planner_ros.ros.requests.worker import Worker
+from ff_planner_ros.ros.process import StopRequest, joining_ros, security_gap, spin_in_background
+from ff_planner_ros.ros.requests.solver import Solver
 
 # One plans, one waits for it to make room, one cancels, one streams, one tells how the node is, one
 # draws a plan, one publishes a plan that waited, one waits for the bag's disk.
 _THREADS = 8
+# For so long a thread keeps the interpreter while others wait for it [s]. Drawing a plan takes 30
+# ms; with Python's 5 ms, each of the dozen times that an answer lets go of it meanwhile costs that.
+_SWITCH_INTERVAL = 1e-3
+_ROS_ARGUMENTS, _OF_PROGRAM, _PARAMETERS = "--ros-args", "--", "ros__parameters"
+_FILE, _SINGLE = "--params-file", ("-p", "--param")
+# Of a name: any names, or one; ROS has no others in it.
+_WILD = {"**": r"(/\w+)*", "*": r"/\w+"}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,6 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
         Exit code: 0 stopped by a signal, 2 refused to start.
     """
     stop = StopRequest()
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     try:
         with joining_ros():
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -42,9 +53,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(stop: StopRequest, arguments: list[str]) -> int:
-    with closing(Worker()) as worker:
+    with closing(Solver()) as solver:
         with joining_ros():
-            node = PlannerNode(worker)
+            node = PlannerNode(solver)
         if gap := security_gap():
             node.get_logger().warning(gap)
         for words in not_taken(arguments, node.get_fully_qualified_name()):
@@ -52,7 +63,7 @@ def _run(stop: StopRequest, arguments: list[str]) -> int:
         executor = MultiThreadedExecutor(num_threads=_THREADS)
         executor.add_node(node)
         try:
-            if node.parameters.current.autostart and not _started(node):
+            if node.get_parameter("autostart").value and not _started(node):
                 return 2
             # A full collection looks at all that is loaded, which stays to the end: half a second
             # on a busy machine, in which no request is read.
@@ -74,6 +85,61 @@ def _started(node: PlannerNode) -> bool:
     if node.refusal is None:
         node.trigger_activate()
     return node.refusal is None
+
+
+def not_taken(arguments: Sequence[str], node: str) -> Iterator[str]:
+    """Yield a sentence for each file or parameter on a command line that is not for a node.
+
+    Args:
+        node: Its full name.
+    """
+    for option, value in _given(arguments):
+        if option == _FILE:
+            names = list(_nodes_in(Path(value)))
+            if names and not any(_is_for(name, node) for name in names):
+                yield (
+                    f"{value} has parameters of {', '.join(names)} and none of {node}: nothing of "
+                    f"it was taken; for this node it must say {node}, or /**"
+                )
+        elif (of := re.match(r"([^:=]+):[^:=]+:=", value)) and not _is_for(of[1], node):
+            yield (
+                f"{option} {value} is a parameter of {of[1]} and not of {node}: it was not taken; "
+                f"for this node leave out {of[1]}:"
+            )
+
+
+def _given(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield files and parameters among the arguments that are for ROS, with their options."""
+    is_of_ros = False
+    for option, value in zip(arguments, [*arguments[1:], ""], strict=True):
+        is_of_ros = option == _ROS_ARGUMENTS or (is_of_ros and option != _OF_PROGRAM)
+        if is_of_ros and option in (_FILE, *_SINGLE):
+            yield option, value
+
+
+def _nodes_in(file: Path) -> Iterator[str]:
+    """Yield the names of nodes that a file has parameters of, as ROS puts them together."""
+    try:
+        document = yaml_document(file.read_text(encoding="utf-8"), str(file), "no YAML")
+    except (InvalidInput, OSError, UnicodeError):
+        return  # ROS has read it otherwise
+    yield from _nodes(document, "")
+
+
+def _nodes(part: Any, name: str) -> Iterator[str]:
+    if isinstance(part, dict):
+        if name and _PARAMETERS in part:
+            yield name
+        for key, value in part.items():
+            if key != _PARAMETERS:
+                yield from _nodes(value, f"{name}/{key}" if name else str(key))
+
+
+def _is_for(name: str, node: str) -> bool:
+    """Tell whether a name in a file, with wildcards, is that of a node."""
+    parts = (part for part in name.split("/") if part)
+    pattern = "".join(_WILD.get(part, f"/{re.escape(part)}") for part in parts)
+    return re.fullmatch(pattern, node) is not None
 
 
 if __name__ == "__main__":

@@ -11,37 +11,35 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.requests.worker import Worker
+from ff_planner_ros.ros.parameters import ParameterServer
+from ff_planner_ros.ros.requests.solver import Solver
 from ff_planner_ros.ros.session import Session
 
 
 class PlannerNode(LifecycleNode):
     """The planner as a lifecycle node; inactive, it refuses requests with NOT_ACTIVE."""
 
-    def __init__(self, worker: Worker) -> None:
-        """Declare the parameters; the worker, which plans, outlives the node.
+    def __init__(self, solver: Solver) -> None:
+        """Declare the parameters; the solver, which plans, outlives the node.
 
         Raises:
             InvalidInput: A parameter is refused.
         """
         super().__init__("ff_planner")
         self._answer_illegal_transitions()
-        self.parameters = LiveParameters(self)
+        self.parameters = ParameterServer(self)
         self.refusal: FfPlannerError | None = None  # why the last transition failed
-        self._worker = worker
+        self._solver = solver
         self._session: Session | None = None
 
     def on_configure(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Load the robot, start to record, and connect."""
 
         def configure() -> None:
-            # Before they are read: what is in use must be what the parameters say.
-            self.parameters.configured = True
             try:
-                self._session = Session(self, self.parameters, self._worker)
+                self._session = Session(self, self.parameters.fix(), self._solver)
             except BaseException:
-                self.parameters.configured = False
+                self.parameters.release()
                 raise
 
         return self._attempt(configure)
@@ -50,7 +48,7 @@ class PlannerNode(LifecycleNode):
         """Wait until the solver is loaded, then open the publishers and accept requests."""
 
         def activate() -> None:
-            self._worker.wait_until_warm()
+            self._solver.wait_until_warm()
             super(PlannerNode, self).on_activate(state)  # opens the publishers
             if self._session is not None:
                 self._session.activate()
@@ -96,7 +94,7 @@ class PlannerNode(LifecycleNode):
         session, self._session = self._session, None
         if session is not None:
             session.close()
-        self.parameters.configured = False
+        self.parameters.release()
 
     def _clean_up(self) -> None:
         self.close(Status.NOT_ACTIVE, "the planner was cleaned up: configure and activate it")

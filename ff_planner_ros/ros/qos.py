@@ -1,32 +1,68 @@
-"""Quality of service of every topic, from parameters."""
+"""Quality of service of the node's topics: the table's, or what `qos_overrides.*` say instead."""
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from ff_planner_ros.parameters.interfaces import PublisherQos, SubscriptionQos
+from ff_planner_ros.common.forms import Form, a_whole_number, a_word
+from ff_planner_ros.ros.topics import INPUTS, OUTPUTS, SERVICE, Endpoint, override
 
-# Whoever comes late still gets the last one.
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-STREAM_QOS = QoSProfile(depth=10)
-STATE_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-TF_QOS = QoSProfile(depth=100)
-# Those who come late hear what became of the last plans.
-PLAN_EVENTS_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Whoever comes late, or is slow for a moment, still gets the last ones: a burst of refusals counts
-# two for each request, and a plan of 10,000 points takes 5 MB.
-EXCHANGES_QOS = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Requests that wait at each of our services and at the action; the middleware drops the oldest of
-# more, and nobody answers those. More than a fleet's executives ask at once, and little where none
-# wait.
-MOST_REQUESTS = 1000
-REQUEST_QOS = QoSProfile(depth=MOST_REQUESTS)
+# rclpy declares them with the endpoint: `qos_overrides./TOPIC.publisher.reliability`, and so on.
+OVERRIDES = QoSOverridingOptions(
+    (QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY, QoSPolicyKind.DEPTH)
+)
+_FORMS = {
+    "reliability": a_word(("best_effort", "reliable")),
+    "durability": a_word(("volatile", "transient_local")),
+    "depth": a_whole_number(1, 10_000),
+}
 
 
-def qos_profile(topic: SubscriptionQos | PublisherQos) -> QoSProfile:
-    """Return the profile that the parameters of a topic describe."""
+def qos_profile(endpoint: Endpoint) -> QoSProfile:
+    """Return a topic's quality of service without overrides, of its own: rclpy changes it."""
     return QoSProfile(
-        reliability=ReliabilityPolicy[topic.reliability.upper()],
-        durability=DurabilityPolicy[topic.durability.upper()],
-        depth=topic.depth,
+        reliability=ReliabilityPolicy[endpoint.qos.reliability.upper()],
+        durability=DurabilityPolicy[endpoint.qos.durability.upper()],
+        depth=endpoint.qos.depth,
     )
+
+
+REQUEST_QOS = qos_profile(SERVICE)
+
+
+def create_publisher(node: Node, endpoint: Endpoint) -> Publisher:
+    """Create the publisher of a topic, which is heard whatever state the node is in."""
+    return node.create_publisher(
+        endpoint.message_type,
+        endpoint.name,
+        qos_profile(endpoint),
+        qos_overriding_options=OVERRIDES,
+    )
+
+
+def create_lifecycle_publisher(node: LifecycleNode, endpoint: Endpoint) -> LifecyclePublisher:
+    """Create the publisher of a topic, which is silent until the node is active."""
+    made: LifecyclePublisher = node.create_lifecycle_publisher(
+        endpoint.message_type,
+        endpoint.name,
+        qos_profile(endpoint),
+        qos_overriding_options=OVERRIDES,
+    )
+    return made
+
+
+def overridable(node: Node) -> dict[str, Form]:
+    """Return the form of every parameter that may override a quality of service, by its name.
+
+    rclpy would ignore an unknown name, and learn of a wrong value when the node is configured.
+    """
+    return {
+        override(node.resolve_topic_name(topic.name), kind, policy): form
+        for kind, topics in (("subscription", INPUTS), ("publisher", OUTPUTS))
+        for topic in topics
+        for policy, form in _FORMS.items()
+    }

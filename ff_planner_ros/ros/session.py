@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockChange, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
@@ -19,28 +16,23 @@ from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters.node import ANY_AGE
+from ff_planner_ros.parameters.node import ANY_AGE, NodeParameters
 from ff_planner_ros.planning.problem.obstacles import bodies_in
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, heard_with
-from ff_planner_ros.ros.inputs.listener import Listener
-from ff_planner_ros.ros.inputs.publishers import Publishers
+from ff_planner_ros.ros.inputs.middleware import Middleware, namesakes
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.outputs.clock_health import LOG_PERIOD, ClockWatch
-from ff_planner_ros.ros.outputs.controller_health import controller_health
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
 from ff_planner_ros.ros.outputs.exchanges import Exchanges
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
-from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.qos import STREAM_QOS, qos_profile
-from ff_planner_ros.ros.recorder.recorded_topics import recording
-from ff_planner_ros.ros.recorder.split_service import split_service
+from ff_planner_ros.ros.qos import create_publisher
+from ff_planner_ros.ros.recorder.recording import recording
 from ff_planner_ros.ros.requests.description import description_service
-from ff_planner_ros.ros.requests.namesakes import namesakes
 from ff_planner_ros.ros.requests.planning_service import PlanningService
-from ff_planner_ros.ros.requests.worker import Worker
+from ff_planner_ros.ros.requests.solver import Solver
+from ff_planner_ros.ros.topics import DIAGNOSTICS, OBSTACLES, PLANNED_JOINT_STATES, heard_with
 
 # Longest wait for the answer to a request that was given up [s].
 _LAST_ANSWER = 2.0
@@ -49,58 +41,53 @@ _LAST_ANSWER = 2.0
 class Session:
     """One configured planner: inputs, outputs, service, action, recorder, timers."""
 
-    def __init__(self, node: LifecycleNode, parameters: LiveParameters, worker: Worker) -> None:
+    def __init__(self, node: LifecycleNode, parameters: NodeParameters, solver: Solver) -> None:
         """Load robot and library, start to record, and connect.
 
         Raises:
             InvalidInput: The robot or the library is refused.
         """
-        self._node, self._parameters, self._worker = node, parameters, worker
+        self._node, self._parameters, self._solver = node, parameters, solver
         self._namesakes: list[str] = []
         self._clock = ClockWatch(node)
-        now = parameters.current
-        urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
+        urdf = resolve_uri(parameters.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
-        robot = now.robot.load(self._description, urdf.parent)
+        robot = parameters.robot.load(self._description, urdf.parent)
         self._robot, self._urdf = robot, urdf
         for note in robot.notes:
             node.get_logger().warning(f"robot.urdf: {in_log(note)}")
         library = None
-        if now.library:
-            library = load_library(Path(now.library).expanduser().absolute(), "planner.library")
-            plans = len(library.plans)
-            node.get_logger().info(f"planner.library: {plans} plans in {now.library}")
-        self._publishers = Publishers(node, now.qos)
-        self._states = StateInput(
-            robot,
-            now.inertial_frame,
-            now.state_source,
-            now.odometry,
-            self._now_ns,
-            self._publishers,
-        )
-        self._scenes = SceneInput(
-            now.inertial_frame, self._now_ns, self._publishers, node.get_logger().warning
-        )
-        self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
-        with ExitStack() as stack:
-            self._recorder = stack.enter_context(recording(node, now, robot, self._bag))
-            stack.enter_context(split_service(node, self._recorder))
-            self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
-            # Nobody learns more from a preview by reading it twice.
-            preview = node.resolve_topic_name("planned_joint_states")
-            self._recorder.leave_out(preview, self._output.preview.is_repeated)
-            self._subscribe(stack)
-            exchanges = stack.enter_context(
-                closing(Exchanges(node, robot.drawn_urdf, now.inertial_frame))
+        if parameters.library:
+            library = load_library(
+                Path(parameters.library).expanduser().absolute(), "planner.library"
             )
+            plans = len(library.plans)
+            node.get_logger().info(f"planner.library: {plans} plans in {parameters.library}")
+        self._bag = unique_directory(Path(parameters.bag.directory).resolve(), "ff_planner")
+        with ExitStack() as stack:
+            recorded = stack.enter_context(ExitStack())  # closed last: it hears all others close
+            self._output = stack.enter_context(closing(PlanOutput(node, robot, parameters)))
+            self._middleware = stack.enter_context(
+                closing(Middleware(node, parameters.allow_several_publishers))
+            )
+            self._states = StateInput(robot, parameters, self._middleware)
+            self._scenes = SceneInput(parameters.inertial_frame, self._middleware)
+            exchanges = stack.enter_context(
+                closing(Exchanges(node, robot.drawn_urdf, parameters.inertial_frame))
+            )
+            self._diagnostics = create_publisher(node, DIAGNOSTICS)
+            stack.callback(node.destroy_publisher, self._diagnostics)
+            self._recorder = recorded.enter_context(recording(node, parameters, robot, self._bag))
+            # Nobody learns more from a preview by reading it twice.
+            preview = node.resolve_topic_name(PLANNED_JOINT_STATES.name)
+            self._recorder.leave_out(preview, self._output.preview.is_repeated)
             self._service = stack.enter_context(
                 closing(
                     PlanningService(
                         node,
                         parameters,
                         robot,
-                        worker,
+                        solver,
                         self._states,
                         self._scenes,
                         self._output,
@@ -110,13 +97,11 @@ class Session:
                     )
                 )
             )
-            described = robot, lambda: parameters.current, lambda: self._service.is_active
+            described = robot, parameters, lambda: self._service.is_active
             stack.enter_context(description_service(node, *described))
-            self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM_QOS)
-            stack.callback(node.destroy_publisher, self._diagnostics)
             for rate, callback in (
-                (now.rates.predicted_pose, self._stream),
-                (now.rates.diagnostics, self._diagnose),
+                (parameters.rates.predicted_pose, self._stream),
+                (parameters.rates.diagnostics, self._diagnose),
             ):
                 # Each on its own: reading thousands of spheres must not hold up a pose. And apart
                 # from the lifecycle's services, whose transitions may wait for an answer.
@@ -153,22 +138,6 @@ class Session:
         """Disconnect, then close the bag."""
         self._stack.close()
 
-    def _subscribe(self, stack: ExitStack) -> None:
-        qos = self._parameters.current.qos
-        of_states = self._states.callbacks()
-        if self._parameters.current.tf.measured:
-            of_states = {name: self._and_tell(one) for name, one in of_states.items()}
-        keep = of_states | self._scenes.callbacks()
-        listener = stack.enter_context(closing(Listener(self._node)))
-        for topic in heard_with(self._parameters.current.state_source):
-            listener.add(
-                topic.message_type,
-                topic.name,
-                keep[topic.name],
-                qos_profile(getattr(qos, topic.name)),
-            )
-        listener.start()
-
     def _forget(self, jump: TimeJump) -> None:
         """Forget states and plans: the clock jumped back, or became another one."""
         self._states.clear()
@@ -189,28 +158,22 @@ class Session:
     def _newest_state(self, *limits: float) -> Snapshot:
         return self._states.snapshot(self._now_ns(), *limits)
 
-    def _and_tell(self, keep: Callable[..., None]) -> Callable[..., None]:
-        """Return what keeps a message, and publishes the measured chaser where that is due.
-
-        On the listener's thread: a timer would wake the executor while nothing is measured.
-        """
-
-        def kept(*message: Any) -> None:
-            keep(*message)
-            if self._output.transforms.is_due and (measured := self._measured()) is not None:
-                self._output.transforms.measured(measured.state, measured.stamp_ns)
-
-        return kept
-
     def _stream(self) -> None:
-        if not self._output.is_streamed:
+        """Publish the measured chaser, and what a plan predicts for now."""
+        told = self._parameters.tf.measured
+        streams = self._output.is_streamed
+        if not (told or streams):
             self._streaming.cancel()  # until a plan is published: nobody asks for the state
             return
-        self._output.stream(self._measured())
+        measured = self._measured()
+        if told and measured is not None:
+            self._output.transforms.measured(measured.state, measured.stamp_ns)
+        if streams:
+            self._output.stream(measured)
 
     def _measured(self) -> Snapshot | None:
         """Return the newest state; None: there is none that can be used."""
-        now = self._parameters.current
+        now = self._parameters
         try:
             return self._newest_state(now.state_max_age, now.state_future_tolerance)
         except InvalidInput:
@@ -219,7 +182,7 @@ class Session:
     def _diagnose(self) -> None:
         self._output.preview.look_for_viewers(1 if self._recorder.listens else 0)
         self._service.look()
-        now, clock = self._parameters.current, self._node.get_clock().now()
+        now, clock = self._parameters, self._node.get_clock().now()
         state_age, state_refusal = None, ""
         try:
             limits = ANY_AGE, now.state_future_tolerance, now.locked_joint_tolerance
@@ -256,7 +219,7 @@ class Session:
             state_max_age=now.state_max_age,
             state_refusal=state_refusal,
             state_since=self._states.since,
-            state_clock_offset=self._states.clock_offset(clock.nanoseconds),
+            state_clock_offset=self._states.clock_offset,
             obstacles=obstacles,
             obstacle_bodies=bodies,
             obstacles_source=obstacles_source,
@@ -266,17 +229,16 @@ class Session:
             target_max_age=now.target_max_age,
             target_refusal=target_refusal,
             unheard=self._unheard(),
-            obstacles_are_published=bool(self._publishers.heard(OBSTACLES.name)),
-            target_clock_offset=self._scenes.target_clock_offset(clock.nanoseconds),
-            controller=controller_health(self._output.execution, self._robot),
+            obstacles_are_published=bool(self._middleware.heard(OBSTACLES.name)),
+            target_clock_offset=self._scenes.target_clock_offset,
+            controller=self._output.execution.health(self._robot),
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
-            solver_is_warm=self._worker.is_warm,
+            solver_is_warm=self._solver.is_warm,
             namesakes=self._other_planners(),
             recorder=self._recorder.health,
             tracking=self._output.tracking,
-            tracking_max_position=now.tracking.max_position,
-            tracking_max_angle=now.tracking.max_angle,
+            allowed=now.tracking,
             clock=self._clock.health(clock.nanoseconds),
         )
         name = self._node.get_fully_qualified_name()
@@ -284,8 +246,8 @@ class Session:
 
     def _unheard(self) -> dict[str, list[str]]:
         """Return words on publishers that the node cannot hear, by topic."""
-        topics = (topic.name for topic in heard_with(self._parameters.current.state_source))
-        return {name: words for name in topics if (words := self._publishers.unheard(name))}
+        topics = (topic.name for topic in heard_with(self._parameters.state_source))
+        return {name: words for name in topics if (words := self._middleware.unheard(name))}
 
     def _other_planners(self) -> list[str]:
         """Return the nodes that serve the same requests, and tell of a change in the log."""

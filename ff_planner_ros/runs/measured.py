@@ -6,32 +6,33 @@ from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import TypeAlias
+
+import numpy as np
 
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.inputs.input_topics import (
-    CHASER_STATE,
-    INPUT_TOPICS,
-    JOINT_STATES,
-    ODOMETRY,
-    OUTPUTS_OF_THESE_TYPES,
-    InputTopic,
-    header_stamp,
-)
-from ff_planner_ros.ros.inputs.state_input import is_pair
 from ff_planner_ros.ros.messages.from_messages import state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
     chaser_from_odometry,
+    is_pair,
     joints_from_joint_state,
+    merged,
 )
-from ff_planner_ros.ros.messages.interfaces import type_name
-from ff_planner_ros.ros.messages.joint_names import names_a_joint_of
+from ff_planner_ros.ros.messages.interfaces import header_stamp, type_name
+from ff_planner_ros.ros.messages.joint_names import joints_named
+from ff_planner_ros.ros.topics import (
+    CHASER_STATE,
+    JOINT_STATES,
+    ODOMETRY,
+    PLANNED_JOINT_STATES,
+    Endpoint,
+)
 
 # Per plan, evenly in time: each takes a tenth of a millisecond, and a curve shows 400 of them.
 MOST_STATES = 5_000
@@ -65,7 +66,7 @@ def fill_windows(
         BagError: The disk fails.
     """
     if parameters.state_source == "odometry":
-        _measure_apart(bag, robot, parameters.odometry, windows)
+        _measure_apart(bag, robot, parameters, windows)
         return
     for window, kept in zip(windows, _kept(bag, CHASER_STATE, windows), strict=True):
         for stamp_ns, message in kept:
@@ -79,27 +80,29 @@ def fill_windows(
 
 
 def _measure_apart(
-    bag: Bag, robot: Robot, sensor: OdometryParameters, windows: Sequence[Window]
+    bag: Bag, robot: Robot, parameters: NodeParameters, windows: Sequence[Window]
 ) -> None:
-    """Fill windows with states from odometry and the joint states nearest in time."""
-    kept = _kept(bag, ODOMETRY, windows)
+    """Fill windows with states from odometry and the joint states nearest to it in time."""
+    kept, sensor = _kept(bag, ODOMETRY, windows), parameters.odometry
     nearest = _nearest(bag, robot, windows, kept)
     for window, chasers, arms in zip(windows, kept, nearest, strict=True):
-        for (stamp_ns, odometry), (apart_ns, joint_states) in zip(chasers, arms, strict=True):
+        for (stamp_ns, odometry), near in zip(chasers, arms, strict=True):
             try:
-                if joint_states is None or not is_pair(
-                    apart_ns / NANOSECONDS, sensor.pairing_tolerance
-                ):
-                    raise BagError("no joint_states are near enough to pair with odometry")
                 chaser = chaser_from_odometry(bag.decode(odometry), window.frame, sensor)
-                arm = joints_from_joint_state(bag.decode(joint_states), robot)
+                parts = [
+                    joints_from_joint_state(bag.decode(joint_states), robot)
+                    for apart_ns, joint_states in near
+                    if is_pair(apart_ns / NANOSECONDS, parameters.state_synchronization)
+                ]
+                if not parts or np.isnan(arm := merged(parts)).any():
+                    raise BagError("no joint_states are near enough to pair with odometry")
             except _UNREADABLE as error:
                 window.unusable.append(str(error))
             else:
                 window.states[stamp_ns] = SystemState(*chaser, *arm)
 
 
-def _kept(bag: Bag, topic: InputTopic, windows: Sequence[Window]) -> list[list[Stamped]]:
+def _kept(bag: Bag, topic: Endpoint, windows: Sequence[Window]) -> list[list[Stamped]]:
     """Return the messages of each window by stamp, at most one per `MOST_STATES`-th of its span.
 
     Of messages with the same stamp the last counts.
@@ -119,52 +122,61 @@ def _kept(bag: Bag, topic: InputTopic, windows: Sequence[Window]) -> list[list[S
 
 def _nearest(
     bag: Bag, robot: Robot, windows: Sequence[Window], kept: Sequence[Sequence[Stamped]]
-) -> list[list[tuple[int, Message | None]]]:
+) -> list[list[list[tuple[int, Message]]]]:
     """Return the joint states nearest to each message kept, and how far they are apart [ns].
 
-    Of joint states equally near, the last heard is taken.
+    Nearest first, one of each set of joints that messages tell of. Of joint states equally near,
+    the last heard is taken.
     """
     stamps = [[stamp_ns for stamp_ns, _ in messages] for messages in kept]
     # Between two messages kept, only the first and the last joint states can be the nearest.
-    first: list[dict[int, Stamped]] = [{} for _ in windows]
-    last: list[dict[int, Stamped]] = [{} for _ in windows]
-    is_of_arm = names_a_joint_of(robot)
+    ends = defaultdict[tuple[int, frozenset[str]], tuple[dict[int, Stamped], dict[int, Stamped]]](
+        lambda: ({}, {})
+    )
+    joints_in = joints_named(robot.joint_names)
     for number, stamp_ns, message in _stamped(bag, JOINT_STATES, windows):
-        if not is_of_arm(message.cdr):
+        names = frozenset(joints_in(message.cdr))
+        if not names:
             continue
+        first, last = ends[number, names]
         gap = bisect_left(stamps[number], stamp_ns)
-        if gap not in first[number] or stamp_ns <= first[number][gap][0]:
-            first[number][gap] = stamp_ns, message
-        if gap not in last[number] or stamp_ns >= last[number][gap][0]:
-            last[number][gap] = stamp_ns, message
-    return [_nearest_of(*one) for one in zip(stamps, first, last, strict=True)]
+        if gap not in first or stamp_ns <= first[gap][0]:
+            first[gap] = stamp_ns, message
+        if gap not in last or stamp_ns >= last[gap][0]:
+            last[gap] = stamp_ns, message
+    near: list[list[list[tuple[int, Message]]]] = [[[] for _ in one] for one in stamps]
+    for (number, _), (first, last) in ends.items():
+        found = _nearest_of(stamps[number], first, last)
+        for one, nearest in zip(near[number], found, strict=True):
+            one.append(nearest)
+            one.sort(key=itemgetter(0))
+    return near
 
 
 def _nearest_of(
     stamps: Sequence[int], first: Mapping[int, Stamped], last: Mapping[int, Stamped]
-) -> list[tuple[int, Message | None]]:
+) -> list[tuple[int, Message]]:
     """Return the nearest joint states to each stamp, from the first and last in each gap."""
     before, after = list[Stamped | None](), list[Stamped | None]()
     for k in range(len(stamps)):
         before.append(last.get(k, before[-1] if before else None))
     for k in range(len(stamps), 0, -1):
         after.append(first.get(k, after[-1] if after else None))
-    found: list[tuple[int, Message | None]] = []
+    found: list[tuple[int, Message]] = []
     for stamp_ns, *both in zip(stamps, before, reversed(after), strict=True):
         near = [(abs(at_ns - stamp_ns), one) for at_ns, one in filter(None, both)]
-        near.sort(key=lambda pair: (pair[0], -pair[1].log_time_ns))
-        found.append(near[0] if near else (0, None))
+        found.append(min(near, key=lambda pair: (pair[0], -pair[1].log_time_ns)))
     return found
 
 
 def _stamped(
-    bag: Bag, topic: InputTopic, windows: Sequence[Window]
+    bag: Bag, topic: Endpoint, windows: Sequence[Window]
 ) -> Iterator[tuple[int, int, Message]]:
     """Yield each message with its stamp [ns], and with the number of each window it is in."""
     heard: dict[str, list[int]] = defaultdict(list)
     for number, window in enumerate(windows):
         try:
-            heard[input_topic(bag, topic.name, window.namespace)].append(number)
+            heard[input_topic(bag, topic, window.namespace)].append(number)
         except BagError as error:
             window.unusable.append(str(error))
     # Most of a long run is between the plans.
@@ -175,21 +187,20 @@ def _stamped(
                 yield number, stamp_ns, message
 
 
-def input_topic(bag: Bag, name: str, namespace: str) -> str:
+def input_topic(bag: Bag, topic: Endpoint, namespace: str) -> str:
     """Return the topic of an input of a planner: by its name, or else the only one of its type.
 
     Args:
-        name: Name of the input in `INPUT_TOPICS`.
         namespace: Namespace of the planner, without a trailing slash.
 
     Raises:
         BagError: No topic has the type, or several have it and none has the name.
     """
-    wanted, kind = f"{namespace}/{name}", type_name(INPUT_TOPICS[name].message_type)
+    wanted, kind = f"{namespace}/{topic.name}", type_name(topic.message_type)
     topics = [
-        topic.name
-        for topic in bag.topics.values()
-        if topic.type_name == kind and not topic.name.endswith(OUTPUTS_OF_THESE_TYPES)
+        one.name
+        for one in bag.topics.values()
+        if one.type_name == kind and not one.name.endswith(PLANNED_JOINT_STATES.name)
     ]
     if wanted in topics:
         return wanted

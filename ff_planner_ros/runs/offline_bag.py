@@ -7,8 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ff_planner_msgs.msg import Exchange, PlanAnswer, PlanInputs, PlanRequest
-from rclpy.qos import QoSProfile
+from ff_planner_msgs.msg import Exchange, PlanInputs, PlanRequest
 from std_msgs.msg import Header
 
 from ff_planner_ros.bag.mcap.encoding import encode
@@ -26,22 +25,15 @@ from ff_planner_ros.planning.scenario.task_json import task_json
 from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.planning.task.whole import (
-    bodies_of,
     captured_bodies,
     efforts_of,
     whole,
     whole_scene,
 )
-from ff_planner_ros.ros.messages.interfaces import EXCHANGES, type_name
-from ff_planner_ros.ros.messages.phases import (
-    not_in_requests,
-    phase_message,
-    plan_messages,
-    tell_found,
-)
+from ff_planner_ros.ros.messages.answers import answer_of
+from ff_planner_ros.ros.messages.interfaces import type_name
+from ff_planner_ros.ros.messages.phases import not_in_requests, phase_message
 from ff_planner_ros.ros.messages.to_messages import (
-    answer_of_error,
-    answer_with_plan,
     plan_message,
     request_message,
     scene_message,
@@ -50,8 +42,14 @@ from ff_planner_ros.ros.messages.to_messages import (
     time_message,
 )
 from ff_planner_ros.ros.outputs.markers import plan_markers
-from ff_planner_ros.ros.qos import EXCHANGES_QOS, LATCHED_QOS
-from ff_planner_ros.ros.recorder.recorder import offered_qos
+from ff_planner_ros.ros.topics import (
+    EXCHANGES,
+    JOINT_TRAJECTORY,
+    MARKERS,
+    PREDICTED_CHASER_PATH,
+    PREDICTED_TARGET_PATH,
+    Endpoint,
+)
 
 
 def record_answer(
@@ -78,7 +76,7 @@ def record_answer(
     now, robot = time.time_ns(), task.problem.robot
     start_ns = now + round(task.ahead * NANOSECONDS)
     ended, plan_id = task.ended_at(*efforts_of(answer)), directory.name
-    response = _response(ended, answer, plan_id, solve_time, start_ns)
+    response = answer_of(answer, plan_id, solve_time, ended, start_ns, SCENARIO_FRAME)
     response.inputs = PlanInputs(
         received_stamp=time_message(now),
         state_stamp=time_message(now),
@@ -103,25 +101,26 @@ def record_answer(
     )
     with BagWriter(directory, flush_interval=0.0) as bag:
 
-        def put(topic: str, qos: QoSProfile, *messages: Any) -> None:
-            bag.add_topic(topic, type_name(type(messages[0])), [offered_qos(qos)])
+        def put(topic: Endpoint, *messages: Any) -> None:
+            name = f"/{topic.name}"
+            bag.add_topic(name, type_name(topic.message_type), [topic.qos])
             for message in messages:
-                bag.write(topic, encode(message), now, now)
+                bag.write(name, encode(message), now, now)
 
         bag.attach("robot.urdf", "application/xml", robot.drawn_urdf.encode())
         if scenario is not None:
             bag.attach("scenario.yaml", "application/yaml", read_bytes(scenario, MOST_BYTES))
         bag.add_record(PROVENANCE, provenance(method=method))
-        put(f"/{EXCHANGES}", EXCHANGES_QOS, *exchanges)
+        put(EXCHANGES, *exchanges)
         if isinstance(answer, Plan):
             scene, total = whole_scene(task, answer), whole(answer)
             captured = captured_in(scene)
             written = plan_message(total, start_ns, SCENARIO_FRAME, captured)
-            put("/joint_trajectory", LATCHED_QOS, written.joint_trajectory)
-            put("/predicted_chaser_path", LATCHED_QOS, written.chaser_path)
+            put(JOINT_TRAJECTORY, written.joint_trajectory)
+            put(PREDICTED_CHASER_PATH, written.chaser_path)
             if captured is not None:
-                put("/predicted_target_path", LATCHED_QOS, written.target_path)
-            put("/markers", LATCHED_QOS, plan_markers(robot, total, scene, SCENARIO_FRAME))
+                put(PREDICTED_TARGET_PATH, written.target_path)
+            put(MARKERS, plan_markers(robot, total, scene, SCENARIO_FRAME))
 
 
 def _request(task: PlanningTask, now_ns: int, start_ns: int) -> PlanRequest:
@@ -137,22 +136,3 @@ def _request(task: PlanningTask, now_ns: int, start_ns: int) -> PlanRequest:
         request.target_body = [target_body_message(body, start_ns, SCENARIO_FRAME)]
     request.start_time = time_message(start_ns)
     return request
-
-
-def _response(
-    task: PlanningTask,
-    answer: Plan | FfPlannerError,
-    plan_id: str,
-    solve_time: float,
-    start_ns: int,
-) -> PlanAnswer:
-    if isinstance(answer, Plan):
-        each = plan_messages(answer, start_ns, SCENARIO_FRAME, bodies_of(task, answer))
-        response = answer_with_plan(whole(answer), each, plan_id, solve_time)
-    else:
-        response = answer_of_error(answer, plan_id, solve_time)
-        tell_found(response, answer, task, start_ns, SCENARIO_FRAME)
-    response.task_digest = task.digest
-    for one in response.plans:
-        one.geometry = task.problem.robot.geometry.value
-    return response

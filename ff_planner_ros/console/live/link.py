@@ -10,18 +10,10 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.msg import PlanEvent, PublishedPlan
-from ff_planner_msgs.srv import PublishPlan
-from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.qos import qos_profile_parameter_events
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from ff_planner_ros.common.share import resolve_uri
@@ -29,22 +21,22 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters
 from ff_planner_ros.parameters.values import parameters_of
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.background import ask, spin_in_background
-from ff_planner_ros.ros.inputs.input_topics import heard_with
-from ff_planner_ros.ros.inputs.listener import Listener
-from ff_planner_ros.ros.inputs.publishers import Publishers
+from ff_planner_ros.ros.client import PlannerClient
+from ff_planner_ros.ros.inputs.middleware import Middleware
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
-from ff_planner_ros.ros.joining import joining_ros
-from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan as RunningPlan
-from ff_planner_ros.ros.qos import LATCHED_QOS, PLAN_EVENTS_QOS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.requests.reading import Knowledge
+from ff_planner_ros.ros.topics import (
+    DIAGNOSTICS,
+    PLAN_EVENTS,
+    PUBLISHED_PLAN,
+    ROBOT_DESCRIPTION,
+)
 
 _SIMULATED = "use_sim_time"
 # The node is lost if it has missed so many of its diagnostics, and some time more [s].
 _MISSED, _MORE = 2.0, 1.0
-_RESTART = 1.5  # a node that was started again was silent for longer [s]
 _ANSWER = 5.0  # longest wait for a service of a node that is there [s]
 _POLL = 0.05  # [s]
 REQUESTER = "ff-planner console"
@@ -72,54 +64,29 @@ class Link:
         self._changed = threading.Event()  # the node's parameters, perhaps
         self._urdf = ""
         self.other_robot = ""  # message if the node now plans for another robot
-        with joining_ros():
-            self._context = Context()
-            rclpy.init(
-                args=["ff-planner", *ros_arguments],
-                context=self._context,
-                signal_handler_options=SignalHandlerOptions.NO,
-            )
-            self.node: Node = rclpy.create_node(
-                f"ff_planner_console_{os.getpid()}",
-                namespace=self.name.rpartition("/")[0] or None,
-                context=self._context,
-            )
-        create = self.node.create_client
-        self._values = create(GetParameters, f"{self.name}/get_parameters")
-        self._publish = create(PublishPlan, PUBLISH_PLAN.replace("~", self.name))
-        hear = self.node.create_subscription
-        hear(String, "robot_description", self._described, LATCHED_QOS)
-        hear(DiagnosticArray, "/diagnostics", self._diagnosed, STREAM_QOS)
-        of_parameters = qos_profile_parameter_events
-        hear(ParameterEvent, "/parameter_events", self._parameters_changed, of_parameters)
-        self.executor = SingleThreadedExecutor(context=self._context)
-        self.executor.add_node(self.node)
-        self._stop = spin_in_background(self.executor, self.node.get_logger())
-        try:
-            self.parameters, self.robot = self._learn(time.monotonic() + patience, patience)
-        except BaseException:
-            self._leave()
-            raise
-        self._listener = Listener(self.node)
-        heard = self.now_ns, Publishers(self.node, self.parameters.qos)
-        self._states = StateInput(
-            self.robot,
-            self.parameters.inertial_frame,
-            self.parameters.state_source,
-            self.parameters.odometry,
-            *heard,
+        namespace = self.name.rpartition("/")[0] or None
+        self.client = PlannerClient(
+            f"ff_planner_console_{os.getpid()}", ros_arguments, self.name, namespace
         )
-        self._scenes = SceneInput(self.parameters.inertial_frame, *heard)
-        self._subscribe()
+        self.node, self.now_ns = self.client.node, self.client.now_ns
+        self.client.hear(ROBOT_DESCRIPTION, self._described)
+        self.client.hear(DIAGNOSTICS, self._diagnosed)
+        try:
+            self.parameters, self.robot = self._learn(patience)
+        except BaseException:
+            self.client.close()
+            raise
+        now = self.parameters
+        self._middleware = Middleware(self.node, now.allow_several_publishers)
+        self._states = StateInput(self.robot, now, self._middleware)
+        self._scenes = SceneInput(now.inertial_frame, self._middleware)
+        self.client.hear(PLAN_EVENTS, self.happened.put)
+        self.client.hear(PUBLISHED_PLAN, self.happened.put)
 
     def close(self) -> None:
         """Leave ROS."""
-        self._listener.close()
-        self._leave()
-
-    def now_ns(self) -> int:
-        """Return the time by the node's clock [ns]."""
-        return int(self.node.get_clock().now().nanoseconds)
+        self._middleware.close()
+        self.client.close()
 
     @property
     def knowledge(self) -> Knowledge:
@@ -168,23 +135,18 @@ class Link:
         """
         if lost := self.lost:
             raise FfPlannerError(Status.NOT_ACTIVE, lost)
-        request = PublishPlan.Request(plan_id=plan_id, requester=REQUESTER, reject=reject)
-        status = self._called(self._publish, request, _ANSWER).status
+        status = self.client.publish(plan_id, REQUESTER, reject)
         return Status(status.code), status.message
 
-    def _learn(self, deadline: float, patience: float) -> tuple[NodeParameters, Robot]:
+    def _learn(self, patience: float) -> tuple[NodeParameters, Robot]:
         """Read parameters and robot."""
-        while not (self._values.service_is_ready() and self._urdf):
+        deadline = time.monotonic() + patience
+        parameters = self._parameters(patience)
+        while not self._urdf:
             if time.monotonic() > deadline:
-                domain = os.environ.get("ROS_DOMAIN_ID", "0")
-                missing = "its robot" if self._values.service_is_ready() else "its parameters"
-                allowed = (
-                    f"{missing} was not heard within {patience:g} s: does the node run, active, in "
-                    f"ROS domain {domain}?"
-                )
+                allowed = f"its robot was not heard within {patience:g} s: is it active?"
                 raise InvalidInput(Status.NOT_ACTIVE, "--node", self.name, allowed)
             time.sleep(_POLL)
-        parameters = self._parameters(patience)
         urdf = resolve_uri(parameters.robot.urdf, relative_to=Path.cwd())
         # Meshes are read where the URDF is on this machine, too.
         directory = urdf.parent if urdf.is_file() else None
@@ -194,59 +156,27 @@ class Link:
 
     def _parameters(self, patience: float) -> NodeParameters:
         names = [*DECLARATIONS, _SIMULATED]
-        answer = self._called(self._values, GetParameters.Request(names=names), patience)
+        request = GetParameters.Request(names=names)
+        answer = self.client.call(GetParameters, f"{self.name}/get_parameters", request, patience)
         values = dict(zip(names, map(_plain, answer.values), strict=True))
         simulated = Parameter(_SIMULATED, value=bool(values.pop(_SIMULATED)))
         self.node.set_parameters([simulated])
         return parameters_of(values)
 
-    def _called(self, client: Any, request: Any, patience: float) -> Any:
-        try:
-            return ask(self.executor, lambda: client.call_async(request)).result(patience)
-        except TimeoutError:
-            words = f"{self.name} did not answer within {patience:g} s"
-            raise FfPlannerError(Status.NOT_ACTIVE, words) from None
-
-    def _subscribe(self) -> None:
-        qos = self.parameters.qos
-        keep = self._states.callbacks() | self._scenes.callbacks()
-        for topic in heard_with(self.parameters.state_source):
-            self._listener.add(
-                topic.message_type,
-                topic.name,
-                keep[topic.name],
-                qos_profile(getattr(qos, topic.name)),
-            )
-        self._listener.start()
-        hear = self.node.create_subscription
-        hear(PlanEvent, "plan_events", self.happened.put, PLAN_EVENTS_QOS)
-        of_plans = qos_profile(qos.joint_trajectory)
-        hear(PublishedPlan, "published_plan", self.happened.put, of_plans)
-
-    def _leave(self) -> None:
-        self._stop()
-        self.node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
-
     def _described(self, message: String) -> None:
         self._urdf = message.data
+        self._changed.set()  # the node has been activated, perhaps with other parameters
 
     def _diagnosed(self, message: DiagnosticArray) -> None:
         parts = [one for one in message.status if one.name.startswith(f"{self.name}: ")]
         if not parts:
             return
-        if self._heard and time.monotonic() - self._heard > _RESTART:
-            self._changed.set()  # it may have been started again, with others
         self._heard = time.monotonic()
         self._warnings = {
             one.name.removeprefix(f"{self.name}: "): one.message
             for one in parts
             if one.level != b"\0"
         }
-
-    def _parameters_changed(self, event: ParameterEvent) -> None:
-        if event.node == self.name:
-            self._changed.set()
 
 
 def _plain(value: Any) -> Any:

@@ -21,7 +21,7 @@ from ff_planner_ros.console.live.requests import Requests
 from ff_planner_ros.console.page import Page
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.problem.posture import end_effector_at
-from ff_planner_ros.ros.client import request_of_nothing, request_of_scenario
+from ff_planner_ros.ros.messages.requests import request_of_nothing, request_of_scenario
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, read_request
 
 _PERIOD = 0.25  # [s] between looks
@@ -51,7 +51,7 @@ class LivePage:
         requests = Requests(link, plans, self._start_ns, self._of_others.put)
         self._page = Page(server, [self._first()], requests, moves_obstacles=False)
         self._panel = NodePanel(server, self._page, link, plans, lead)
-        self._plans, self._requests = plans, requests
+        self._plans = plans
         self._thread.start()
         return self._page
 
@@ -59,7 +59,6 @@ class LivePage:
         """Stop the updates, and leave ROS."""
         self._stopped.set()
         self._thread.join()
-        self._requests.close()
         self._link.close()
 
     def _start_ns(self) -> int:

@@ -16,9 +16,10 @@ from ff_planner_ros.console.live.measured import MeasuredRobot
 from ff_planner_ros.console.live.plans import WAITS, Fit, Plans, fit_of
 from ff_planner_ros.console.page import Page
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.parameters.published_plans import TrackingParameters
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.outputs.prediction import tracking_error
+from ff_planner_ros.ros.outputs.prediction import deviations, too_far
 from ff_planner_ros.ros.requests.reading import measured_state
 
 _RELEASE, _REJECT = "release", "reject"
@@ -60,7 +61,7 @@ class NodePanel:
             self._yes = gui.add_button("yes", visible=False)
             self._no = gui.add_button("no", visible=False)
             self._said = gui.add_html("")
-            self._differences = gui.add_html("")
+            self._deviations = gui.add_html("")
         self._release.on_click(lambda _: self.first_click(_RELEASE))
         self._reject.on_click(lambda _: self.first_click(_REJECT))
         self._yes.on_click(lambda _: self.second_click())
@@ -144,15 +145,15 @@ class NodePanel:
         words = f"{name} runs: {time:.1f} s of {running.trajectory.time[-1]:.1f} s"
         if not np.isfinite(running.trajectory.chaser_positions).all():
             return [_line(words), *coming]  # what the plan has the chaser do was not heard
-        error = tracking_error(
-            running.trajectory, running.start_ns, measured.state, measured.stamp_ns
-        )
-        most = self._link.parameters.tracking
-        if error is None:
+        since = (measured.stamp_ns - running.start_ns) / NANOSECONDS
+        robot, allowed = self._link.knowledge.robot, self._link.parameters.tracking
+        found = deviations(measured.state, running.trajectory, since, robot)
+        if not found:
             return [_line(words), *coming]
-        is_off = error.position > most.max_position or error.angle > most.max_angle
-        off = f"chaser {error.position * 1e3:.2f} mm, {error.angle:.5f} rad from it"
-        return [_line(f"{words}; {off}", "bad" if is_off else "good"), *coming]
+        position, angle = (one.amount for one in found[:2])
+        kind = "bad" if too_far(found, allowed) else "good"
+        off = f"chaser {position * 1e3:.2f} mm, {angle:.5f} rad from it"
+        return [_line(f"{words}; {off}", kind), *coming]
 
     def _show_waiting(self, entry: Entry, is_lost: bool) -> None:
         made = self._plans.waiting(entry)
@@ -160,12 +161,12 @@ class NodePanel:
         self._reject.disabled = made is None
         if made is None:
             _show(self._fit, "")
-            _show(self._differences, "")
+            _show(self._deviations, "")
             return
-        most = self._link.parameters.publication.max_age
+        parameters = self._link.parameters
         fit = fit_of(made, self._link.knowledge)
-        _show(self._fit, _of_fit(entry.name, fit, most))
-        _show(self._differences, _of_differences(fit))
+        _show(self._fit, _of_fit(entry.name, fit, parameters.publication.max_age))
+        _show(self._deviations, _of_deviations(fit, parameters.tracking))
 
     def _ask_twice(self, what: tuple[str, Entry] | None) -> None:
         self._asked_twice = what
@@ -199,14 +200,14 @@ def _of_fit(name: str, fit: Fit, most: float) -> str:
     return "".join(words)
 
 
-def _of_differences(fit: Fit) -> str:
-    """Return the differences of the system from a plan's first point, in HTML."""
+def _of_deviations(fit: Fit, allowed: TrackingParameters) -> str:
+    """Return the deviations of the system from a plan's first point, in HTML."""
     rows = [
-        f"<tr><td>{html.escape(one.what)}</td>"
-        f"<td>{one.found:.4f}</td><td>{one.allowed:g}</td><td>{one.unit}</td>"
-        f"<td class='{'good' if one.is_allowed else 'bad'}'>"
-        f"{'fits' if one.is_allowed else 'MOVED'}</td></tr>"
-        for one in fit.differences
+        f"<tr><td>{html.escape(one.what)}</td><td>{one.amount:.4f}</td>"
+        f"<td>{getattr(allowed, one.tolerance):g}</td><td>{one.unit}</td>"
+        f"<td class='{'bad' if one.words(allowed) else 'good'}'>"
+        f"{'MOVED' if one.words(allowed) else 'fits'}</td></tr>"
+        for one in fit.deviations
     ]
     head = "<tr><th>at its start</th><th>deviation</th><th>allowed</th><th></th><th></th></tr>"
     return f"<table>{head}{''.join(rows)}</table>" if rows else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from threading import RLock
 
@@ -23,16 +23,15 @@ from ff_planner_ros.planning.task.captured import captured_in
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.planning.task.whole import whole
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan as RunningPlan
-from ff_planner_ros.ros.requests.reading import Knowledge, measured_state
-from ff_planner_ros.ros.requests.waiting_plan import (
-    Difference,
-    MadePlan,
-    require_same_rules,
+from ff_planner_ros.ros.outputs.prediction import Deviation
+from ff_planner_ros.ros.requests.publication import (
     require_same_start,
     require_young,
-    start_differences,
+    start_deviations,
 )
+from ff_planner_ros.ros.requests.reading import Knowledge, measured_state
 
 WAITS = "waits for approval"
 _EVENTS = {
@@ -49,7 +48,7 @@ class Fit:
 
     age: float  # since it was made [s]
     until_start: float  # negative: its start is over [s]
-    differences: tuple[Difference, ...]  # of the system from its first point; empty: not known
+    deviations: Sequence[Deviation]  # of the system from its first point; empty: not known
     refusal: str  # why the node would refuse it now; empty: it would not, as far as is known here
 
 
@@ -95,7 +94,7 @@ class Plans:
                     str(task.end_behaviour),
                     task.problem.robot,
                     scene_of(lasting(task.problem, entry.plan.duration)),
-                    self._link.parameters,
+                    self._link.parameters.inertial_frame,
                     answer.inputs.previous_plan_id,
                     self._link.now_ns(),
                 )
@@ -186,19 +185,18 @@ class Plans:
 
 def fit_of(made: MadePlan, knowledge: Knowledge) -> Fit:
     """Return whether a plan that waits can be published now, by the node's own checks."""
-    differences: tuple[Difference, ...] = ()
+    deviations: Sequence[Deviation] = ()
     refusal = ""
     try:
-        differences = tuple(start_differences(made, measured_state((), knowledge), knowledge))
+        deviations = start_deviations(made, measured_state((), knowledge), knowledge)
         require_in_time(made.start_ns, knowledge.now_ns)
         require_young(made, knowledge)
-        require_same_rules(made, knowledge.parameters)
-        require_same_start(made, differences)
+        require_same_start(made, deviations, knowledge)
     except FfPlannerError as error:
         refusal = f"{error.status.name}: {error}"
     return Fit(
         made.age(knowledge.now_ns),
         (made.start_ns - knowledge.now_ns) / NANOSECONDS,
-        differences,
+        deviations,
         refusal,
     )

@@ -5,11 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Any
 
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import Exchange, PlanAnswer, PlanRequest
-from rclpy.action import ActionClient
+from ff_planner_msgs.msg import Exchange, PlanAnswer, PlanProgress, PlanRequest
 
 from ff_planner_ros.console.entries import Entry
 from ff_planner_ros.console.live.link import REQUESTER, Link
@@ -18,14 +15,11 @@ from ff_planner_ros.console.search import best_in_words
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.messages.plans import metrics_from_message
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.ros.background import ask
-from ff_planner_ros.ros.client import request_of_task
-from ff_planner_ros.ros.messages.interfaces import ACTION, EXCHANGES
+from ff_planner_ros.ros.messages.requests import request_of_task
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.ros.qos import STREAM_QOS
+from ff_planner_ros.ros.topics import EXCHANGES
 
 _PATIENCE = 2.0  # for the exchange of an answer, which has the task [s]
-_INTERVAL = 0.1  # [s] between looks at whether it is cancelled, or the node lost
 
 
 def request_of(task: PlanningTask, frame: str, start_ns: int) -> PlanRequest:
@@ -50,7 +44,7 @@ class Requests:
         start_ns: Callable[[], int],
         heard: Callable[[Exchange], None],
     ) -> None:
-        """Create the action client, and subscribe to the exchanges of the planner.
+        """Subscribe to the exchanges of the planner.
 
         Args:
             start_ns: Returns the start time for a plan that is requested now [ns]; zero: as soon as
@@ -59,8 +53,7 @@ class Requests:
         """
         self._link, self._plans, self._start_ns, self._heard = link, plans, start_ns, heard
         self._own = list[tuple[PlanRequest, Future[Exchange]]]()  # whose exchanges have not come
-        self._client = ActionClient(link.node, PlanTrajectoryAction, ACTION)
-        link.node.create_subscription(Exchange, EXCHANGES, self._exchanged, STREAM_QOS)
+        link.client.hear(EXCHANGES, self._exchanged, from_now_on=True)
 
     def __call__(
         self, task: PlanningTask, told: Callable[[str], None], done: Callable[[Entry], None]
@@ -81,12 +74,7 @@ class Requests:
             status = f"refused, {error.status.name}"
             done(Entry("not planned", task, error=error, status=status, words=str(error)))
 
-        goal = PlanTrajectoryAction.Goal(request=request)
-        return Asked(self._link, self._client, goal, told, answered, failed)
-
-    def close(self) -> None:
-        """Destroy the action client."""
-        self._client.destroy()
+        return Asked(self._link, request, told, answered, failed)
 
     def _exchanged(self, exchange: Exchange) -> None:
         if not (exchange.request and exchange.answer):
@@ -106,8 +94,7 @@ class Asked:
     def __init__(
         self,
         link: Link,
-        client: ActionClient,
-        goal: PlanTrajectoryAction.Goal,
+        request: PlanRequest,
         told: Callable[[str], None],
         answered: Callable[[PlanAnswer], None],
         failed: Callable[[FfPlannerError], None],
@@ -119,7 +106,7 @@ class Asked:
             answered: Called once, with the answer.
             failed: Called once instead, with the reason why there is no answer.
         """
-        self._link, self._client, self._goal, self._told = link, client, goal, told
+        self._link, self._request, self._told = link, request, told
         self._answered, self._failed = answered, failed
         self._cancelled = threading.Event()
         self._thread = threading.Thread(target=self._run, name="console request", daemon=True)
@@ -147,27 +134,17 @@ class Asked:
     def _result(self) -> PlanAnswer:
         if lost := self._link.lost:
             raise FfPlannerError(Status.NOT_ACTIVE, lost)
-        executor = self._link.executor
-        sent = ask(executor, lambda: self._client.send_goal_async(self._goal, self._progress))
-        handle = self._waited(sent)
-        result = ask(executor, handle.get_result_async)
-        answer: PlanAnswer = self._waited(
-            result, lambda: ask(executor, handle.cancel_goal_async)
-        ).result.answer
-        return answer
+        planning = self._link.client.ask(self._request, self._progress)
 
-    def _waited(self, answer: Future[Any], cancel: Callable[[], object] | None = None) -> Any:
-        while True:
-            try:
-                return answer.result(_INTERVAL)
-            except TimeoutError:
-                if lost := self._link.lost:
-                    raise FfPlannerError(Status.SHUT_DOWN, lost) from None
-            if cancel is not None and self._cancelled.is_set():
-                cancel()
-                cancel = None
+        def look() -> None:
+            if lost := self._link.lost:
+                raise FfPlannerError(Status.SHUT_DOWN, lost)
+            if self._cancelled.is_set():
+                self._cancelled.clear()
+                planning.cancel()
 
-    def _progress(self, message: Any) -> None:
-        now = message.feedback.progress
+        return planning.answer(look)
+
+    def _progress(self, now: PlanProgress) -> None:
         best = best_in_words(metrics_from_message(now.best[0]) if now.best else None)
         self._told(f"{now.phase}, step {now.effort}, {now.elapsed:.1f} s; {best}")

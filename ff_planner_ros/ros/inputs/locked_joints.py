@@ -10,9 +10,9 @@ from typing import Any
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.urdf.locked_joints import LockedJoint
-from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE, JOINT_STATES, InputTopic
-from ff_planner_ros.ros.inputs.topic_memory import deserialised
+from ff_planner_ros.ros.inputs.raw_subscription import deserialised
 from ff_planner_ros.ros.messages.joint_names import joints_named
+from ff_planner_ros.ros.topics import CHASER_STATE, JOINT_STATES, Endpoint
 
 # Names, positions and rates of joints in a message, by its type.
 _FIELDS = {
@@ -43,9 +43,9 @@ class LockedJoints:
         """Begin without messages."""
         self._robot = robot
         self._named = joints_named([one.name for one in robot.locked_joints])
-        self._heard: dict[str, tuple[InputTopic, bytes]] = {}  # by joint
+        self._heard: dict[str, tuple[Endpoint, bytes]] = {}  # by joint
 
-    def keep(self, topic: InputTopic, message: bytes) -> None:
+    def keep(self, topic: Endpoint, message: bytes) -> None:
         """Keep a message of a topic if it names such a joint."""
         for name in self._named(message):
             self._heard[name] = topic, message

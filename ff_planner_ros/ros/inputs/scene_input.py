@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from ff_planner_msgs.msg import Scene as SceneMessage
@@ -14,23 +13,20 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.obstacles import Obstacle, carried
 from ff_planner_ros.planning.problem.target_body import TargetBody
-from ff_planner_ros.ros.inputs.contradictions import of_bodies, of_obstacles
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY
-from ff_planner_ros.ros.inputs.newest_message import NewestMessage
-from ff_planner_ros.ros.inputs.publishers import Publishers
-from ff_planner_ros.ros.inputs.topic_memory import require_current, unheard_words
+from ff_planner_ros.ros.inputs.ages import OF_SCENES, OF_TARGETS
+from ff_planner_ros.ros.inputs.middleware import Middleware
+from ff_planner_ros.ros.inputs.topic import Topic
 from ff_planner_ros.ros.messages.from_messages import (
     scene_from_message,
     target_body_from_message,
     time_in_ns,
 )
+from ff_planner_ros.ros.topics import OBSTACLES, TARGET_BODY
 
 # A latched message arrives once its publisher is discovered, on a busy machine seconds after the
 # node listens. So long [s] the first request waits; longer if a publisher is discovered already.
 _DISCOVERY, _MATCHED = 5.0, 15.0
 _OWN = "scene"  # field of a request
-_OF_SCENES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "obstacles_max_age"
-_OF_TARGETS = Status.TARGET_TOO_OLD, Status.TARGET_IN_FUTURE, "target_max_age"
 
 
 @dataclass(frozen=True)
@@ -58,44 +54,20 @@ class SeenBody:
 class SceneInput:
     """The newest obstacles and the newest target body; may be used from several threads."""
 
-    def __init__(
-        self,
-        inertial_frame: str,
-        now_ns: Callable[[], int],
-        publishers: Publishers,
-        tell: Callable[[str], None] = lambda _: None,
-    ) -> None:
-        """Begin without messages.
-
-        Args:
-            now_ns: The node's clock [ns].
-            tell: Called with each warning for the log.
-        """
-        self._inertial_frame, self._publishers, self._tell = inertial_frame, publishers, tell
+    def __init__(self, inertial_frame: str, middleware: Middleware) -> None:
+        """Subscribe to the topics of obstacles and target body."""
+        self._inertial_frame, self._middleware = inertial_frame, middleware
         self._begun = time.monotonic()
-        known = now_ns, publishers
-        self._obstacles = NewestMessage(OBSTACLES, self._read_scene, _scenes_apart, *known)
-        self._target = NewestMessage(TARGET_BODY, self._seen_body, _targets_apart, *known)
-
-    def callbacks(self) -> dict[str, Callable[..., None]]:
-        """Return each topic's callback, which takes a message's bytes and its sequence number."""
-        return {OBSTACLES.name: self.keep, TARGET_BODY.name: self._target.keep}
-
-    def keep(self, message: bytes, number: int | None) -> None:
-        """Keep a message of the topic `obstacles`, as `NewestMessage.keep` does."""
-        before = self._obstacles.late
-        self._obstacles.keep(message, number)
-        late = self._obstacles.late
-        if late is not None and before is None:
-            self._tell(f"left out: {late}")
+        self._obstacles = Topic(OBSTACLES, self._read_scene, middleware, OF_SCENES)
+        self._target = Topic(TARGET_BODY, self._seen_body, middleware, OF_TARGETS)
 
     def may_come(self) -> bool:
         """Return whether a scene that was published before the node listened may still arrive."""
-        if self._obstacles.is_known:
+        if self._obstacles.take() is not None:
             return False
         listens = time.monotonic() - self._begun
         return listens < _DISCOVERY or (
-            listens < _MATCHED and bool(self._publishers.heard(OBSTACLES.name))
+            listens < _MATCHED and bool(self._middleware.heard(OBSTACLES.name))
         )
 
     def scene(self, own: SceneMessage | None = None) -> Scene:
@@ -104,16 +76,18 @@ class SceneInput:
         Raises:
             InvalidInput: None were received (NO_OBSTACLES), or the message is invalid.
         """
-        scene = self._obstacles.read() if own is None else self._read_scene(own, _OWN)
-        if scene is None:
+        if own is not None:
+            return self._read_scene(own, _OWN)
+        heard = self._obstacles.take()
+        if heard is None:
             raise InvalidInput(
                 Status.NO_OBSTACLES,
                 OBSTACLES.name,
                 "missing",
-                "none were received yet; publish an empty scene if nothing is in the way, "
-                f"or give the request its scene{unheard_words(OBSTACLES.name, self._publishers)}",
+                "none were received yet; publish an empty scene if nothing is in the way, or give "
+                f"the request its scene{self._middleware.unheard_words(OBSTACLES.name)}",
             )
-        return scene
+        return self._obstacles.read(heard)
 
     def moving_scene(
         self,
@@ -132,13 +106,11 @@ class SceneInput:
 
         Raises:
             InvalidInput: As by `scene`; or the stamp of moving obstacles is missing, too old or too
-                far ahead; or the topic's messages come out of order, or its publishers contradict.
+                far ahead; or the topic's last message was stamped ahead of its arrival, or before
+                the one before; or the topic has several publishers.
         """
-        scene = self.scene(own)
-        if own is None:
-            self._obstacles.require_same_clock(now_ns, max_lead)
-            self._obstacles.require_agreement(now_ns)
-            self._obstacles.require_in_order()
+        newest = self._obstacles.newest(now_ns, max_lead) if own is None else None
+        scene = self.scene(own) if newest is None else self._obstacles.read(newest)
         if not any(one.moves for one in scene.obstacles):
             return scene
         field = f"{OBSTACLES.name if own is None else _OWN}.header.stamp"
@@ -148,7 +120,7 @@ class SceneInput:
         stamp_ns = scene.stamp_ns or now_ns
         # Nothing moves uniformly for long: an old scene would be carried out of the way.
         limits = now_ns, max_age, max_lead
-        require_current(field, stamp_ns, *limits, _OF_SCENES, is_own=own is not None)
+        OF_SCENES.require(field, stamp_ns, *limits, is_own=own is not None)
         return replace(scene, stamp_ns=stamp_ns)
 
     def target_body(
@@ -160,32 +132,32 @@ class SceneInput:
 
         Raises:
             InvalidInput: None was received (NO_TARGET_BODY), the message is invalid, its stamp is
-                too old or too far ahead of now, or the topic's publishers contradict each other.
+                too old or too far ahead of its arrival or of now, or the topic has several
+                publishers.
         """
-        seen = self._target.read() if own is None else self._seen_body(own, now_ns)
-        if seen is None:
-            raise InvalidInput(
-                Status.NO_TARGET_BODY,
-                TARGET_BODY.name,
-                "missing",
-                "none was received yet; publish it, or give the request its target_body"
-                f"{unheard_words(TARGET_BODY.name, self._publishers)}",
-            )
-        field, came_ns = f"{TARGET_BODY.name}.header.stamp", None
-        if own is None:
-            self._target.require_same_clock(now_ns, max_lead, _OF_TARGETS[1])
-            self._target.require_agreement(now_ns, until_old=True)
-            came_ns = self._target.came_ns
+        came_ns = None
+        if own is not None:
+            seen = self._seen_body(own, now_ns)
+        else:
+            heard = self._target.newest(now_ns, max_lead)
+            if heard is None:
+                raise InvalidInput(
+                    Status.NO_TARGET_BODY,
+                    TARGET_BODY.name,
+                    "missing",
+                    "none was received yet; publish it, or give the request its target_body"
+                    f"{self._middleware.unheard_words(TARGET_BODY.name)}",
+                )
+            seen, came_ns = self._target.read(heard), heard.came_ns
         limits = now_ns, max_age, max_lead
-        require_current(field, seen.stamp_ns, *limits, _OF_TARGETS, came_ns, own is not None)
+        field, is_own = f"{TARGET_BODY.name}.header.stamp", own is not None
+        OF_TARGETS.require(field, seen.stamp_ns, *limits, came_ns, is_own)
         return seen
 
-    def target_clock_offset(self, now_ns: int) -> float | None:
-        """Return how far the clock of the target body's publisher is ahead of the node's [s].
-
-        As measured over the last seconds; None: no message.
-        """
-        return self._target.offset(now_ns)
+    @property
+    def target_clock_offset(self) -> float | None:
+        """Stamp of the last target body minus its time of arrival [s]; None: not known."""
+        return self._target.clock_offset
 
     def _read_scene(self, message: SceneMessage, field: str = OBSTACLES.name) -> Scene:
         """Read the scene of a topic or of a request's field."""
@@ -197,11 +169,3 @@ class SceneInput:
         stamp_ns = time_in_ns("target_body.header.stamp", message.header.stamp) or otherwise_ns
         body = target_body_from_message(message, self._inertial_frame)
         return SeenBody(body, stamp_ns, message.source)
-
-
-def _scenes_apart(before: Scene, after: Scene, time: float) -> str:
-    return of_obstacles(before.obstacles, after.obstacles, time)
-
-
-def _targets_apart(before: SeenBody, after: SeenBody, time: float) -> str:
-    return of_bodies(before.body, after.body, time)

@@ -1,39 +1,42 @@
 """The newest state of the chaser and its arm, from the messages of its topics.
 
-Messages are stored on arrival and converted on demand. The message with the newest stamp counts, in
-whatever order messages arrive. While that message is invalid, every request for the state is
-refused with the reason. A message stamped too far ahead of its time of arrival never counts, not
-even once the time of its stamp has come: the state was not measured then.
+The message with the newest stamp counts, in whatever order messages arrive. While that message is
+invalid, every request for the state is refused with the reason. So it is while the last message is
+stamped ahead of its arrival: the state was not measured then.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from operator import itemgetter
 
 import numpy as np
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters.interfaces import OdometryParameters
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.inputs.contradictions import of_chasers, of_joints, of_states
-from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE, JOINT_STATES, ODOMETRY
 from ff_planner_ros.ros.inputs.locked_joints import LockedJoints
-from ff_planner_ros.ros.inputs.publishers import Publishers
-from ff_planner_ros.ros.inputs.topic_memory import ROUNDING, HeardMessage, TopicMemory
+from ff_planner_ros.ros.inputs.middleware import Middleware
+from ff_planner_ros.ros.inputs.topic import HeardMessage, Topic
 from ff_planner_ros.ros.messages.from_messages import state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
     ChaserPart,
     JointPart,
     chaser_from_odometry,
+    is_pair,
     joints_from_joint_state,
+    merged,
 )
-from ff_planner_ros.ros.messages.joint_names import names_a_joint_of
+from ff_planner_ros.ros.messages.joint_names import joint_order, joints_named
+from ff_planner_ros.ros.topics import CHASER_STATE, JOINT_STATES, ODOMETRY
+
+# A second of a topic at 1 kHz: no message should travel that much longer than another.
+_KEPT = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,82 +46,66 @@ class Snapshot:
     state: SystemState
     stamp_ns: int  # of the chaser's measurement [ns]
     source: str  # topic, or field of the request
-    # Of the joint states that go with odometry; zero without odometry [ns]
+    # Of the oldest joint states that go with odometry; zero without odometry [ns]
     joint_states_stamp_ns: int = 0
-    # How far the clock of the stamps is ahead of the node's, as measured; zero: not known [s]
+    # Stamp of the chaser's measurement minus its time of arrival; zero: not known [s]
     clock_offset: float = 0.0
 
 
 class StateInput:
     """The states received so far; may be used from several threads."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        inertial_frame: str,
-        source: str,
-        odometry: OdometryParameters,
-        now_ns: Callable[[], int],
-        publishers: Publishers,
-    ) -> None:
-        """Begin without messages.
-
-        Args:
-            source: Parameter `state_source`: `chaser_state` or `odometry`.
-            now_ns: The node's clock [ns].
-        """
-        self._source = source
-        self._pairing_tolerance = odometry.pairing_tolerance
-        self._is_of_arm = names_a_joint_of(robot)
+    def __init__(self, robot: Robot, parameters: NodeParameters, middleware: Middleware) -> None:
+        """Subscribe to the topics of `state_source`."""
+        self._robot, self._source = robot, parameters.state_source
+        self._synchronization = parameters.state_synchronization
+        frame, odometry = parameters.inertial_frame, parameters.odometry
+        self._joints_in = joints_named(robot.joint_names)
         self._locked = LockedJoints(robot)
-        self._states: TopicMemory[SystemState] = TopicMemory(
-            CHASER_STATE,
-            lambda message: state_from_message(message, CHASER_STATE.name, robot, inertial_frame),
-            partial(of_states, robot=robot),
-            now_ns,
-            publishers,
-        )
-        self._chasers: TopicMemory[ChaserPart] = TopicMemory(
-            ODOMETRY,
-            lambda message: chaser_from_odometry(message, inertial_frame, odometry),
-            of_chasers,
-            now_ns,
-            publishers,
-        )
-        self._joints: TopicMemory[JointPart] = TopicMemory(
-            JOINT_STATES,
-            lambda message: joints_from_joint_state(message, robot),
-            partial(of_joints, robot=robot),
-            now_ns,
-            publishers,
-        )
-
-    def callbacks(self) -> dict[str, Callable[..., None]]:
-        """Return each topic's callback, which takes a message's bytes and its sequence number."""
-        return {
-            CHASER_STATE.name: self._keep_state,
-            ODOMETRY.name: self._chasers.keep,
-            JOINT_STATES.name: self._keep_joints,
-        }
+        if self._source == CHASER_STATE.name:
+            states = Topic(
+                CHASER_STATE,
+                lambda message: state_from_message(message, CHASER_STATE.name, robot, frame),
+                middleware,
+                kept=_KEPT,
+                joints=self._of_chaser_state,
+            )
+            self._of_chaser: Topic[SystemState] | Topic[ChaserPart] = states
+            self._of_joints: Topic[JointPart] | None = None
+            self._newest = partial(self._newest_of, states)
+        else:
+            chasers = Topic(
+                ODOMETRY,
+                lambda message: chaser_from_odometry(message, frame, odometry),
+                middleware,
+                kept=_KEPT,
+            )
+            self._of_chaser = chasers
+            self._of_joints = Topic(
+                JOINT_STATES,
+                lambda message: joints_from_joint_state(message, robot),
+                middleware,
+                kept=_KEPT,
+                joints=self._of_joint_states,
+            )
+            self._newest = partial(self._newest_pair_of, chasers, self._of_joints)
 
     def clear(self) -> None:
         """Forget everything; to be called when the clock has jumped back or changed."""
-        for topic in (self._states, self._chasers, self._joints, self._locked):
-            topic.clear()
+        self._of_chaser.clear()
+        if self._of_joints is not None:
+            self._of_joints.clear()
+        self._locked.clear()
 
     @property
     def since(self) -> str:
         """Since when no state was received, as the end of a sentence that says so."""
-        return self._states.since
+        return self._of_chaser.since
 
-    def clock_offset(self, now_ns: int) -> float | None:
-        """Return how far the clock of the state's publishers is ahead of the node's [s].
-
-        As measured over the last seconds, of two topics the larger offset; None: no message.
-        """
-        topics = (self._states,) if self._is_one_topic else (self._chasers, self._joints)
-        offsets = [offset for topic in topics if (offset := topic.offset(now_ns)) is not None]
-        return max(offsets, key=abs, default=None)
+    @property
+    def clock_offset(self) -> float | None:
+        """Stamp of the chaser's last message minus its time of arrival [s]; None: not known."""
+        return self._of_chaser.clock_offset
 
     def snapshot(
         self, now_ns: int, max_age: float, max_lead: float, locked_tolerance: float = math.inf
@@ -131,87 +118,89 @@ class StateInput:
 
         Raises:
             InvalidInput: No state was received, the newest is invalid, too old or too far ahead,
-                publishers contradict each other, a publisher's clock is ahead, no odometry and
-                joint state are within `odometry.pairing_tolerance`, or a locked joint is elsewhere.
+                a topic has several publishers, a joint is missing, no odometry and joint states
+                are within `state_synchronization`, or a locked joint is elsewhere.
         """
         found = self._newest(now_ns, max_age, max_lead)
         self._locked.require_locked(locked_tolerance)
         return found
 
-    def _newest(self, now_ns: int, max_age: float, max_lead: float) -> Snapshot:
-        limits = (now_ns, max_age, max_lead)
-        offset = self.clock_offset(now_ns) or 0.0
-        if self._is_one_topic:
-            newest = self._states.current(*limits)[-1]
-            state = _sound(self._states, newest)
-            return Snapshot(state, _stamp(newest), self._source, clock_offset=offset)
-        chasers, joints = self._chasers.current(*limits), self._joints.current(*limits)
-        while True:  # until both messages of a pair are valid; an invalid one is left out
-            found, smallest = self._nearest(chasers, joints)
-            if found is None:
+    def _newest_of(
+        self, states: Topic[SystemState], now_ns: int, max_age: float, max_lead: float
+    ) -> Snapshot:
+        newest = states.current(now_ns, max_age, max_lead)[-1]
+        state, offset = states.read(newest), newest.clock_offset or 0.0
+        return Snapshot(state, newest.stamp_ns, self._source, clock_offset=offset)
+
+    def _newest_pair_of(
+        self,
+        chasers: Topic[ChaserPart],
+        joints: Topic[JointPart],
+        now_ns: int,
+        max_age: float,
+        max_lead: float,
+    ) -> Snapshot:
+        of_chaser = chasers.current(now_ns, max_age, max_lead)
+        of_joints = joints.current(now_ns, max_age, max_lead)
+        named = {name for heard in of_joints for name in heard.tells_of}
+        joint_order("joint_states.name", sorted(named), self._robot.joint_names)
+        while True:  # until all that make a state are valid; an invalid message is left out
+            chaser, arm, apart = self._nearest(of_chaser, of_joints)
+            if chaser is None:
                 break
-            chaser, arm = found
-            parts = self._chasers.read(chaser), self._joints.read(arm)
-            if isinstance(parts[0], InvalidInput):
-                chasers.remove(chaser)
-            elif isinstance(parts[1], InvalidInput):
-                joints.remove(arm)
-            else:
-                state = SystemState(*parts[0], *parts[1])
-                return Snapshot(state, _stamp(chaser), self._source, _stamp(arm), offset)
+            try:
+                part, parts = chasers.read(chaser), [joints.read(heard) for heard in arm]
+            except InvalidInput:
+                of_chaser = [one for one in of_chaser if not isinstance(one.part, InvalidInput)]
+                of_joints = [one for one in of_joints if not isinstance(one.part, InvalidInput)]
+                continue
+            state = SystemState(*part, *merged(parts))
+            oldest_ns, offset = min(heard.stamp_ns for heard in arm), chaser.clock_offset or 0.0
+            return Snapshot(state, chaser.stamp_ns, self._source, oldest_ns, offset)
         raise InvalidInput(
             Status.STATE_NOT_SYNCHRONIZED,
             "odometry and joint_states",
-            f"{smallest:.3f} s apart",
-            f"their stamps must be within {self._pairing_tolerance:g} s (parameter "
-            "odometry.pairing_tolerance); do both computers have the same time?",
+            f"{apart:.3f} s apart",
+            f"their stamps must be within {self._synchronization:g} s (parameter "
+            "state_synchronization); do both computers have the same time?",
         )
-
-    @property
-    def _is_one_topic(self) -> bool:
-        return self._source == CHASER_STATE.name
 
     def _nearest(
         self, chasers: list[HeardMessage[ChaserPart]], joints: list[HeardMessage[JointPart]]
-    ) -> tuple[tuple[HeardMessage[ChaserPart], HeardMessage[JointPart]] | None, float]:
-        """Return the last pair or None, and the smallest distance in time of those rejected [s].
+    ) -> tuple[HeardMessage[ChaserPart] | None, list[HeardMessage[JointPart]], float]:
+        """Return the last odometry that all joints pair with, and their messages, nearest first.
 
-        Of joint states equally near, the last one is taken.
+        Of joint states equally near, the last one is taken. If there is no such odometry, it is
+        None, and the smallest distance in time of those rejected is told [s].
         """
-        smallest, last_first = np.inf, joints[::-1]
-        stamps_ns = np.array([_stamp(one) for one in last_first])
-        for chaser in reversed(chasers) if joints else ():
-            times = np.abs(stamps_ns - _stamp(chaser)) / NANOSECONDS
-            nearest = int(np.argmin(times))
-            apart = float(times[nearest])
-            if is_pair(apart, self._pairing_tolerance):
-                return (chaser, last_first[nearest]), apart
+        groups = defaultdict[frozenset[str], list[HeardMessage[JointPart]]](list)
+        for heard in reversed(joints):
+            groups[heard.tells_of].append(heard)
+        stamps_ns = {names: np.array([one.stamp_ns for one in groups[names]]) for names in groups}
+        smallest = np.inf
+        for chaser in reversed(chasers):
+            nearest = list[tuple[float, HeardMessage[JointPart]]]()
+            for names, stamps in stamps_ns.items():
+                times = np.abs(stamps - chaser.stamp_ns) / NANOSECONDS
+                k = int(np.argmin(times))
+                nearest.append((float(times[k]), groups[names][k]))
+            nearest.sort(key=itemgetter(0))
+            missing, arm, apart = set(self._robot.joint_names), list[HeardMessage[JointPart]](), 0.0
+            for time, heard in nearest:
+                if missing & heard.tells_of:
+                    missing -= heard.tells_of
+                    arm.append(heard)
+                    apart = time
+            if is_pair(apart, self._synchronization):
+                return chaser, arm, apart
             smallest = min(smallest, apart)
-        return None, smallest
+        return None, [], smallest
 
-    def _keep_state(self, message: bytes, number: int | None) -> None:
-        self._locked.keep(CHASER_STATE, message)
-        self._states.keep(message, number)
+    def _of_chaser_state(self, cdr: bytes) -> frozenset[str]:
+        self._locked.keep(CHASER_STATE, cdr)
+        return frozenset(self._robot.joint_names)
 
-    def _keep_joints(self, message: bytes, number: int | None) -> None:
-        self._locked.keep(JOINT_STATES, message)
+    def _of_joint_states(self, cdr: bytes) -> frozenset[str]:
+        self._locked.keep(JOINT_STATES, cdr)
         # Messages of other joints, for example of a gripper, are not errors.
-        self._joints.keep(message, number, is_for_others=not self._is_of_arm(message))
-
-
-def _stamp(heard: HeardMessage[Any]) -> int:
-    """Return the stamp of a message that has one [ns]."""
-    return heard.stamp_ns or 0
-
-
-def _sound(topic: TopicMemory[SystemState], heard: HeardMessage[SystemState]) -> SystemState:
-    """Return the content of a message that `TopicMemory.current` has found valid."""
-    part = topic.read(heard)
-    if isinstance(part, InvalidInput):
-        raise part
-    return part
-
-
-def is_pair(apart: float, tolerance: float) -> bool:
-    """Return whether a chaser and joints measured `apart` seconds from each other make a state."""
-    return apart <= tolerance + ROUNDING
+        return frozenset(self._joints_in(cdr))

@@ -30,7 +30,12 @@ if not TYPE_CHECKING:
     provide("control_msgs", "tf2_msgs")
 
 from control_msgs.action import FollowJointTrajectory  # noqa: E402
-from control_msgs.msg import JointTolerance  # noqa: E402
+from control_msgs.msg import JointTolerance, JointTrajectoryControllerState  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 
-__all__ = ["FollowJointTrajectory", "JointTolerance", "TFMessage"]
+__all__ = [
+    "FollowJointTrajectory",
+    "JointTolerance",
+    "JointTrajectoryControllerState",
+    "TFMessage",
+]

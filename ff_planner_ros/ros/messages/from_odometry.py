@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array, finite_vector, unit_quaternion
+from ff_planner_ros.common.times import ROUNDING
 from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import require_frame, xyz, xyzw
@@ -67,14 +69,33 @@ def chaser_from_odometry(
 def joints_from_joint_state(message: JointState, robot: Robot) -> JointPart:
     """Return positions and velocities of the arm's joints, in the robot's order.
 
-    The message may name joints in any order, and others than the arm's.
+    The message may name joints in any order, and others than the arm's. What it says nothing of is
+    NaN; of a part of the arm each controller may publish its own.
 
     Raises:
         InvalidInput: A field of the message cannot be used; the error names it.
     """
-    order = joint_order("joint_states.name", message.name, robot.joint_names, others_allowed=True)
-    positions, velocities = (
-        of_joints_in(f"joint_states.{field}", values, order, len(message.name))
-        for field, values in (("position", message.position), ("velocity", message.velocity))
-    )
-    return positions, velocities
+    named = [joint for joint, name in enumerate(robot.joint_names) if name in message.name]
+    wanted = [robot.joint_names[joint] for joint in named] or robot.joint_names
+    order = joint_order("joint_states.name", message.name, wanted, others_allowed=True)
+    both = np.full((2, robot.joints), np.nan)
+    for row, field in zip(both, ("position", "velocity"), strict=True):
+        values = getattr(message, field)
+        row[named] = of_joints_in(f"joint_states.{field}", values, order, len(message.name))
+    return both[0], both[1]
+
+
+def merged(parts: Sequence[JointPart]) -> JointPart:
+    """Return positions and velocities of all joints, each from the first part that tells of it.
+
+    What none of them tells of is NaN.
+    """
+    both = np.array(parts)
+    joints = np.arange(both.shape[2])
+    first = np.argmax(np.isfinite(both[:, 0]), axis=0)
+    return both[first, 0, joints], both[first, 1, joints]
+
+
+def is_pair(apart: float, synchronization: float) -> bool:
+    """Return whether a chaser and joints measured `apart` seconds from each other make a state."""
+    return apart <= synchronization + ROUNDING

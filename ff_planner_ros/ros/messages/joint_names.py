@@ -27,15 +27,6 @@ GOAL_JOINTS = {
 }
 
 
-def names_a_joint_of(robot: Robot) -> Callable[[bytes], bool]:
-    """Return a function that tells if the bytes of a JointState name a planned joint.
-
-    Any other one, for example of a gripper, is not for the planner.
-    """
-    named = joints_named(robot.joint_names)
-    return lambda message: next(named(message), None) is not None
-
-
 def joints_named(wanted: Sequence[str]) -> Callable[[bytes], Iterator[str]]:
     """Return a function that yields the joints named in the bytes of a JointState or ChaserState.
 

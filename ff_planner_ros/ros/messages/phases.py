@@ -5,29 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
-from ff_planner_msgs.msg import Goal, PlanAnswer, PlanRequest
+from ff_planner_msgs.msg import Goal, PlanRequest
 from ff_planner_msgs.msg import Phase as PhaseMessage
-from ff_planner_msgs.msg import Plan as PlanMessage
 
 from ff_planner_ros.common.declared_messages import names_in, value_at, values_in, write_object
-from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import (
-    FfPlannerError,
-    NoPlanFound,
     fields_named,
     fields_placed,
 )
 from ff_planner_ros.messages.payloads import payload_in
 from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import DurationRange, Target, TargetBody
-from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.planning.task.phase import Phase, require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
-from ff_planner_ros.planning.task.whole import bodies_of, captured_bodies
+from ff_planner_ros.planning.task.whole import captured_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import (
     duration_in,
@@ -40,7 +34,6 @@ from ff_planner_ros.ros.messages.joint_names import GOAL_JOINTS, posture_in
 from ff_planner_ros.ros.messages.to_messages import (
     goal_of_joints,
     payload_message,
-    plan_message,
 )
 
 FIELD = "then"
@@ -121,29 +114,3 @@ def not_in_requests(task: PlanningTask) -> Iterator[str]:
                 yield f"{f'phases[{number}].' if number else ''}target.{name}"
     if len({id(body) for body in captured_bodies(task) if body is not None}) > 1:
         yield "phases.target_body"
-
-
-def plan_messages(
-    plan: Plan, start_ns: int, inertial_frame: str, bodies: Sequence[TargetBody | None]
-) -> list[PlanMessage]:
-    """Write the plan of each phase as a message, with `plan_message`.
-
-    Args:
-        start_ns: Time of the first phase's first point [ns].
-        bodies: Target body that each phase captures, at the phase's first point; None: none.
-    """
-    written = list[PlanMessage]()
-    for phase, body in zip(plan.phases, bodies, strict=True):
-        captured = None if body is None else CapturedBody(body)
-        written.append(plan_message(phase, start_ns, inertial_frame, captured))
-        start_ns += round(float(phase.trajectory.time[-1]) * NANOSECONDS)
-    return written
-
-
-def tell_found(
-    answer: PlanAnswer, error: FfPlannerError, task: PlanningTask, start_ns: int, frame: str
-) -> None:
-    """Write the plans of the phases before the one that failed into the answer to a refusal."""
-    if isinstance(error, NoPlanFound) and isinstance(error.found, Plan):
-        bodies = bodies_of(task, error.found)
-        answer.plans = plan_messages(error.found, start_ns, frame, bodies)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -11,19 +12,15 @@ from ff_planner_msgs.msg import (
     ChaserState,
     Goal,
     ObstacleSphere,
-    PlanAnswer,
-    PlanMetrics,
     PlanRequest,
-    PlanStatus,
     Scene,
-    SolverReport,
     WheelPoint,
 )
 from ff_planner_msgs.msg import Obstacle as ObstacleMessage
 from ff_planner_msgs.msg import Payload as PayloadMessage
 from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist
 from nav_msgs.msg import Path
 from sensor_msgs.msg import JointState
 from shape_msgs.msg import Mesh, SolidPrimitive
@@ -33,8 +30,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import write_object
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.messages.obstacles import PRIMITIVES, primitive_sizes
+from ff_planner_ros.parameters.controller import ERASED, ControllerParameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.obstacles import (
     Obstacle,
@@ -46,12 +43,13 @@ from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
 from ff_planner_ros.planning.task.captured import CapturedBody
+from ff_planner_ros.planning.task.controller_rules import REST
 from ff_planner_ros.robot.collision.solids import MESH, MeshFile
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
+from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, JointTolerance
 from ff_planner_ros.ros.messages.interfaces import entry_of
-from ff_planner_ros.ros.messages.status_message import status_message
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanRequest:
@@ -179,38 +177,53 @@ def plan_message(
     return message
 
 
-def answer_with_plan(
-    plan: Plan, written: Sequence[PlanMessage], plan_id: str, solve_time: float
-) -> PlanAnswer:
-    """Return the answer with a plan.
-
-    Args:
-        plan: Plan of all phases as one.
-        written: Plan of each phase, from `plan_messages`.
-        solve_time: From request to plan [s].
-    """
-    return PlanAnswer(
-        status=PlanStatus(code=int(Status.SOLVED), message=plan.message),
-        plan_id=plan_id,
-        plans=list(written),
-        metrics=[PlanMetrics(**asdict(plan.metrics))],
-        solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
+def controller_message(trajectory: JointTrajectory, effort_interface: bool) -> JointTrajectory:
+    """Return the trajectory for the controller; without torques if it takes no effort."""
+    if effort_interface:
+        return trajectory
+    return JointTrajectory(
+        header=trajectory.header,
+        joint_names=trajectory.joint_names,
+        points=[
+            JointTrajectoryPoint(
+                positions=point.positions,
+                velocities=point.velocities,
+                accelerations=point.accelerations,
+                time_from_start=point.time_from_start,
+            )
+            for point in trajectory.points
+        ],
     )
 
 
-def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> PlanAnswer:
-    """Return the answer to a request that got no plan.
+def controller_goal(trajectory: JointTrajectory, settings: ControllerParameters) -> Any:
+    """Return the goal for a trajectory, with the tolerances of the parameters."""
+    nanoseconds = round(settings.goal_time_tolerance * NANOSECONDS)
+    return FollowJointTrajectory.Goal(
+        trajectory=trajectory,
+        path_tolerance=_tolerances(trajectory, settings.path_tolerance),
+        goal_tolerance=_goal_tolerances(trajectory, settings.goal_tolerance),
+        goal_time_tolerance=Duration(
+            sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS
+        ),
+    )
 
-    It holds metrics and solver report of the best attempt, if there is one, but not its motion.
 
-    Args:
-        solve_time: From request to refusal [s].
-    """
-    answer = PlanAnswer(status=status_message(error), plan_id=plan_id)
-    if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
-        answer.metrics = [PlanMetrics(**asdict(error.attempt.metrics))]
-        answer.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
-    return answer
+def _goal_tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:
+    """Return the tolerances at the end, where joints that are to move need not have stopped."""
+    told = {one.name: one for one in _tolerances(trajectory, position)}
+    for point in trajectory.points[-1:]:
+        for name, rate in zip(trajectory.joint_names, point.velocities, strict=False):
+            if abs(rate) > REST:
+                told.setdefault(name, JointTolerance(name=name)).velocity = ERASED
+    return list(told.values())
+
+
+def _tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:
+    """Return one tolerance for every joint; none at zero: the controller's own then holds."""
+    if not position:
+        return []
+    return [JointTolerance(name=name, position=position) for name in trajectory.joint_names]
 
 
 def time_message(time_ns: int) -> Time:
@@ -250,28 +263,27 @@ def _body_message(body: ObstacleBody | AttachedBody | HeldShape) -> ObstacleMess
 
 
 def _path(headers: Sequence[Header], positions: Array, quaternions_xyzw: Array) -> Path:
-    poses = [
-        PoseStamped(header=header, pose=pose_message(position, quaternion))
-        for header, position, quaternion in zip(
-            headers, positions.tolist(), quaternions_xyzw.tolist(), strict=True
-        )
-    ]
+    poses = []
+    for header, position, quaternion in zip(
+        headers, positions.tolist(), quaternions_xyzw.tolist(), strict=True
+    ):
+        # Filled in: constructors make each part by default, too, and a plan has thousands.
+        stamped = PoseStamped()
+        stamped.header = header
+        place, turn = stamped.pose.position, stamped.pose.orientation
+        place.x, place.y, place.z = position
+        turn.x, turn.y, turn.z, turn.w = quaternion
+        poses.append(stamped)
     return Path(header=headers[0], poses=poses)
 
 
 def _twists(linear_velocities: Array, angular_velocities: Array) -> list[Twist]:
-    return [
-        _twist(linear, angular)
-        for linear, angular in zip(
-            linear_velocities.tolist(), angular_velocities.tolist(), strict=True
-        )
-    ]
-
-
-def _twist(linear_velocity: Sequence[float], angular_velocity: Sequence[float]) -> Twist:
-    return Twist(linear=_vector(linear_velocity), angular=_vector(angular_velocity))
-
-
-def _vector(vector: Sequence[float]) -> Vector3:
-    x, y, z = vector
-    return Vector3(x=x, y=y, z=z)
+    twists = []
+    for linear, angular in zip(
+        linear_velocities.tolist(), angular_velocities.tolist(), strict=True
+    ):
+        twist = Twist()
+        twist.linear.x, twist.linear.y, twist.linear.z = linear
+        twist.angular.x, twist.angular.y, twist.angular.z = angular
+        twists.append(twist)
+    return twists

@@ -13,9 +13,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.parameters.published_plans import TrackingParameters
 from ff_planner_ros.ros.outputs.clock_health import ClockHealth, clock_part
-from ff_planner_ros.ros.outputs.controller_health import ControllerHealth, controller_part
-from ff_planner_ros.ros.outputs.prediction import TrackingError
+from ff_planner_ros.ros.outputs.execution import ControllerHealth, controller_part
+from ff_planner_ros.ros.outputs.prediction import Deviation, too_far
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
 # What has a higher age has no stamp, or zero: no clock of today is earlier than 2001 [s].
@@ -56,11 +57,9 @@ class NodeHealth:
     solver_is_warm: bool  # whether a plan can begin at once
     namesakes: Sequence[str]  # nodes that answer requests under the same name
     recorder: RecorderHealth
-    tracking: TrackingError | None  # predicted against measured chaser; None while no plan runs
-    tracking_max_position: float  # more than this is a warning [m]
-    tracking_max_angle: float  # more than this is a warning [rad]
-    # How far the clocks of publishers are ahead of the node's, as measured over the last seconds
-    # [s]; None: no message
+    tracking: Sequence[Deviation]  # of the measured system; empty while no plan runs
+    allowed: TrackingParameters  # more is a warning
+    # Stamp of the last message minus its time of arrival [s]; None: not known
     state_clock_offset: float | None = None
     target_clock_offset: float | None = None
     # A phrase for each publisher that the node cannot hear, by topic
@@ -164,7 +163,7 @@ def _of_age(
         digits: Decimals of the age.
         refusal: Why the newest message cannot be used; empty: it can.
         level: Level if the newest message cannot be used or is too old.
-        offset: How far the clock of its publisher is ahead [s]; None: no recent message.
+        offset: Stamp of the newest message minus its time of arrival [s]; None: not known.
     """
     values = {"age [s]": f"{age:.{digits}f}", "allowed age [s]": f"{limit:g}"}
     if offset is not None:
@@ -253,22 +252,16 @@ def _recorder(health: NodeHealth) -> _Part:
 
 
 def _tracking(health: NodeHealth) -> _Part:
-    error = health.tracking
-    if error is None:
+    if not health.tracking:
         return OK, "no plan runs", {}
-    furthest, widest = health.tracking_max_position, health.tracking_max_angle
+    position, angle = (one.amount for one in health.tracking[:2])
     values = {
-        "position [m]": f"{error.position:.6f}",
-        "allowed position [m]": f"{furthest:g}",
-        "angle [rad]": f"{error.angle:.6f}",
-        "allowed angle [rad]": f"{widest:g}",
+        "position [m]": f"{position:.6f}",
+        "allowed position [m]": f"{health.allowed.max_position:g}",
+        "angle [rad]": f"{angle:.6f}",
+        "allowed angle [rad]": f"{health.allowed.max_angle:g}",
     }
-    found = (
-        f"{error.position * 1e3:.1f} mm and {math.degrees(error.angle):.2f} deg "
-        "from where the plan predicts it"
-    )
-    # Not greater, instead of less: what is no number is nothing that anybody allows.
-    if error.position <= furthest and error.angle <= widest:
-        return OK, f"the chaser is {found}", values
-    allowed = f"{furthest * 1e3:g} mm and {math.degrees(widest):.2g} deg"
-    return WARN, f"the chaser leaves the plan: {found}, allowed are {allowed}", values
+    if off := too_far(health.tracking, health.allowed):
+        return WARN, f"the system leaves the plan: {off}", values
+    found = f"{position * 1e3:.1f} mm and {math.degrees(angle):.2f} deg"
+    return OK, f"the chaser is {found} from where the plan predicts it", values

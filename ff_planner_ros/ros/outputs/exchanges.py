@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 import traceback
+from collections.abc import Callable
 from queue import SimpleQueue
 
 from ff_planner_msgs.msg import Exchange, PlanAnswer, PlanRequest
@@ -16,8 +18,11 @@ from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.messages.exchange_words import Event, Interface
 from ff_planner_ros.planning.scenario.task_json import task_json
 from ff_planner_ros.planning.task.planning_task import PlanningTask
-from ff_planner_ros.ros.messages.interfaces import EXCHANGES, ROBOT_MODEL
-from ff_planner_ros.ros.qos import EXCHANGES_QOS, LATCHED_QOS
+from ff_planner_ros.ros.qos import create_publisher
+from ff_planner_ros.ros.topics import EXCHANGES, ROBOT_MODEL
+
+# By then an answer is sent, which needs the interpreter as much as its exchange does [s].
+_AFTER_ANSWER = 0.01
 
 
 class Exchanges:
@@ -31,10 +36,10 @@ class Exchanges:
         """
         self._node, self._urdf, self._frame = node, urdf, inertial_frame
         self._versions = json.dumps(versions())
-        self._model = node.create_publisher(String, ROBOT_MODEL, LATCHED_QOS)
+        self._model = create_publisher(node, ROBOT_MODEL)
         self._model.publish(String(data=urdf))
-        self._publisher = node.create_publisher(Exchange, EXCHANGES, EXCHANGES_QOS)
-        self._waiting = SimpleQueue[tuple[Exchange, PlanningTask | None] | None]()
+        self._publisher = create_publisher(node, EXCHANGES)
+        self._waiting = SimpleQueue[Callable[[], object] | None]()
         self._thread = threading.Thread(target=self._run, name="exchanges", daemon=True)
         self._thread.start()
 
@@ -65,21 +70,32 @@ class Exchanges:
             versions=self._versions,
             answer=[] if answer is None else [answer],
         )
-        self._waiting.put((told, task))
+        self._waiting.put(lambda: self._publish(told, task))
+
+    def afterwards(self, action: Callable[[], object]) -> None:
+        """Do what no answer waits for, after what was told before."""
+        self._waiting.put(action)
 
     def close(self) -> None:
         """Publish what waits, then remove the publishers."""
         self._waiting.put(None)
         self._thread.join()
-        for publisher in (self._publisher, self._model):
-            self._node.destroy_publisher(publisher)
+        for one in (self._publisher, self._model):
+            self._node.destroy_publisher(one)
 
     def _run(self) -> None:
-        while (waiting := self._waiting.get()) is not None:
-            told, task = waiting
+        while (action := self._waiting.get()) is not None:
+            if self._waiting.empty():
+                time.sleep(_AFTER_ANSWER)
             try:
-                told.task = "" if task is None else task_json(task, self._urdf)
-            except Exception:  # of a plug-in's requirement, say; the exchange counts all the same
-                why = in_log(traceback.format_exc())
-                self._node.get_logger().error(f"{told.plan_id}: no task for a replay\n{why}")
-            self._publisher.publish(told)
+                action()
+            except Exception:
+                self._node.get_logger().error(in_log(traceback.format_exc()))
+
+    def _publish(self, told: Exchange, task: PlanningTask | None) -> None:
+        try:
+            told.task = "" if task is None else task_json(task, self._urdf)
+        except Exception:  # of a plug-in's requirement, say; the exchange counts all the same
+            why = in_log(traceback.format_exc())
+            self._node.get_logger().error(f"{told.plan_id}: no task for a replay\n{why}")
+        self._publisher.publish(told)

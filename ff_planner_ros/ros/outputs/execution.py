@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from ff_planner_msgs.msg import PlanEvent
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.parameters.controller import ControllerParameters, HandOver
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.ros.outputs.controller_client import ControllerClient, Ended
-from ff_planner_ros.ros.qos import PLAN_EVENTS_QOS
+from ff_planner_ros.ros.outputs.controller import ControllerClient, ControllerWatch, Ended
+from ff_planner_ros.ros.qos import create_lifecycle_publisher
+from ff_planner_ros.ros.topics import PLAN_EVENTS
 
 # Of a timer that is set anew before it runs [s].
 _ANY_PERIOD = 1.0
@@ -32,6 +35,18 @@ class Event(IntEnum):
     AT_GOAL = PlanEvent.AT_GOAL
     ABORTED = PlanEvent.ABORTED
     SUPERSEDED = PlanEvent.SUPERSEDED
+
+
+@dataclass(frozen=True)
+class ControllerHealth:
+    """State of the controller; by default plans go out on the topic alone."""
+
+    action: str = ""  # name of its action; empty: plans go out on the topic alone
+    is_there: bool = True  # whether the action can be reached
+    last: tuple[str, Event, str] | None = None  # of the last plan: id, event, words
+    # Joint off its plan most, by what, and the unit
+    furthest: tuple[str, float, str] | None = None
+    unwatched: str = ""  # why nobody sees that it keeps a plan's times; empty: the node does
 
 
 @dataclass(eq=False)
@@ -67,9 +82,7 @@ class Execution:
         self._lock = threading.RLock()
         self._plans: list[_Plan] = []  # as published
         self.last: tuple[str, Event, str] | None = None  # plan, event and words, for diagnostics
-        self._events: LifecyclePublisher = node.create_lifecycle_publisher(
-            PlanEvent, "plan_events", PLAN_EVENTS_QOS
-        )
+        self._events = create_lifecycle_publisher(node, PLAN_EVENTS)
         self.publishers = (self._events,)
         self.controller: ControllerClient | None = None  # None: plans go out on the topic alone
         # Time is the plan's: where it stands still, no plan begins.
@@ -78,6 +91,9 @@ class Execution:
         self._timer.cancel()  # until there is a plan
         if settings.hand_over == HandOver.ACTION:
             self.controller = ControllerClient(node, settings, group)
+        self.watch: ControllerWatch | None = None  # None: the controller's state is not watched
+        if settings.watched_topic:
+            self.watch = ControllerWatch(node, settings, self._broken)
 
     def runs(self, plan_id: str) -> bool:
         """Return whether a published plan runs, or will."""
@@ -91,6 +107,8 @@ class Execution:
             taken = self.controller is None
             plan = _Plan(plan_id, start_ns, goal_ns, trajectory, is_taken=taken)
             self._plans.append(plan)
+            if self.watch is not None and self.controller is None:
+                self.watch.replaced(self._clock.now().nanoseconds)
             self._tell(plan, Event.PUBLISHED, "published")
             self._arm()
 
@@ -108,6 +126,17 @@ class Execution:
                 else:
                     self._start(plan)
             self._arm()
+
+    def health(self, robot: Robot) -> ControllerHealth:
+        """Return the current state of the controller."""
+        client, watch = self.controller, self.watch
+        return ControllerHealth(
+            action="" if client is None else client.action,
+            is_there=client is None or client.is_there,
+            last=self.last,
+            furthest=None if client is None else _furthest(client.off, robot),
+            unwatched="" if watch is None else watch.complaint,
+        )
 
     def withdraw(self, why: str) -> None:
         """Abort plans that are not yet sent to the action; the controller keeps its goal."""
@@ -128,8 +157,9 @@ class Execution:
     def close(self) -> None:
         """Remove timer and client from the node."""
         self._node.destroy_timer(self._timer)
-        if self.controller is not None:
-            self.controller.close()
+        for one in (self.controller, self.watch):
+            if one is not None:
+                one.close()
 
     def _arm(self) -> None:
         """Set the timer to when something is due next."""
@@ -164,6 +194,8 @@ class Execution:
             # A plan that was published later and has not begun waits; all others give way.
             if other.has_started or self._plans.index(other) < self._plans.index(plan):
                 self._supersede(other, plan)
+        if self.watch is not None:
+            self.watch.follow(plan.plan_id, plan.start_ns, plan.trajectory)
         self._tell(plan, Event.STARTED, "its start time has come")
 
     def _supersede(self, plan: _Plan, successor: _Plan) -> None:
@@ -173,6 +205,8 @@ class Execution:
     def _hand_over(self, plan: _Plan, controller: ControllerClient, now_ns: int) -> None:
         if not plan.is_sent and now_ns >= plan.start_ns - self._lead_ns:
             plan.is_sent = True
+            if self.watch is not None:
+                self.watch.replaced(now_ns)
             controller.send(
                 plan.trajectory,
                 lambda: self._accepted(plan),
@@ -202,10 +236,19 @@ class Execution:
             else:
                 self._end(plan, Event.ABORTED, ended.words, error_code=ended.error_code)
 
+    def _broken(self, plan_id: str, why: str) -> None:
+        """Abort a plan that the controller does not keep; the controller keeps its goal."""
+        with self._lock:
+            for plan in [one for one in self._plans if one.plan_id == plan_id]:
+                self._end(plan, Event.ABORTED, f"broken: {why}")
+            self._arm()
+
     def _end(
         self, plan: _Plan, event: Event, words: str, successor: str = "", error_code: int = 0
     ) -> None:
         self._plans.remove(plan)
+        if self.watch is not None:
+            self.watch.leave(plan.plan_id)
         self._tell(plan, event, words, successor, error_code)
         if event is Event.ABORTED:
             self._aborted(plan.plan_id)
@@ -229,3 +272,45 @@ class Execution:
                 message=words,
             )
         )
+
+
+def controller_part(health: ControllerHealth) -> tuple[bytes, str, Mapping[str, str]]:
+    """Return level, message and values of the diagnostic status of the controller."""
+    values = {"hand-over": "action" if health.action else "topic"}
+    if health.last is not None:
+        plan_id, event, words = health.last
+        values |= {"plan id": plan_id, "event": event.name}
+    if health.furthest is not None:
+        joint, error, unit = health.furthest
+        values |= {"joint": joint, f"off by [{unit}]": f"{error:.6f}"}
+    level, message = DiagnosticStatus.OK, "plans go out on the topic joint_trajectory"
+    if health.action:
+        message = f"plans are sent to {health.action}"
+    if health.last is not None:
+        message += f"; {plan_id}: {event.name}: {words}"
+    if not health.is_there:
+        level = DiagnosticStatus.WARN
+        message = f"nobody answers at {health.action}: does the controller run? {message}"
+    if health.unwatched:
+        level = DiagnosticStatus.WARN
+        message += f"; whether it keeps a plan's times is not seen: {health.unwatched}"
+    if health.last is not None and event is Event.ABORTED:
+        level = DiagnosticStatus.ERROR
+    return level, message, values
+
+
+def _furthest(off: Mapping[str, float], robot: Robot) -> tuple[str, float, str] | None:
+    """Return the joint off its plan most, prismatic ones by their weight, by what, and the unit.
+
+    A joint that no plan moves counts as revolute.
+    """
+    names, weights = robot.joint_names, robot.joint_weights
+    numbers = {name: names.index(name) for name in off if name in names}
+
+    def weighted(name: str) -> float:
+        return off[name] * (weights[numbers[name]] if name in numbers else 1.0)
+
+    if not off:
+        return None
+    joint = max(off, key=weighted)
+    return joint, off[joint], robot.unit(numbers[joint]) if joint in numbers else "rad"

@@ -3,33 +3,42 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PublishedPlan as PublishedPlanMessage
-from ff_planner_msgs.msg import TrackingError, WheelState
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Path
+from ff_planner_msgs.msg import TrackingError
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
-from rclpy.qos import QoSProfile
 from std_msgs.msg import Header, String
-from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.motion.plan import Plan, Trajectory, WheelMotion
+from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.messages.to_messages import controller_message, time_message
 from ff_planner_ros.ros.outputs import prediction
 from ff_planner_ros.ros.outputs.execution import Execution
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
 from ff_planner_ros.ros.outputs.preview import Preview
 from ff_planner_ros.ros.outputs.transforms import Transforms
-from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS, qos_profile
+from ff_planner_ros.ros.qos import create_lifecycle_publisher
+from ff_planner_ros.ros.topics import (
+    JOINT_TRAJECTORY,
+    PREDICTED_CHASER_PATH,
+    PREDICTED_CHASER_POSE,
+    PREDICTED_RELATIVE_POSE,
+    PREDICTED_TARGET_PATH,
+    PREDICTED_WHEEL_MOMENTUM,
+    PUBLISHED_PLAN,
+    ROBOT_DESCRIPTION,
+    TRACKING_ERROR,
+    Endpoint,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,15 +103,15 @@ class PlanOutput:
 
     def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
         """Create the publishers, which are silent until the node is active."""
-        self._base_link, self._frame = robot.base_link, parameters.inertial_frame
+        self._robot, self._frame = robot, parameters.inertial_frame
+        self._takes_torques = parameters.controller.effort_interface
         self.transforms = Transforms(node, robot, parameters)
         self.execution = Execution(node, parameters.controller, self._forget_plan)
         self.preview = Preview(node, self.transforms, parameters)
-        qos = parameters.qos
         self._clock = node.get_clock()
         self._plans: list[PublishedPlan] = []  # that run, or will, and the last one; as published
         self._lock = threading.Lock()
-        self.tracking: prediction.TrackingError | None = None  # None while no plan runs
+        self.tracking: Sequence[prediction.Deviation] = ()  # empty while no plan runs
         self.published_one: Callable[[], None] = lambda: None  # called after a plan has gone out
         self._node = node
         self._publishers: list[LifecyclePublisher] = [
@@ -110,30 +119,15 @@ class PlanOutput:
             *self.execution.publishers,
             *self.preview.publishers,
         ]
-        self._trajectory, self._path, self._pose = (
-            self._publisher(kind, name, qos_profile(getattr(qos, name)))
-            for kind, name in (
-                (JointTrajectory, "joint_trajectory"),
-                (Path, "predicted_chaser_path"),
-                (PoseStamped, "predicted_chaser_pose"),
-            )
-        )
-        # The target body's topics have the quality of service of the chaser's.
-        self._target_path = self._publisher(
-            Path, "predicted_target_path", qos_profile(qos.predicted_chaser_path)
-        )
-        self._relative_pose = self._publisher(
-            PoseStamped, "predicted_relative_pose", qos_profile(qos.predicted_chaser_pose)
-        )
-        self._wheels = self._publisher(
-            WheelState, "predicted_wheel_momentum", qos_profile(qos.predicted_chaser_pose)
-        )
-        # Who hears the trajectory can also hear whose it is.
-        self._published_plan = self._publisher(
-            PublishedPlanMessage, "published_plan", qos_profile(qos.joint_trajectory)
-        )
-        self._tracking_error = self._publisher(TrackingError, "tracking_error", STREAM_QOS)
-        self._description = self._publisher(String, "robot_description", LATCHED_QOS)
+        self._trajectory = self._publisher(JOINT_TRAJECTORY)
+        self._published_plan = self._publisher(PUBLISHED_PLAN)
+        self._path = self._publisher(PREDICTED_CHASER_PATH)
+        self._pose = self._publisher(PREDICTED_CHASER_POSE)
+        self._target_path = self._publisher(PREDICTED_TARGET_PATH)
+        self._relative_pose = self._publisher(PREDICTED_RELATIVE_POSE)
+        self._wheels = self._publisher(PREDICTED_WHEEL_MOMENTUM)
+        self._tracking_error = self._publisher(TRACKING_ERROR)
+        self._description = self._publisher(ROBOT_DESCRIPTION)
 
     def describe_robot(self, urdf: str) -> None:
         """Publish the text of the robot's URDF file; to be called when the node becomes active."""
@@ -142,47 +136,37 @@ class PlanOutput:
 
     def publish(
         self,
-        plan_id: str,
-        plan: Plan,
+        made: MadePlan,
         written: PlanMessage,
-        for_controller: JointTrajectory,
         requester: str,
-        end_behaviour: str,
-        captured: CapturedBody | None = None,
-        previous_plan_id: str = "",
     ) -> None:
-        """Publish a plan for controllers and executives.
-
-        Args:
-            written: `plan` as a message.
-            for_controller: The joint trajectory in the form that the controller accepts.
-            previous_plan_id: Id of the plan that the joints follow until this one starts; empty:
-                none.
-        """
+        """Publish a plan for controllers and executives; `written` is its message."""
+        for_controller = controller_message(written.joint_trajectory, self._takes_torques)
         self._trajectory.publish(for_controller)
         self._published_plan.publish(
             PublishedPlanMessage(
                 header=Header(stamp=self._clock.now().to_msg(), frame_id=self._frame),
-                plan_id=plan_id,
+                plan_id=made.plan_id,
                 requester=requester,
                 start_time=for_controller.header.stamp,
                 joint_trajectory=for_controller,
-                end_behaviour=end_behaviour,
+                end_behaviour=made.end_behaviour,
             )
         )
         self._path.publish(written.chaser_path)
+        plan, captured = made.plan, made.captured
         if captured is not None:
             self._target_path.publish(written.target_path)
         start_ns = nanoseconds(for_controller.header.stamp)
         last, now_ns = self.published, self._clock.now().nanoseconds
-        before = None if last is None else last.until(previous_plan_id, now_ns)
+        before = None if last is None else last.until(made.previous_plan_id, now_ns)
         new = PublishedPlan(
-            plan_id, plan.trajectory, start_ns, captured, plan.duration, before, plan.wheels
+            made.plan_id, plan.trajectory, start_ns, captured, plan.duration, before, plan.wheels
         )
         with self._lock:
             self._plans = [*self._kept(), new]
         goal_ns = start_ns + round(new.seconds_to_goal * NANOSECONDS)
-        self.execution.published(plan_id, start_ns, goal_ns, for_controller)
+        self.execution.published(made.plan_id, start_ns, goal_ns, for_controller)
         self.transforms.published(captured)
         self.published_one()
 
@@ -194,18 +178,18 @@ class PlanOutput:
 
     @property
     def is_streamed(self) -> bool:
-        """Whether a plan runs, or will; if not, `tracking` becomes None."""
+        """Whether a plan runs, or will; if not, `tracking` becomes empty."""
         published, now_ns = self.published, self._clock.now().nanoseconds
         runs = published is not None and (
             now_ns <= published.start_ns or published.at(now_ns) is not None
         )
         if not runs:
-            self.tracking = None
+            self.tracking = ()
         return runs
 
     def stream(self, measured: Snapshot | None) -> None:
         """Publish the plan's predictions for now, and the tracking error of a measured state."""
-        last, self.tracking = self.published, None
+        last, self.tracking = self.published, ()
         if last is None:
             return
         now_ns = self._clock.now().nanoseconds
@@ -223,27 +207,29 @@ class PlanOutput:
                 self._relative_pose.publish(relative)
         if running.wheels is not None:
             held = prediction.predicted_wheels(
-                motion.time, running.wheels, start_ns, now_ns, self._base_link
+                motion.time, running.wheels, start_ns, now_ns, self._robot.base_link
             )
             if held is not None:
                 self._wheels.publish(held)
         if measured is None:
             return
-        error = prediction.tracking_error(motion, start_ns, measured.state, measured.stamp_ns)
-        self.tracking = error
-        if error is not None:
+        time = (measured.stamp_ns - start_ns) / NANOSECONDS
+        self.tracking = prediction.deviations(measured.state, motion, time, self._robot)
+        if self.tracking:
+            position, angle = (one.amount for one in self.tracking[:2])
             stamp = time_message(measured.stamp_ns)
             self._tracking_error.publish(
                 TrackingError(
                     header=Header(stamp=stamp, frame_id=self._frame),
                     plan_id=running.plan_id,
-                    **error._asdict(),
+                    position=position,
+                    angle=angle,
                 )
             )
 
     def forget(self, why: str) -> None:
         """Forget the last plan and abort all plans: their times are no longer the clock's."""
-        self._plans, self.tracking = [], None
+        self._plans, self.tracking = [], ()
         self.execution.forget(why)
 
     def close(self) -> None:
@@ -258,14 +244,14 @@ class PlanOutput:
         with self._lock:
             kept = [one for one in self._kept() if one.plan_id != plan_id]
             self._plans = [one.without(plan_id) for one in kept]
-        self.tracking = None
+        self.tracking = ()
 
     def _kept(self) -> list[PublishedPlan]:
         """Return the plans that run, or will, and the last one."""
         earlier = [one for one in self._plans[:-1] if self.execution.runs(one.plan_id)]
         return earlier + self._plans[-1:]
 
-    def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
-        publisher: LifecyclePublisher = self._node.create_lifecycle_publisher(kind, topic, qos)
+    def _publisher(self, endpoint: Endpoint) -> LifecyclePublisher:
+        publisher = create_lifecycle_publisher(self._node, endpoint)
         self._publishers.append(publisher)
         return publisher

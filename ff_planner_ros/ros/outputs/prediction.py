@@ -1,7 +1,8 @@
-"""Poses that a plan predicts for chaser, end effector and target, and tracking errors."""
+"""Where a plan has chaser, end effector, target and wheels, and how far the system is from it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -14,14 +15,19 @@ from std_msgs.msg import Header
 from ff_planner_ros.analysis.drawing.tracking import planned_poses
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
+from ff_planner_ros.parameters.published_plans import TrackingParameters
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.plan import Trajectory, WheelMotion
 from ff_planner_ros.planning.motion.pose_motion import cubics_between
 from ff_planner_ros.planning.task.captured import CapturedBody
+from ff_planner_ros.robot.configuration import without_turns
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
 
 # The frame_id of poses in the frame of the target body's grasp.
 GRASP_FRAME = "target_grasp"
+_POSES = "max_position", "max_angle", "max_joint_position"
 
 
 class FramePose(NamedTuple):
@@ -31,11 +37,30 @@ class FramePose(NamedTuple):
     rotation: Rotation  # its axes to inertial axes
 
 
-class TrackingError(NamedTuple):
+class PoseError(NamedTuple):
     """Difference between a frame's predicted and its measured pose."""
 
     position: float  # distance of the origins [m]
     angle: float  # of the rotation between the two attitudes [rad]
+
+
+class Deviation(NamedTuple):
+    """How far one number of a system is from where a plan has it."""
+
+    what: str
+    tolerance: str  # field of `TrackingParameters` that limits it
+    amount: float
+    unit: str
+
+    def words(self, allowed: TrackingParameters) -> str:
+        """Return a phrase if the amount is more than allowed, or NaN; else an empty string."""
+        limit: float = getattr(allowed, self.tolerance)
+        if self.amount <= limit:
+            return ""
+        return (
+            f"{self.what} by {self.amount:.3g} {self.unit}, more than tracking.{self.tolerance}, "
+            f"{limit:g} {self.unit}"
+        )
 
 
 def predicted_pose(
@@ -45,9 +70,8 @@ def predicted_pose(
     times = trajectory.time
     if not times[0] <= time <= times[-1]:
         return None
-    before = min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2)
     (position,), (quaternion,) = planned_poses(
-        trajectory, frame, np.array([time]), slice(before, before + 2)
+        trajectory, frame, np.array([time]), _around(trajectory, time)
     )
     return FramePose(position, Rotation.from_quat(quaternion))
 
@@ -121,24 +145,84 @@ def predicted_wheels(
     )
 
 
-def tracking_error(
-    trajectory: Trajectory, start_ns: int, measured: SystemState, measured_ns: int
-) -> TrackingError | None:
-    """Return the error of a chaser measured at measured_ns [ns]; None outside the plan."""
-    predicted = predicted_pose(trajectory, "chaser", (measured_ns - start_ns) / NANOSECONDS)
-    if predicted is None:
-        return None
-    attitude = Rotation.from_quat(measured.quaternion_chaser_to_inertial_xyzw)
-    return difference(predicted, FramePose(measured.position_chaser_in_inertial, attitude))
+def deviations(
+    state: SystemState, motion: Trajectory, time: float, robot: Robot
+) -> list[Deviation]:
+    """Return how far a system is from where a plan has it at a time from its start [s].
+
+    Empty outside the plan. The chaser's position and attitude come first, then its velocities, then
+    position and rate of each joint. Between two points poses follow cubics, joints quintics, and
+    the chaser's velocities the straight line.
+    """
+    pose = predicted_pose(motion, "chaser", time)
+    if pose is None:
+        return []
+    points = _around(motion, time)
+    part = (time - motion.time[points][0]) / np.ptp(motion.time[points])
+
+    def between(rows: Array) -> Array:
+        before, after = rows[points]
+        found: Array = before + part * (after - before)
+        return found
+
+    attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+    off = difference(pose, FramePose(state.position_chaser_in_inertial, attitude))
+    velocity = state.linear_velocity_chaser_in_inertial - between(motion.chaser_linear_velocities)
+    turning = state.angular_velocity_chaser_in_inertial - between(motion.chaser_angular_velocities)
+    joints = JointMotion(
+        motion.time[points],
+        motion.joint_positions[points],
+        motion.joint_velocities[points],
+        motion.joint_accelerations[points],
+    )
+    positions, rates, _ = joints.at(np.array([time]))
+    aside = without_turns(state.joint_positions - positions[0], robot.continuous)
+    found = [
+        Deviation("the chaser's position", "max_position", off.position, "m"),
+        Deviation("its attitude", "max_angle", off.angle, "rad"),
+        Deviation("its velocity", "max_velocity", float(np.linalg.norm(velocity)), "m/s"),
+        Deviation(
+            "its angular velocity", "max_angular_velocity", float(np.linalg.norm(turning)), "rad/s"
+        ),
+    ]
+    for what, tolerance, differences, unit in (
+        ("position", "max_joint_position", aside, "rad"),
+        ("rate", "max_joint_velocity", state.joint_velocities - rates[0], "rad/s"),
+    ):
+        amounts = np.abs(robot.joint_weights * differences).tolist()
+        found += [
+            Deviation(f"{name}'s {what}", tolerance, amount, unit)
+            for name, amount in zip(robot.joint_names, amounts, strict=True)
+        ]
+    return found
 
 
-def difference(predicted: FramePose, found: FramePose) -> TrackingError:
+def too_far(
+    found: Iterable[Deviation], allowed: TrackingParameters, *, at_rates: bool = False
+) -> str:
+    """Return in words which deviations are more than allowed; empty: none is.
+
+    Args:
+        at_rates: Whether velocities and rates count, too, which are measured less well.
+    """
+    counted = (one for one in found if at_rates or one.tolerance in _POSES)
+    return "; ".join(words for one in counted if (words := one.words(allowed)))
+
+
+def difference(predicted: FramePose, found: FramePose) -> PoseError:
     """Return distance and rotation angle between a predicted and a found pose."""
     distance = float(np.linalg.norm(found.position - predicted.position))
-    return TrackingError(distance, float((predicted.rotation.inv() * found.rotation).magnitude()))
+    return PoseError(distance, float((predicted.rotation.inv() * found.rotation).magnitude()))
 
 
 def _fixed_to(frame: FramePose, place: pin.SE3) -> FramePose:
     """Return the pose of a frame whose pose in another frame is `place`."""
     position = frame.position + frame.rotation.apply(place.translation.copy())
     return FramePose(position, frame.rotation * Rotation.from_matrix(place.rotation))
+
+
+def _around(motion: Trajectory, time: float) -> slice:
+    """Return the two points before and behind a time within a plan [s]."""
+    before = int(np.searchsorted(motion.time, time, side="right")) - 1
+    before = min(before, len(motion.time) - 2)
+    return slice(before, before + 2)

@@ -10,43 +10,23 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from rclpy.lifecycle import LifecycleNode
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.planning.task.captured import captured_in
-from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.outputs.markers import plan_markers, waiting_markers
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
+from ff_planner_ros.ros.outputs.markers import waiting_markers
 from ff_planner_ros.ros.outputs.transforms import Transforms
-from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """A plan with its robot and scene, to be drawn."""
-
-    plan_id: str
-    robot: Robot
-    plan: Plan
-    scene: Scene
-    inertial_frame: str
-
-    @cached_property
-    def markers(self) -> Sequence[Marker]:
-        """Markers of the plan and its scene; the first one deletes all earlier markers."""
-        drawn = plan_markers(self.robot, self.plan, self.scene, self.inertial_frame)
-        return tuple(drawn.markers)
+from ff_planner_ros.ros.qos import create_lifecycle_publisher
+from ff_planner_ros.ros.topics import MARKERS, PLANNED_JOINT_STATES
 
 
 class Previewed(NamedTuple):
@@ -66,30 +46,26 @@ class Preview:
         self._node, self._transforms = node, transforms
         self._clock, self._rate = node.get_clock(), parameters.rates.preview
         self._lock = threading.Lock()
-        self._released: Drawn | None = None
-        self._waiting: Drawn | None = None
-        self._played: Drawn | None = None
+        self._released: MadePlan | None = None
+        self._waiting: MadePlan | None = None
+        self._played: MadePlan | None = None
         self._states: Iterator[Previewed] = iter(())
         self._repeated_since_ns: int | None = None  # None while it is played for the first time
         self._viewers = 1  # when they were last counted
-        self._markers: LifecyclePublisher = node.create_lifecycle_publisher(
-            MarkerArray, "markers", LATCHED_QOS
-        )
-        self._joint_states: LifecyclePublisher = node.create_lifecycle_publisher(
-            JointState, "planned_joint_states", STREAM_QOS
-        )
+        self._markers = create_lifecycle_publisher(node, MARKERS)
+        self._joint_states = create_lifecycle_publisher(node, PLANNED_JOINT_STATES)
         self.publishers = self._markers, self._joint_states
         group = MutuallyExclusiveCallbackGroup()
         self._timer = node.create_timer(1.0 / self._rate, self._play, group)
         self._timer.cancel()  # until there is something to play
 
-    def release(self, released: Drawn) -> None:
+    def release(self, released: MadePlan) -> None:
         """Show a published plan from the next `draw` on; it waits no longer."""
         self._released = released
         if self._waiting is released:
             self._waiting = None
 
-    def let_wait(self, waiting: Drawn | None) -> bool:
+    def let_wait(self, waiting: MadePlan | None) -> bool:
         """Show a plan that waits for release from the next `draw` on; None: no plan waits.
 
         Returns:
@@ -150,7 +126,7 @@ class Preview:
             shown.time,
             shown.joints.position,
             now.nanoseconds,
-            captured_in(played.scene),
+            played.captured,
         )
         self._joint_states.publish(shown.joints)
 

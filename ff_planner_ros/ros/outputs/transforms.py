@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import pinocchio as pin
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
-from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from rclpy.lifecycle import LifecycleNode
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
@@ -26,7 +25,8 @@ from ff_planner_ros.ros.outputs.prediction import (
     predicted_pose,
     predicted_target,
 )
-from ff_planner_ros.ros.qos import LATCHED_QOS, TF_QOS
+from ff_planner_ros.ros.qos import create_lifecycle_publisher
+from ff_planner_ros.ros.topics import TF, TF_STATIC
 
 # Suffix of the frame at the chaser's centre of mass, which is no link of the URDF.
 CENTER_OF_MASS = "_center_of_mass"
@@ -41,22 +41,11 @@ class Transforms:
         self._robot, self._frame = robot, parameters.inertial_frame
         self._links, self._settings = tuple(carried_links(robot)), parameters.tf
         self._root, self._data = root_link(robot), robot.model.createData()
-        self._period, self._due = (
-            1.0 / parameters.rates.predicted_pose,
-            0.0,
-        )  # by the steady clock [s]
         self._told_ns: dict[str, int] = {}  # newest stamp of each frame
         self._static = self._fixed_to_chaser(parameters)
-        self._moving: LifecyclePublisher = node.create_lifecycle_publisher(TFMessage, "/tf", TF_QOS)
-        self._fixed: LifecyclePublisher = node.create_lifecycle_publisher(
-            TFMessage, "/tf_static", LATCHED_QOS
-        )
+        self._moving = create_lifecycle_publisher(node, TF)
+        self._fixed = create_lifecycle_publisher(node, TF_STATIC)
         self.publishers = self._moving, self._fixed
-
-    @property
-    def is_due(self) -> bool:
-        """Whether the measured pose is published, and was not within the last period."""
-        return self._settings.measured and time.monotonic() >= self._due
 
     def describe(self) -> None:
         """Publish the static transforms; to be called when the node becomes active."""
@@ -64,7 +53,6 @@ class Transforms:
 
     def measured(self, state: SystemState, stamp_ns: int) -> None:
         """Publish the root link's pose from a state measured at stamp_ns [ns]."""
-        self._due = time.monotonic() + self._period
         attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
         chaser = FramePose(state.position_chaser_in_inertial, attitude)
         self._publish(stamp_ns, [(self._frame, self._root, root_pose(self._robot, chaser))])

@@ -19,8 +19,23 @@ from ff_planner_ros.bag.mcap.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.inputs.raw_subscription import RawSubscription, Taken
 from ff_planner_ros.ros.messages.interfaces import type_name
-from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic, TopicQueue
+
+# Messages of a topic that wait: at 2 kHz, the disk may stand still for 2.5 s. The most that Fast
+# DDS holds: asked for more, it holds as many, and refuses the newest instead of the oldest.
+_QUEUE = 5000
+# Publishers of a topic whose numbers are remembered; who was heard last is.
+_PUBLISHERS = 64
+
+
+@dataclass(frozen=True)
+class RecordedTopic:
+    """A topic to record."""
+
+    name: str
+    message_type: type
+    qos: QoSProfile
 
 
 @dataclass(frozen=True)
@@ -61,7 +76,7 @@ class Recorder:
         self._bag: BagWriter | None = None
         self._failure = ""
         self._dropped: Counter[str] = Counter()
-        self._queues: list[TopicQueue] = []
+        self._queues: list[_TopicQueue] = []
         self._unwanted: dict[str, Callable[[int], bool]] = {}
         # Names are resolved and the bag's clock is the host's: no argument of the process,
         # remapping and simulated time included, is meant for this node.
@@ -81,7 +96,7 @@ class Recorder:
                 )
             latched = DurabilityPolicy.TRANSIENT_LOCAL
             latched_first = sorted(topics, key=lambda topic: topic.qos.durability != latched)
-            self._queues = [TopicQueue(self._node, topic) for topic in latched_first]
+            self._queues = [_TopicQueue(self._node, topic) for topic in latched_first]
         # Twice as often as promised, so that taking and writing may take time, too.
         self._period = flush_interval / 2
         self._stopped = threading.Event()
@@ -220,3 +235,43 @@ def offered_qos(qos: QoSProfile) -> QualityOfService:
 
 def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} of {topic}" for topic, count in sorted(counts.items()))
+
+
+class _TopicQueue:
+    """The waiting messages of a topic, and how many others were lost."""
+
+    def __init__(self, node: Node, topic: RecordedTopic) -> None:
+        """Listen from now on; the node need not be spun."""
+        self.topic = topic.name
+        self._followed: dict[int, None] = {}  # the last number of each publisher, oldest first
+        queued = QoSProfile(
+            depth=_QUEUE, reliability=topic.qos.reliability, durability=topic.qos.durability
+        )
+        self._subscription = RawSubscription(node, topic.message_type, topic.name, queued)
+
+    def take(self) -> tuple[list[Taken], int]:
+        """Return the waiting messages, and how many others were lost.
+
+        Counted by the sequence numbers of the publishers; exact if only one publisher has sent too
+        much. Some middleware has no sequence numbers: then the count is 1 if the queue was full.
+        """
+        messages = self._subscription.take()
+        was_full = len(messages) == _QUEUE
+        numbers = [info["publication_sequence_number"] for _, info in messages]
+        if None in numbers:
+            return messages, int(was_full)
+        at_least = int(was_full and not self._followed)
+        missing = sum(self._missing(number, was_full) for number in numbers)
+        return messages, max(missing, at_least)
+
+    def _missing(self, number: int, was_full: bool) -> int:
+        """Return how many messages of its publisher are missing before one."""
+        last = number - 1
+        if last not in self._followed and was_full:
+            last = max((other for other in self._followed if other < number), default=last)
+        # Without a full queue nothing is missing: a publisher that has just been found.
+        self._followed.pop(last, None)
+        self._followed[number] = None
+        if len(self._followed) > _PUBLISHERS:
+            del self._followed[next(iter(self._followed))]
+        return number - 1 - last

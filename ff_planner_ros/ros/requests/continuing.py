@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Retry, Status
-from ff_planner_ros.parameters.published_plans import ReplanningParameters
+from ff_planner_ros.parameters.published_plans import TrackingParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, in_turns_of
-from ff_planner_ros.robot.configuration import without_turns
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
-from ff_planner_ros.ros.outputs.prediction import tracking_error
+from ff_planner_ros.ros.outputs.prediction import deviations, too_far
 
 _FIELD = "replan_active"
 # Two times are one if they are no further apart [s]: a quintic needs an interval of some length.
@@ -36,15 +34,15 @@ def continued_plan(
     published: PublishedPlan | None,
     measured: Snapshot,
     start_ns: int,
-    allowed: ReplanningParameters,
-    weights: Array | float = 1.0,
-    continuous: Sequence[bool] | bool = False,
+    robot: Robot,
+    min_remainder: float,
+    tracking: TrackingParameters,
 ) -> ContinuedPlan:
     """Return the published plan that a new plan takes over from at start_ns [ns].
 
     Args:
-        weights: Factors of the joint deviations: 1, or rad/m for prismatic joints. Shape (joints,).
-        continuous: Which joints are.
+        min_remainder: Least time from there to the running plan's goal [s].
+        tracking: How far the system may be from the running plan.
 
     Raises:
         InvalidInput: No plan runs (NO_ACTIVE_PLAN), it ends too soon (PLAN_ENDING), or the measured
@@ -69,40 +67,43 @@ def continued_plan(
         error.retry = Retry.LATER if measured.stamp_ns < published.start_ns else None  # not begun
         raise error
     remaining = published.seconds_to_goal - splice_time
-    if not remaining >= allowed.min_remainder:
+    if not remaining >= min_remainder:
         words = (
             f"{published.plan_id} is at its goal {remaining:.3f} s after the handover, and less "
-            f"than replanning.min_remainder, {allowed.min_remainder:g} s, is not planned again"
+            f"than replanning.min_remainder, {min_remainder:g} s, is not planned again"
         )
         raise InvalidInput(Status.PLAN_ENDING, _FIELD, True, words)
-    plans = _plans(published, measured.stamp_ns, start_ns + 1)
-    motion = motion_on(plans, measured, continuous)
-    off = list(_off(running, motion, measured, allowed, weights))
+    time = (measured.stamp_ns - running.start_ns) / NANOSECONDS
+    off = too_far(deviations(measured.state, running.trajectory, time, robot), tracking)
     if off:
-        words = f"the system is not where {running.plan_id} says: {'; '.join(off)}"
+        words = f"the system is not where {running.plan_id} says: {off}"
         raise InvalidInput(Status.STATE_MOVED, _FIELD, True, f"{words}; ask for a plan of its own")
+    plans = _plans(published, measured.stamp_ns, start_ns + 1)
+    motion = motion_on(plans, measured, robot.continuous)
     return ContinuedPlan(motion, splice_time, remaining)
 
 
 def followed_until(
-    published: PublishedPlan, measured: Snapshot, start_ns: int, robot: Robot, tolerance: float
+    published: PublishedPlan, measured: Snapshot, start_ns: int, robot: Robot, most: float
 ) -> list[PublishedPlan]:
     """Return the published plans that the joints follow from a state until start_ns [ns], in order.
 
     Nobody tells the planner which plans are executed; a plan that was not leaves the joints behind.
 
     Args:
-        tolerance: Largest deviation of a joint from the first of them [rad].
+        most: Largest deviation of a joint from the first of them [rad].
     """
     plans, state = _plans(published, measured.stamp_ns, start_ns), measured.state
     if not plans:
         return []
-    motion = plans[0].motion(measured.stamp_ns)
-    begin = max(float(motion.time[0]), 0.0)  # until then the joints keep their rates
-    (planned,), _, _ = motion.at(np.array([begin]))
-    off = state.joint_positions + begin * state.joint_velocities - planned
-    aside = robot.joint_weights * without_turns(off, robot.continuous)
-    return plans if np.abs(aside).max() <= tolerance else []
+    first = plans[0]
+    time = (measured.stamp_ns - first.start_ns) / NANOSECONDS
+    # Until the first one begins the joints keep their rates.
+    positions = state.joint_positions + max(-time, 0.0) * state.joint_velocities
+    there = replace(state, joint_positions=positions)
+    found = deviations(there, first.trajectory, max(time, 0.0), robot)
+    aside = [one.amount for one in found if one.tolerance == "max_joint_position"]
+    return plans if aside and max(aside) <= most else []
 
 
 def _plans(published: PublishedPlan, since_ns: int, until_ns: int) -> list[PublishedPlan]:
@@ -135,24 +136,3 @@ def motion_on(
             }
         )
     return in_turns_of(measured.state.joint_positions, motion, continuous)
-
-
-def _off(
-    running: PublishedPlan,
-    motion: JointMotion,
-    measured: Snapshot,
-    allowed: ReplanningParameters,
-    weights: Array | float,
-) -> Iterator[str]:
-    """Yield a phrase for each deviation from the plan that is larger than allowed."""
-    (planned,), _, _ = motion.at(np.zeros(1))
-    joints = float(np.abs(weights * (measured.state.joint_positions - planned)).max())
-    chaser = tracking_error(running.trajectory, running.start_ns, measured.state, measured.stamp_ns)
-    found = [("a joint", "max_joint_position", joints, "rad")]
-    if chaser is not None:
-        found.append(("the chaser", "max_position", chaser.position, "m"))
-        found.append(("the chaser's attitude", "max_angle", chaser.angle, "rad"))
-    for what, name, off, unit in found:
-        limit = getattr(allowed, name)
-        if not off <= limit:  # written so that NaN is refused
-            yield f"{what} by {off:.3g} {unit}, more than replanning.{name}, {limit:g} {unit}"

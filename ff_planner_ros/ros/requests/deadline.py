@@ -23,7 +23,7 @@ _FOR_ANSWER, _MOST_FOR_ANSWER = 0.1, 0.5
 _FOR_ANSWER_WITH_PLAN = 0.5
 # The rest of the running plan, unchanged, is what the joints do anyway: it can take over at any
 # time, and counts as an answer until so long after the handover [s].
-_LATE_REMAINDER = 1.0
+LATE_REMAINDER = 1.0
 
 
 class Stages:
@@ -69,7 +69,7 @@ class Deadline:
                 later.
         """
         may_be_late = self.takes_over and (plan is None or plan.family == REMAINDER)
-        latest_ns = self.at_ns + may_be_late * round(_LATE_REMAINDER * NANOSECONDS)
+        latest_ns = self.at_ns + may_be_late * round(LATE_REMAINDER * NANOSECONDS)
         if now_ns > latest_ns:
             late = (now_ns - self.at_ns) / NANOSECONDS
             raise self._too_late(f"was missed by {late:.3f} s: {stages.words}")
@@ -112,7 +112,7 @@ class Deadline:
 def deadline_of(request: PlanRequest, read: ReadRequest, parameters: NodeParameters) -> Deadline:
     """Return the deadline for the plan of a request."""
     replanning, continues = parameters.replanning, read.task.running_goal is not None
-    ahead = (read.start_ns - read.provenance.received_stamp_ns) / NANOSECONDS
+    ahead = (read.start_ns - nanoseconds(read.inputs.received_stamp)) / NANOSECONDS
     after = f"{ahead:.3f} s after the request"
     is_asked_for = bool(nanoseconds(request.start_time))
     if is_asked_for:
@@ -127,7 +127,7 @@ def deadline_of(request: PlanRequest, read: ReadRequest, parameters: NodeParamet
         moment = f"the start of the plan, {after},"
         return Deadline(read.start_ns, moment, advice, is_asked_for=is_asked_for)
     moment = (
-        f"the handover from {read.provenance.previous_plan_id}, {after}, less "
+        f"the handover from {read.inputs.previous_plan_id}, {after}, less "
         f"{replanning.handover:g} s for the controller (replanning.handover),"
     )
     ready_ns = read.start_ns - round(replanning.handover * NANOSECONDS)

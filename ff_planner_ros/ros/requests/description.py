@@ -24,13 +24,13 @@ from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.robot.collision.solids import MESH
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.ros.messages.interfaces import DESCRIBE
 from ff_planner_ros.ros.qos import REQUEST_QOS
+from ff_planner_ros.ros.topics import DESCRIBE
 
 _MESSAGES = "ff_planner_msgs"
 # Parameters that no request depends on, by prefix: files, topics and visualisation.
 _NOT_OF_REQUESTS = (
-    *("robot.", "bag.", "qos.", "rates.", "odometry.", "tracking.", "tf.", "allow_remote_paths"),
+    *("robot.", "bag.", "rates.", "odometry.", "tracking.", "tf.", "allow_remote_paths"),
     *("autostart", "planner.library", "planner.plugins"),
 )
 
@@ -39,32 +39,30 @@ _NOT_OF_REQUESTS = (
 def description_service(
     node: Node,
     robot: Robot,
-    parameters: Callable[[], NodeParameters],
+    parameters: NodeParameters,
     is_active: Callable[[], bool],
 ) -> Iterator[None]:
     """Answer `~/describe` as long as the context lasts, whether the node is active or not.
 
     Args:
-        parameters: Returns the current parameters.
         is_active: Returns whether requests are accepted.
     """
     constant = _constant(robot)
     names = [name for name in DECLARATIONS if not name.startswith(_NOT_OF_REQUESTS)]
 
     def describe(_: Describe.Request, response: Describe.Response) -> Describe.Response:
-        now = parameters()
         for name, value in constant.items():
             setattr(response, name, value)
         response.state = "active" if is_active() else "inactive"
-        response.inertial_frame = now.inertial_frame
-        response.robot = _robot(robot, now)
-        response.requirements = [type(one).__name__ for one in now.requirements]
+        response.inertial_frame = parameters.inertial_frame
+        response.robot = _robot(robot, parameters)
+        response.requirements = [type(one).__name__ for one in parameters.requirements]
         response.parameters = [one.to_parameter_msg() for one in node.get_parameters(names)]
         return response
 
     group = MutuallyExclusiveCallbackGroup()
     service = node.create_service(
-        Describe, DESCRIBE, describe, qos_profile=REQUEST_QOS, callback_group=group
+        Describe, DESCRIBE.name, describe, qos_profile=REQUEST_QOS, callback_group=group
     )
     try:
         yield

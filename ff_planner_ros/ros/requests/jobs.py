@@ -6,15 +6,21 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from ff_planner_msgs.msg import PlanRequest
+
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.messages.exchange_words import Interface
 
 
 class Job:
     """A request until it is answered."""
 
-    def __init__(self, plan_id: str, number: int) -> None:
-        """Create a job that is not given up."""
-        self.plan_id, self.number = plan_id, number  # a later request has a higher number
+    def __init__(
+        self, plan_id: str, number: int, request: PlanRequest, interface: Interface, requester: str
+    ) -> None:
+        """Create a job that is not given up; a later request has a higher number."""
+        self.plan_id, self.number, self.request = plan_id, number, request
+        self.interface, self.requester = interface, requester
         self._lock = threading.Lock()
         self._cause: FfPlannerError | None = None
         self._sealed = False
@@ -66,9 +72,14 @@ class Job:
 class Jobs:
     """The job that is planned now, and those that may follow."""
 
-    def __init__(self, interrupt: Callable[[], None]) -> None:
-        """Begin closed; `interrupt` ends the current search, if there is one."""
-        self._interrupt = interrupt
+    def __init__(self, interrupt: Callable[[], None], *, preempt: bool) -> None:
+        """Begin closed.
+
+        Args:
+            interrupt: Ends the current search, if there is one.
+            preempt: Whether a job takes the place of those before it.
+        """
+        self._interrupt, self._preempt = interrupt, preempt
         self._change = threading.Condition()
         self._current: Job | None = None
         self._waiting: Job | None = None
@@ -112,28 +123,28 @@ class Jobs:
         with self._change:
             self._change.wait_for(lambda: not self._all(), patience)
 
-    def admit(self, job: Job, *, preempt: bool) -> None:
-        """Reserve the planner for a job until it is taken up, unless the job preempts.
+    def admit(self, job: Job) -> None:
+        """Reserve the planner for a job until it is taken up, unless jobs preempt.
 
-        If the planner is closed (NOT_ACTIVE, SHUT_DOWN), or has a job and this one does not preempt
-        (BUSY), this job is given up.
+        If the planner is closed (NOT_ACTIVE, SHUT_DOWN), or has a job and none preempts (BUSY),
+        this job is given up.
         """
         with self._change:
-            self._give_up_without_room(job, preempt)
-            if job.cause is None and not preempt:
+            self._give_up_without_room(job)
+            if job.cause is None and not self._preempt:
                 self._admitted = job
 
     @contextmanager
-    def taken_up(self, job: Job, *, preempt: bool) -> Iterator[None]:
-        """Plan only this job while the context lasts; with `preempt`, jobs before it are given up.
+    def taken_up(self, job: Job) -> Iterator[None]:
+        """Plan only this job while the context lasts; if jobs preempt, those before are given up.
 
         Raises:
-            FfPlannerError: The planner is closed (NOT_ACTIVE, SHUT_DOWN), has a job and this one
-                does not preempt (BUSY), has a newer job (PREEMPTED), or this one was given up.
+            FfPlannerError: The planner is closed (NOT_ACTIVE, SHUT_DOWN), has a job and none
+                preempts (BUSY), has a newer job (PREEMPTED), or this one was given up.
         """
         with self._change:
             try:
-                self._make_way(job, preempt)
+                self._make_way(job)
                 self._current = job
             finally:
                 if job is self._admitted:
@@ -151,18 +162,18 @@ class Jobs:
         held = (self._current, self._waiting, self._admitted)
         return [job for job in held if job is not None]
 
-    def _give_up_without_room(self, job: Job, preempt: bool) -> None:
+    def _give_up_without_room(self, job: Job) -> None:
         if self._refusal is not None:
             job.give_up(self._refusal)
-        elif self._all() and not preempt and job is not self._admitted:
+        elif self._all() and not self._preempt and job is not self._admitted:
             words = (
                 "another request is being planned: ask again when it is answered, or cancel it "
                 "(or set the parameter when_busy to preempt)"
             )
             job.give_up(FfPlannerError(Status.BUSY, words))
 
-    def _make_way(self, job: Job, preempt: bool) -> None:
-        self._give_up_without_room(job, preempt)
+    def _make_way(self, job: Job) -> None:
+        self._give_up_without_room(job)
         job.check()
         others = [other for other in self._all() if other is not job]
         if not others:

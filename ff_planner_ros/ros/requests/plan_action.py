@@ -18,17 +18,14 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.messages.exchange_words import Interface
 from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.ros.messages.from_messages import OnCancel
-from ff_planner_ros.ros.messages.interfaces import ACTION
 from ff_planner_ros.ros.qos import REQUEST_QOS
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
+from ff_planner_ros.ros.topics import ACTION
 
-# Returns the answer to a request; takes also the interface it came by, its job, and a callback.
-Answering: TypeAlias = Callable[
-    [PlanRequest, Interface, Job, Callable[[Progress], None]], PlanAnswer
-]
+# Returns the answer to a job; takes also what is called with the progress.
+Answering: TypeAlias = Callable[[Job, Callable[[Progress], None]], PlanAnswer]
 
 # Who asks for the result of an action later than this [s] gets none.
 _RESULT_TIMEOUT = 60
@@ -51,7 +48,6 @@ class PlanAction:
         group: CallbackGroup,
         jobs: Jobs,
         arrived: Callable[[PlanRequest], Job],
-        preempts: Callable[[], bool],
         answer: Answering,
     ) -> None:
         """Open the action.
@@ -59,17 +55,15 @@ class PlanAction:
         Args:
             jobs: Jobs of the planner, which the action shares with the service.
             arrived: Returns the job of a request that has come.
-            preempts: Returns whether a goal takes the place of the current request.
-            answer: Plans, and returns the answer to a request.
+            answer: Plans, and returns the answer to a job.
         """
-        self._jobs, self._arrived, self._preempts = jobs, arrived, preempts
-        self._answer = answer
+        self._jobs, self._arrived, self._answer = jobs, arrived, answer
         self._goals: dict[bytes, Job] = {}  # that are not answered, by their ids
         self._lock = threading.Lock()
         self._server = ActionServer(
             node,
             PlanTrajectory,
-            ACTION,
+            ACTION.name,
             self._execute,
             callback_group=group,
             handle_accepted_callback=self._accept,
@@ -88,7 +82,7 @@ class PlanAction:
         """Reserve the planner in the order of arrival, and have the goal executed."""
         with self._lock:
             job = self._job_of(goal)
-        self._jobs.admit(job, preempt=self._preempts())
+        self._jobs.admit(job)
         try:
             goal.execute()
         except rclpy_implementation.RCLError:
@@ -128,7 +122,7 @@ class PlanAction:
 
         with self._lock:
             job = self._job_of(goal)
-        answer = self._answer(goal.request.request, Interface.ACTION, job, tell)
+        answer = self._answer(job, tell)
         cancelled = answer.status.code == Status.CANCELLED and _is_cancelling(goal)
         with self._lock:  # from here on it cannot be cancelled
             if answer.status.code == Status.SOLVED:

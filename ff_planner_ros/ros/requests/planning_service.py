@@ -5,62 +5,48 @@ from __future__ import annotations
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable
+from contextlib import suppress
 from itertools import count
 
-from ff_planner_msgs.msg import Plan as PlanMessage
-from ff_planner_msgs.msg import PlanAnswer, PlanRequest
+from ff_planner_msgs.msg import PlanAnswer, PlanInputs, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.shown import in_log
-from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
+from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.messages.exchange_words import Event, Interface
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.node import PREEMPT
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.motion.watch import Progress
-from ff_planner_ros.planning.task.captured import captured_in
+from ff_planner_ros.planning.motion.watch import Budget, Progress
 from ff_planner_ros.planning.task.library import Library
 from ff_planner_ros.planning.task.planning_task import PlanningTask
-from ff_planner_ros.planning.task.whole import bodies_of, efforts_of, whole, whole_scene
+from ff_planner_ros.planning.task.whole import efforts_of, whole, whole_scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
-from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
-from ff_planner_ros.ros.messages.phases import plan_messages, tell_found
-from ff_planner_ros.ros.messages.to_messages import answer_of_error, answer_with_plan, plan_message
+from ff_planner_ros.ros.messages.answers import answer_of, clearances_in_words, solved_in_words
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.exchanges import Exchanges
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
-from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import REQUEST_QOS
-from ff_planner_ros.ros.requests.deadline import Deadline, Stages, deadline_of
-from ff_planner_ros.ros.requests.in_words import clearances_in_words, solved_in_words
+from ff_planner_ros.ros.requests.deadline import LATE_REMAINDER, Deadline, Stages, deadline_of
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
 from ff_planner_ros.ros.requests.plan_action import PlanAction
 from ff_planner_ros.ros.requests.publication import Publication
-from ff_planner_ros.ros.requests.reading import (
-    Knowledge,
-    Provenance,
-    ReadRequest,
-    RequestRefused,
-    read_request,
-)
-from ff_planner_ros.ros.requests.waiting_plan import MadePlan
-from ff_planner_ros.ros.requests.worker import Worker
+from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
+from ff_planner_ros.ros.requests.solver import Solver
+from ff_planner_ros.ros.topics import ACTION, SERVICE
 
-# Period of the check whether a request is still wanted, while its response is written or obstacles
-# are waited for [s]; a response that is not wanted is written to its end beside the next one.
-_POLL, _WRITERS = 0.02, 2
+# Period of the check whether a request is still wanted while obstacles are waited for [s].
+_POLL = 0.02
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
 # Who asks, where the request does not say it.
-_NAMES = {Interface.SERVICE: SERVICE, Interface.ACTION: ACTION}
+_NAMES = {Interface.SERVICE: SERVICE.name, Interface.ACTION: ACTION.name}
 
 
 class PlanningService:
@@ -69,9 +55,9 @@ class PlanningService:
     def __init__(
         self,
         node: Node,
-        parameters: LiveParameters,
+        parameters: NodeParameters,
         robot: Robot,
-        worker: Worker,
+        solver: Solver,
         states: StateInput,
         scenes: SceneInput,
         output: PlanOutput,
@@ -84,28 +70,26 @@ class PlanningService:
         The node's executor needs four threads: to plan, to wait for room, to cancel, and to answer
         `~/publish_plan`. Plan ids begin with `run_name`; without `library` searches start cold.
         """
-        self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
+        self._node, self._parameters, self._robot, self._solver = node, parameters, robot, solver
         self._states, self._scenes, self._output = states, scenes, output
         self._exchanges = exchanges
         self._clock, self._logger = node.get_clock(), node.get_logger()
         self._run_name, self._numbers = run_name, count(1)
         self._library = library
-        self._jobs = Jobs(worker.interrupt)
+        self._jobs = Jobs(solver.interrupt, preempt=parameters.when_busy == PREEMPT)
         self.last: LastRequest | None = None  # None before the first
         # From request to answer, of the last requests that were searched for [s].
         self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
-        self._writers = ThreadPoolExecutor(_WRITERS, "writer")
 
         group = ReentrantCallbackGroup()
         self._service = node.create_service(
-            PlanTrajectory, SERVICE, self._serve, qos_profile=REQUEST_QOS, callback_group=group
+            PlanTrajectory, SERVICE.name, self._serve, qos_profile=REQUEST_QOS, callback_group=group
         )
         self._action = PlanAction(
             node,
             group,
             self._jobs,
             lambda request: self._arrived(request, Interface.ACTION),
-            self._preempts,
             self._answer,
         )
         self._publication = Publication(node, output, exchanges, self._knowledge)
@@ -140,107 +124,94 @@ class PlanningService:
         self._action.destroy()
         self._node.destroy_service(self._service)
         self._publication.destroy()
-        self._writers.shutdown()
 
     def _serve(
         self, request: PlanTrajectory.Request, response: PlanTrajectory.Response
     ) -> PlanTrajectory.Response:
-        asked = request.request
-        job = self._arrived(asked, Interface.SERVICE)
-        response.answer = self._answer(asked, Interface.SERVICE, job, lambda _: None)
+        job = self._arrived(request.request, Interface.SERVICE)
+        response.answer = self._answer(job, lambda _: None)
         return response
 
     def _arrived(self, request: PlanRequest, interface: Interface) -> Job:
         """Return the job of a request that has come, and tell of the request."""
         number = next(self._numbers)
-        job = Job(f"{self._run_name}.{number}", number)
-        self._tell(Event.RECEIVED, request, interface, job)
+        came_by = Interface.REPLANNING if request.replan_active else interface
+        requester = request.requester or _NAMES[interface]
+        job = Job(f"{self._run_name}.{number}", number, request, came_by, requester)
+        self._tell(Event.RECEIVED, job)
         return job
 
-    def _answer(
-        self,
-        request: PlanRequest,
-        interface: Interface,
-        job: Job,
-        progressed: Callable[[Progress], None],
-    ) -> PlanAnswer:
-        begun, provenance = time.perf_counter(), Provenance()
+    def _answer(self, job: Job, progressed: Callable[[Progress], None]) -> PlanAnswer:
+        """Return the answer to a request: its plan, which is published or waits, or why not."""
+        begun, inputs = time.perf_counter(), PlanInputs()
         asked: ReadRequest | None = None
-        efforts: Sequence[int] = ()
         try:
-            with self._jobs.taken_up(job, preempt=self._preempts()):
-                taken_up, knowledge = time.monotonic(), self._knowledge()
-                provenance = Provenance(received_stamp_ns=knowledge.now_ns)
-                asked, parameters = self._read(request, knowledge, job, taken_up)
-                provenance = asked.provenance
-                deadline = deadline_of(request, asked, parameters)
-                requester = request.requester or _NAMES[interface]
-                answer, efforts = self._planned(
-                    asked, parameters, deadline, requester, job, progressed, begun, taken_up
-                )
+            with self._jobs.taken_up(job):
+                taken_up = time.monotonic()
+                asked = self._read(job, inputs, taken_up)
+                answer, task = self._planned(job, asked, progressed, begun, taken_up)
         except FfPlannerError as error:
-            if isinstance(error, RequestRefused):
-                provenance = error.provenance
-            answer = self._refused(job, job.cause or error, begun)
-            if asked is not None:
-                efforts = efforts_of(job.cause or error)
-                frame = self._parameters.current.inertial_frame
-                tell_found(answer, error, asked.task, asked.start_ns, frame)
+            answer, task = self._written(job.cause or error, job, asked, begun)
+            name = Status(answer.status.code).name
+            self._logger.warning(f"{job.plan_id}: {name}: {in_log(str(job.cause or error))}")
         except Exception as error:
             self._logger.error(in_log(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}"))
             unforeseen = f"{type(error).__name__}: {error}"
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
-            answer = answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
-        provenance.tell(answer)
-        task = None if asked is None else asked.task.ended_at(*efforts)
-        answer.task_digest = "" if task is None else task.digest
+            answer, task = self._written(cause, job, asked, begun)
+        answer.inputs = inputs
         status = Status(answer.status.code)
         clearances = clearances_in_words(answer) if status is Status.SOLVED else {}
         self.last = LastRequest(answer.plan_id, status, answer.status.message, clearances)
         event = Event.CANCELLED if status is Status.CANCELLED else Event.ANSWERED
-        self._tell(event, request, interface, job, task, answer)
+        self._tell(event, job, task, answer)
         return answer
+
+    def _written(
+        self,
+        outcome: Plan | FfPlannerError,
+        job: Job,
+        asked: ReadRequest | None,
+        begun: float,
+    ) -> tuple[PlanAnswer, PlanningTask | None]:
+        """Return the answer, and the task as far as it was searched for; None: it was not read."""
+        seconds = time.perf_counter() - begun
+        if asked is None:
+            return answer_of(outcome, job.plan_id, seconds), None
+        task = asked.task.ended_at(*efforts_of(outcome))
+        at = asked.start_ns, self._parameters.inertial_frame
+        return answer_of(outcome, job.plan_id, seconds, task, *at), task
 
     def _tell(
         self,
         event: Event,
-        request: PlanRequest,
-        interface: Interface,
         job: Job,
         task: PlanningTask | None = None,
         answer: PlanAnswer | None = None,
     ) -> None:
-        came_by = Interface.REPLANNING if request.replan_active else interface
-        requester = request.requester or _NAMES[interface]
-        self._exchanges.tell(
-            event, job.plan_id, came_by, requester, request=request, task=task, answer=answer
-        )
+        told = job.plan_id, job.interface, job.requester
+        self._exchanges.tell(event, *told, request=job.request, task=task, answer=answer)
 
-    def _preempts(self) -> bool:
-        return self._parameters.current.when_busy == PREEMPT
-
-    def _read(
-        self, request: PlanRequest, knowledge: Knowledge, job: Job, taken_up: float
-    ) -> tuple[ReadRequest, NodeParameters]:
+    def _read(self, job: Job, inputs: PlanInputs, taken_up: float) -> ReadRequest:
         """Read a request; the first one waits for what was published before the node listened."""
-        until = taken_up + (request.search.time_budget or knowledge.parameters.time_budget)
+        budget = job.request.search.time_budget or self._parameters.time_budget
+        until = taken_up + budget
         while True:
             # Asked first, so that what arrives while it reads is read, too.
             waits = self._scenes.may_come() and time.monotonic() < until
             try:
-                return read_request(request, knowledge), knowledge.parameters
-            except RequestRefused as refused:
+                return read_request(job.request, self._knowledge(), inputs)
+            except InvalidInput as refused:
                 if refused.status is not Status.NO_OBSTACLES or not waits:
                     raise
             while self._scenes.may_come() and time.monotonic() < until:
                 job.check()
                 time.sleep(_POLL)
-            knowledge = self._knowledge()
 
     def _knowledge(self) -> Knowledge:
         return Knowledge(
             self._robot,
-            self._parameters.current,
+            self._parameters,
             self._states,
             self._scenes,
             self._output.published,
@@ -248,82 +219,98 @@ class PlanningService:
             self._library,
         )
 
-    def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanAnswer:
-        # Apart from `_answer`, where a variable would hold the error whose traceback holds it.
-        self._logger.warning(f"{job.plan_id}: {cause.status.name}: {in_log(str(cause))}")
-        return answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
-
     def _planned(
         self,
-        asked: ReadRequest,
-        parameters: NodeParameters,
-        deadline: Deadline,
-        requester: str,
         job: Job,
+        asked: ReadRequest,
         progressed: Callable[[Progress], None],
         begun: float,
         taken_up: float,
-    ) -> tuple[PlanAnswer, Sequence[int]]:
-        """Return the answer with a plan, and how far the search of each phase went."""
+    ) -> tuple[PlanAnswer, PlanningTask | None]:
+        """Search, then publish the plan or let it wait; return the answer with it, and its task."""
         stages = Stages("to read the request", taken_up)
         stages.begin("to search")
-        budget = deadline.limited(asked.budget, self._clock, taken_up)
-
-        def check(plan: Plan | None = None) -> None:
-            job.check()
-            deadline.require(self._clock.now().nanoseconds, stages, plan)
-
+        deadline = deadline_of(job.request, asked, self._parameters)
         try:
-            plan = self._worker.solve(
-                asked.task, budget, taken_up, check, progressed, lambda: job.ends_early
-            )
-        except NoPlanFound as refused:
-            if refused.status is Status.TIMED_OUT and budget != asked.budget and not job.ends_early:
-                raise deadline.missed(self._clock.now().nanoseconds, stages, refused) from None
-            if job.ends_early and refused.status is Status.TIMED_OUT:
-                words = f"the client of the action cancelled it: {refused}"
-                raise NoPlanFound(Status.CANCELLED, words, effort=refused.effort) from None
-            raise
+            plan = self._searched(job, asked, deadline, stages, progressed, taken_up)
         except Interrupted:
             job.check()
             raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
         finally:
             self.solve_times.append(time.perf_counter() - begun)
-
-        bodies, total = bodies_of(asked.task, plan), whole(plan)
-        scene = whole_scene(asked.task, plan)
-
-        def write() -> tuple[list[PlanMessage], PlanMessage, JointTrajectory]:
-            told = asked.start_ns, parameters.inertial_frame
-            phases = plan_messages(plan, *told, bodies)
-            written = plan_message(total, *told, captured_in(scene)) if plan.then else phases[0]
-            takes_torques = parameters.controller.effort_interface
-            return phases, written, controller_message(written.joint_trajectory, takes_torques)
-
         stages.begin("to write the plan")
-        # Thousands of points take a second, in which the request may be given up, too.
-        writing = self._writers.submit(write)
-        while not wait([writing], _POLL).done:
-            check(plan)
-        phases, written, for_controller = writing.result()
-        answer = answer_with_plan(total, phases, job.plan_id, time.perf_counter() - begun)
+        answer, task = self._written(plan, job, asked, begun)
+        job.check()
         deadline.require(self._clock.now().nanoseconds, stages, plan)
         made = MadePlan(
             job.plan_id,
-            total,
+            whole(plan),
             asked.start_ns,
             asked.task.end_behaviour,
             asked.task.problem.robot,
-            scene,
-            parameters,
-            asked.provenance.previous_plan_id,
+            whole_scene(asked.task, plan),
+            self._parameters.inertial_frame,
+            asked.inputs.previous_plan_id,
             self._clock.now().nanoseconds,
         )
         job.seal()
         if asked.plan_only:
             self._publication.keep(made)
         else:
-            self._publication.publish(made, written, for_controller, requester)
+            self._publication.publish(
+                made, made.written() if plan.then else answer.plans[0], job.requester
+            )
         what = "asked for" if asked.plan_only else "published"
-        self._logger.info(f"{solved_in_words(total, answer)}; {what} by {requester}")
-        return answer, efforts_of(plan)
+        # Two milliseconds: the logger looks for the line of source that calls it.
+        self._exchanges.afterwards(
+            lambda: self._logger.info(
+                f"{solved_in_words(made.plan, answer)}; {what} by {job.requester}"
+            )
+        )
+        return answer, task
+
+    def _searched(
+        self,
+        job: Job,
+        asked: ReadRequest,
+        deadline: Deadline,
+        stages: Stages,
+        progressed: Callable[[Progress], None],
+        taken_up: float,
+    ) -> Plan:
+        """Return the plan or, too late for that, the rest of the running plan."""
+
+        def check(plan: Plan | None = None) -> None:
+            job.check()
+            deadline.require(self._clock.now().nanoseconds, stages, plan)
+
+        def solve(task: PlanningTask, budget: Budget, since: float) -> Plan:
+            plan = self._solver.solve(
+                task, budget, since, check, progressed, lambda: job.ends_early
+            )
+            check(plan)
+            return plan
+
+        def solve_in_time() -> Plan:
+            budget = deadline.limited(asked.budget, self._clock, taken_up)
+            try:
+                return solve(asked.task, budget, taken_up)
+            except NoPlanFound as refused:
+                if refused.status is not Status.TIMED_OUT:
+                    raise
+                if job.ends_early:
+                    words = f"the client of the action cancelled it: {refused}"
+                    raise NoPlanFound(Status.CANCELLED, words, effort=refused.effort) from None
+                if budget != asked.budget:
+                    raise deadline.missed(self._clock.now().nanoseconds, stages, refused) from None
+                raise
+
+        try:
+            return solve_in_time()
+        except NoPlanFound as late:
+            if late.status is not Status.TOO_LATE or not deadline.takes_over:
+                raise
+            stages.begin("to check the rest of the running plan")
+            with suppress(NoPlanFound):
+                return solve(asked.task.ended_at(1), Budget(LATE_REMAINDER), time.monotonic())
+            raise

@@ -1,44 +1,38 @@
 """Publication of plans: at once, or later by plan id, through the service `~/publish_plan`.
 
 A plan that waits is published only if its start is ahead, it is at most `publication.max_age` old,
-the system will be at its first point, and no rule that it was checked by has become stricter.
+and the system will be at its first point.
 """
 
 from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PlanAnswer, PlanInputs, PlanStatus
 from ff_planner_msgs.srv import PublishPlan
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.shown import in_log
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Retry, Status
 from ff_planner_ros.messages.exchange_words import Event, Interface
-from ff_planner_ros.planning.task.captured import captured_in
+from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.task.controller_rules import require_in_time
-from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
-from ff_planner_ros.ros.messages.status_message import status_message
-from ff_planner_ros.ros.messages.to_messages import plan_message, time_message
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.messages.answers import status_message
+from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.exchanges import Exchanges
+from ff_planner_ros.ros.outputs.made_plan import MadePlan
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
-from ff_planner_ros.ros.outputs.preview import Drawn
+from ff_planner_ros.ros.outputs.prediction import Deviation, deviations, too_far
 from ff_planner_ros.ros.qos import REQUEST_QOS
+from ff_planner_ros.ros.requests.continuing import motion_on
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, require_requester
-from ff_planner_ros.ros.requests.waiting_plan import (
-    MadePlan,
-    require_same_rules,
-    require_same_start,
-    require_young,
-    start_differences,
-)
+from ff_planner_ros.ros.topics import PUBLISH_PLAN
 
 # Plans that wait to be published; one of 10,000 points takes 5 MB. A newer one takes the place of
 # the oldest.
@@ -69,7 +63,7 @@ class Publication:
         self.close(Status.NOT_ACTIVE, "the planner is not active yet")
         self._service = node.create_service(
             PublishPlan,
-            PUBLISH_PLAN,
+            PUBLISH_PLAN.name,
             self._serve,
             qos_profile=REQUEST_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
@@ -114,12 +108,12 @@ class Publication:
     def look(self) -> None:
         """Display the newest plan that waits and may still be published, if any."""
         with self._lock:
-            shown: Drawn | None = None
+            shown: MadePlan | None = None
             if self._waiting:
                 now_ns = self._node.get_clock().now().nanoseconds
                 most = self._knowledge().parameters.publication.max_age
                 fit = (one for one in self._waiting.values() if one.may_go_out(now_ns, most))
-                shown = next((one.drawn for one in reversed(list(fit))), None)
+                shown = next((one for one in reversed(list(fit))), None)
             if self._output.preview.let_wait(shown):
                 self._draw()
 
@@ -127,7 +121,6 @@ class Publication:
         self,
         made: MadePlan,
         written: PlanMessage,
-        for_controller: JointTrajectory,
         requester: str,
     ) -> None:
         """Publish a plan for controllers, executives and visualisation; `written` is its message.
@@ -137,23 +130,14 @@ class Publication:
         """
         with self._lock:
             self._require_open()
-            self._output.publish(
-                made.plan_id,
-                made.plan,
-                written,
-                for_controller,
-                requester,
-                made.end_behaviour,
-                captured_in(made.scene),
-                made.previous_plan_id,
-            )
-            self._output.preview.release(made.drawn)
+            self._output.publish(made, written, requester)
+            self._output.preview.release(made)
         self._draw()
 
     def _serve(
         self, request: PublishPlan.Request, response: PublishPlan.Response
     ) -> PublishPlan.Response:
-        requester, inputs = request.requester or PUBLISH_PLAN, PlanInputs()
+        requester, inputs = request.requester or PUBLISH_PLAN.name, PlanInputs()
         told = request.plan_id, Interface.PUBLISH_PLAN, requester
         self._exchanges.tell(Event.RECEIVED, *told)
         event = Event.ANSWERED
@@ -169,10 +153,12 @@ class Publication:
             self._logger.info(in_log(message))
             response.status = PlanStatus(code=int(Status.SOLVED), message=message)
         except FfPlannerError as error:
-            self._logger.warning(f"{PUBLISH_PLAN}: {error.status.name}: {in_log(str(error))}")
+            self._logger.warning(f"{PUBLISH_PLAN.name}: {error.status.name}: {in_log(str(error))}")
             response.status = status_message(error)
         except Exception as error:
-            self._logger.error(in_log(f"{PUBLISH_PLAN}: INTERNAL_ERROR\n{traceback.format_exc()}"))
+            self._logger.error(
+                in_log(f"{PUBLISH_PLAN.name}: INTERNAL_ERROR\n{traceback.format_exc()}")
+            )
             unforeseen = f"{type(error).__name__}: {error}"
             response.status = status_message(FfPlannerError(Status.INTERNAL_ERROR, unforeseen))
         answer = PlanAnswer(status=response.status, plan_id=request.plan_id, inputs=inputs)
@@ -196,21 +182,17 @@ class Publication:
             inputs.previous_plan_id = getattr(knowledge.published, "plan_id", "")
             self._require_in_time(made, knowledge.now_ns)
             require_young(made, knowledge)
-            require_same_rules(made, knowledge.parameters)
             measured = measured_state(request.start_state, knowledge)
             inputs.state_stamp = time_message(measured.stamp_ns)
             inputs.state_source = measured.source
-            require_same_start(made, start_differences(made, measured, knowledge))
+            require_same_start(made, start_deviations(made, measured, knowledge), knowledge)
         # Thousands of points take a second, in which others may publish or forget.
-        frame = made.parameters.inertial_frame
-        written = plan_message(made.plan, made.start_ns, frame, captured_in(made.scene))
-        takes_torques = knowledge.parameters.controller.effort_interface
-        for_controller = controller_message(written.joint_trajectory, takes_torques)
+        written = made.written()
         with self._lock:
             self._require_open()
             self._waiting_plan(request.plan_id)
             self._require_in_time(made, self._node.get_clock().now().nanoseconds)
-            self.publish(made, written, for_controller, requester)
+            self.publish(made, written, requester)
             del self._waiting[made.plan_id]
 
     def _drop(self, plan_id: str) -> None:
@@ -219,8 +201,8 @@ class Publication:
         self._exchanges.tell(Event.DROPPED, plan_id, Interface.PUBLISH_PLAN, "")
 
     def _draw(self) -> None:
-        executor: Any = self._node.executor
-        executor.create_task(self._output.preview.draw)
+        # Markers of many bodies take tens of milliseconds, and no answer waits for them.
+        self._exchanges.afterwards(self._output.preview.draw)
 
     def _require_open(self) -> None:
         if self._refusal is not None:
@@ -248,3 +230,49 @@ class Publication:
             self._drop(made.plan_id)
             error.retry = Retry.CHANGED
             raise
+
+
+def require_young(made: MadePlan, knowledge: Knowledge) -> None:
+    """Refuse a plan whose age exceeds `publication.max_age`.
+
+    Raises:
+        NoPlanFound: It does (CHECK_FAILED).
+    """
+    age = made.age(knowledge.now_ns)
+    most = knowledge.parameters.publication.max_age
+    if age > most:
+        raise NoPlanFound(
+            Status.CHECK_FAILED,
+            f"{made.plan_id} was made {age:.3g} s ago, longer than publication.max_age, {most:g} "
+            "s; ask for a new plan",
+        )
+
+
+def require_same_start(made: MadePlan, found: Sequence[Deviation], knowledge: Knowledge) -> None:
+    """Refuse a plan if the system will be too far from its first point.
+
+    Args:
+        found: From `start_deviations`.
+
+    Raises:
+        NoPlanFound: A deviation is larger than allowed (STATE_MOVED).
+    """
+    off = too_far(found, knowledge.parameters.tracking, at_rates=True)
+    if off:
+        raise NoPlanFound(
+            Status.STATE_MOVED,
+            f"the system will not be where {made.plan_id} begins: it will miss {off}; "
+            "ask for a new plan",
+        )
+
+
+def start_deviations(made: MadePlan, measured: Snapshot, knowledge: Knowledge) -> list[Deviation]:
+    """Return how far the system, predicted to a plan's start time, is from its first point."""
+    followed = knowledge.followed(measured, made.start_ns)
+    continuous = knowledge.robot.continuous
+    running = motion_on(followed, measured, continuous) if followed else None
+    # A state may be stamped ahead of now by state_future_tolerance, and so be later than the start
+    # of a plan that begins at once.
+    ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
+    there = carried_forward(made.robot, measured.state, ahead, running)
+    return deviations(there, made.plan.trajectory, 0.0, knowledge.robot)

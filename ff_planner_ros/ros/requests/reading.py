@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanInputs, PlanRequest
+from ff_planner_msgs.msg import ChaserState, PlanInputs, PlanRequest
 
 from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.common.forms import a_word
@@ -21,10 +21,10 @@ from ff_planner_ros.planning.task.library import Library
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.ages import OF_STATES
 from ff_planner_ros.ros.inputs.locked_joints import require_locked
 from ff_planner_ros.ros.inputs.scene_input import SceneInput, SeenBody
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
-from ff_planner_ros.ros.inputs.topic_memory import require_current
 from ff_planner_ros.ros.messages.from_messages import (
     problem_from_request,
     require_end,
@@ -57,48 +57,8 @@ class Knowledge:
         """Return the published plans that the joints follow until start_ns [ns], in their order."""
         if self.published is None:
             return []
-        tolerance = self.parameters.following_tolerance
-        return followed_until(self.published, measured, start_ns, self.robot, tolerance)
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Inputs that a plan or a refusal is made from."""
-
-    received_stamp_ns: int = 0  # the node's time when it read the request; zero: it did not [ns]
-    state_stamp_ns: int = 0  # of the measured state [ns]
-    state_source: str = ""  # topic or field of the state; empty: no state is known
-    state_clock_offset: float = 0.0  # by which its stamps are ahead when they come [s]
-    joint_states_stamp_ns: int = 0  # of the joint states with odometry; zero: none [ns]
-    obstacles_stamp_ns: int = 0  # [ns]
-    obstacles_source: str = ""  # as their message says, or the request's field
-    target_body_stamp_ns: int = 0  # zero: none is captured [ns]
-    target_body_source: str = ""  # as its message says
-    previous_plan_id: str = ""  # id of the plan that the joints follow until the start; empty: none
-    first_guess: tuple[float, ...] = ()  # of the task; empty: it has none
-    geometry: str = ""  # collision geometry of the robot; empty: the request was not read
-    handover_delay: float = 0.0  # from reading the request to a plan that takes over [s]
-    splice_time: float = 0.0  # of the handover in the previous plan, from its first point [s]
-
-    def tell(self, answer: PlanAnswer) -> None:
-        """Write the provenance into an answer."""
-        for plan in answer.plans:
-            plan.geometry = self.geometry
-        for name, value in vars(self).items():
-            if name.endswith("_ns"):
-                setattr(answer.inputs, name.removesuffix("_ns"), time_message(value))
-            elif name in PlanInputs.get_fields_and_field_types():
-                setattr(answer.inputs, name, value)
-
-
-class RequestRefused(InvalidInput):
-    """An invalid request, or a request whose inputs are invalid."""
-
-    def __init__(self, error: InvalidInput, provenance: Provenance) -> None:
-        """Add the provenance to an error."""
-        super().__init__(error.status, error.field, error.value, error.allowed)
-        self.retry = error.retry
-        self.provenance = provenance  # as far as the request was read
+        most = self.parameters.tracking.max_joint_position
+        return followed_until(self.published, measured, start_ns, self.robot, most)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,105 +68,102 @@ class ReadRequest:
     task: PlanningTask
     budget: Budget  # wall clock for the task
     start_ns: int  # time of the plan's first point [ns]
-    provenance: Provenance  # what the task is made from
+    inputs: PlanInputs  # what the task is made from
     plan_only: bool  # whether the plan waits for `~/publish_plan`
 
 
-def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
+def read_request(
+    request: PlanRequest, knowledge: Knowledge, inputs: PlanInputs | None = None
+) -> ReadRequest:
     """Read a request of the service or the action.
 
+    Args:
+        inputs: Takes what the task is made from, of a refused request as far as it was read.
+
     Raises:
-        InvalidInput: A field or an input is invalid; the error is a `RequestRefused`.
+        InvalidInput: A field or an input is invalid.
     """
-    parameters, provenance = (
-        knowledge.parameters,
-        Provenance(received_stamp_ns=knowledge.now_ns, geometry=knowledge.robot.geometry.value),
+    robot, parameters = knowledge.robot, knowledge.parameters
+    inputs = PlanInputs() if inputs is None else inputs
+    inputs.received_stamp = time_message(knowledge.now_ns)
+    require_requester(request.requester)
+    require_supported(request)
+    budget = _time_budget(request, parameters)
+    continues = request.replan_active
+    start_ns = _start_time(request, knowledge, continues)
+    end_behaviour = _end_behaviour(request, parameters)
+    measured = measured_state(request.start_state, knowledge)
+    inputs.state_stamp = time_message(measured.stamp_ns)
+    inputs.state_source = measured.source
+    inputs.state_clock_offset = measured.clock_offset
+    inputs.joint_states_stamp = time_message(measured.joint_states_stamp_ns)
+    # A state may be stamped a little ahead of now: two computers' clocks differ.
+    if not nanoseconds(request.start_time):  # checked by `_start_time`
+        start_ns = max(start_ns, measured.stamp_ns)
+    _require_after_state(start_ns, measured.stamp_ns)
+    continued = None
+    if continues:
+        inputs.previous_plan_id = getattr(knowledge.published, "plan_id", "")
+        inputs.handover_delay = (start_ns - knowledge.now_ns) / NANOSECONDS
+        continued = continued_plan(
+            knowledge.published,
+            measured,
+            start_ns,
+            robot,
+            parameters.replanning.min_remainder,
+            parameters.tracking,
+        )
+        inputs.splice_time = continued.splice_time
+    scene = knowledge.scenes.moving_scene(
+        request.scene[0] if request.scene else None,
+        knowledge.now_ns,
+        parameters.state_future_tolerance,
+        parameters.obstacles_max_age,
     )
-    try:
-        require_requester(request.requester)
-        require_supported(request)
-        budget = _time_budget(request, parameters)
-        continues = request.replan_active
-        start_ns = _start_time(request, knowledge, continues)
-        end_behaviour = _end_behaviour(request, parameters)
-        measured = measured_state(request.start_state, knowledge)
-        provenance = replace(
-            provenance,
-            state_stamp_ns=measured.stamp_ns,
-            state_source=measured.source,
-            state_clock_offset=measured.clock_offset,
-            joint_states_stamp_ns=measured.joint_states_stamp_ns,
-        )
-        # A state may be stamped a little ahead of now: two computers' clocks differ.
-        if not nanoseconds(request.start_time):  # checked by `_start_time`
-            start_ns = max(start_ns, measured.stamp_ns)
-        _require_after_state(start_ns, measured.stamp_ns)
-        continued = None
-        if continues:
-            provenance = replace(
-                provenance,
-                previous_plan_id=getattr(knowledge.published, "plan_id", ""),
-                handover_delay=(start_ns - knowledge.now_ns) / NANOSECONDS,
-            )
-            asked = knowledge.published, measured, start_ns, parameters.replanning
-            of_joints = knowledge.robot.joint_weights, knowledge.robot.continuous
-            continued = continued_plan(*asked, *of_joints)
-            provenance = replace(provenance, splice_time=continued.splice_time)
-        own = request.scene[0] if request.scene else None
-        scene = knowledge.scenes.moving_scene(
-            own,
-            knowledge.now_ns,
-            parameters.state_future_tolerance,
-            parameters.obstacles_max_age,
-        )
-        provenance = replace(
-            provenance, obstacles_stamp_ns=scene.stamp_ns, obstacles_source=scene.source
-        )
-        seen = _seen_body(request, knowledge) if captures(request) else None
-        if seen is not None:
-            provenance = replace(
-                provenance, target_body_stamp_ns=seen.stamp_ns, target_body_source=seen.source
-            )
-        body = None if seen is None else _carried(seen, start_ns)
-        problem = problem_from_request(
-            request,
-            knowledge.robot,
-            measured.state,
-            scene.obstacles_at(start_ns),
-            parameters,
-            body if request.goal.kind == GoalKind.CAPTURE else None,
-            None if continued is None else continued.remaining,
-        )
-        then = phases_in(request, problem.robot, parameters, body)
-        tail = 0.0 if end_behaviour is EndBehaviour.NONE else parameters.post_goal_duration
-        lasts = problem.duration + sum(phase.longest_duration for phase in then) + tail
-        field = "duration" if problem.duration_range is None else "duration_max"
-        require_end(field, problem.duration, start_ns / NANOSECONDS + lasts)
-        ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
-        running = None if continued is None else continued.motion
-        if continued is None and (followed := knowledge.followed(measured, start_ns)):
-            motion = motion_on(followed, measured, knowledge.robot.continuous)
-            running = motion.between(0.0, ahead)
-            provenance = replace(provenance, previous_plan_id=followed[-1].plan_id)
-        task = PlanningTask(
-            problem=problem,
-            settings=_settings(request, parameters),
-            ahead=ahead,
-            running=running,
-            running_goal=None if continued is None else ahead + continued.remaining,
-            end_behaviour=end_behaviour,
-            tail=tail,
-            controller=parameters.controller.setup,
-            effort=request.search.effort,
-            then=then,
-        )
-    except InvalidInput as error:
-        raise RequestRefused(error, provenance) from None
+    inputs.obstacles_stamp = time_message(scene.stamp_ns)
+    inputs.obstacles_source = scene.source
+    body = None
+    if captures(request):
+        seen = _seen_body(request, knowledge)
+        inputs.target_body_stamp = time_message(seen.stamp_ns)
+        inputs.target_body_source = seen.source
+        body = _carried(seen, start_ns)
+    problem = problem_from_request(
+        request,
+        robot,
+        measured.state,
+        scene.obstacles_at(start_ns),
+        parameters,
+        body if request.goal.kind == GoalKind.CAPTURE else None,
+        None if continued is None else continued.remaining,
+    )
+    then = phases_in(request, problem.robot, parameters, body)
+    tail = 0.0 if end_behaviour is EndBehaviour.NONE else parameters.post_goal_duration
+    lasts = problem.duration + sum(phase.longest_duration for phase in then) + tail
+    field = "duration" if problem.duration_range is None else "duration_max"
+    require_end(field, problem.duration, start_ns / NANOSECONDS + lasts)
+    ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
+    running = None if continued is None else continued.motion
+    if continued is None and (followed := knowledge.followed(measured, start_ns)):
+        running = motion_on(followed, measured, robot.continuous).between(0.0, ahead)
+        inputs.previous_plan_id = followed[-1].plan_id
+    task = PlanningTask(
+        problem=problem,
+        settings=_settings(request, parameters),
+        ahead=ahead,
+        running=running,
+        running_goal=None if continued is None else ahead + continued.remaining,
+        end_behaviour=end_behaviour,
+        tail=tail,
+        controller=parameters.controller.setup,
+        effort=request.search.effort,
+        then=then,
+    )
     guess = None if knowledge.library is None else knowledge.library.first_guess(task)
     if guess is not None:
         task = replace(task, first_guess=guess)
-        provenance = replace(provenance, first_guess=tuple(guess.tolist()))
-    return ReadRequest(task, budget, start_ns, provenance, request.plan_only)
+        inputs.first_guess = guess.tolist()
+    return ReadRequest(task, budget, start_ns, inputs, request.plan_only)
 
 
 def require_requester(name: str) -> None:
@@ -236,7 +193,7 @@ def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot
         return knowledge.states.snapshot(*limits, parameters.locked_joint_tolerance)
     message, source = own[0], "start_state"
     stamp_ns = time_in_ns(f"{source}.header.stamp", message.header.stamp) or now_ns
-    require_current(f"{source}.header.stamp", stamp_ns, *limits, is_own=True)
+    OF_STATES.require(f"{source}.header.stamp", stamp_ns, *limits, is_own=True)
     state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
     require_locked(source, message, knowledge.robot, parameters.locked_joint_tolerance)
     return Snapshot(state, stamp_ns, source)

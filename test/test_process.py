@@ -16,12 +16,12 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.task import Future as RosFuture
 from ros_processes import DEADLINE, private_domain
 
-from ff_planner_ros.ros.background import ask, spin_in_background
+from ff_planner_ros.ros.process import ask, spin_in_background
 
 # The signal comes in the other thread, as the main one blocks it.
 WAITING = """
 import signal, threading
-from ff_planner_ros.ros.background import StopRequest
+from ff_planner_ros.ros.process import StopRequest
 stop = StopRequest()
 threading.Thread(target=threading.Event().wait, daemon=True).start()
 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})

@@ -1,26 +1,33 @@
-"""The planner as a client of a joint_trajectory_controller: its action, and its parameters."""
+"""The arm's joint_trajectory_controller: its action, and whether it keeps a plan's times."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from action_msgs.msg import GoalStatus
-from builtin_interfaces.msg import Duration
 from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.parameters.controller import ERASED, ControllerParameters
-from ff_planner_ros.planning.task.controller_rules import REST
-from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, JointTolerance
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.parameters.controller import ControllerParameters
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.ros.inputs.raw_subscription import RawSubscription
+from ff_planner_ros.ros.messages.foreign import (
+    FollowJointTrajectory,
+    JointTrajectoryControllerState,
+)
+from ff_planner_ros.ros.messages.to_messages import controller_goal
 
 # While a goal runs, its controller is looked for so often; one that is away for so long is gone:
 # discovery may lose it for a moment [s].
@@ -30,6 +37,13 @@ _PERIOD, _AWAY = 1.0, 3.0
 # end.
 _AGAIN, _SELDOM = 2.0, 60.0
 _SOON_NS = 1_000_000
+# The newest state is looked at so often while a plan runs [s]. What an earlier one would have shown
+# stays: a controller that has lost time does not catch up.
+_LOOK = 0.01
+_ONE = 1e-3  # a speed_scaling_factor so near one leaves the plan as it is
+# A reference off the plan's velocities counts by how far it will be off after so long [s].
+_AHEAD = 0.1
+_MOVES = 1e-6  # [rad/s, m/s]
 _RESULT = FollowJointTrajectory.Result
 _ERRORS = {
     getattr(_RESULT, name): name
@@ -72,9 +86,9 @@ class ControllerClient:
 
         Args:
             group: The callback group that `send` is called in. Responses come in it, too: rclpy 7.1
-                loses one that comes before the request is noted, see `background.ask`.
+                loses one that comes before the request is noted, see `process.ask`.
         """
-        self._settings, self._logger, self._node = settings, node.get_logger(), node
+        self._settings, self._node = settings, node
         self._lock = threading.Lock()
         self._goals: list[_Goal] = []  # accepted, the last one last
         self._cancelled: list[_Goal] = []  # to be
@@ -113,7 +127,7 @@ class ControllerClient:
             ended(Ended(f"no controller answers at the action {self._settings.action}"))
             return
         sent = self._client.send_goal_async(
-            goal_of(trajectory, self._settings), lambda told: self._keep(told.feedback)
+            controller_goal(trajectory, self._settings), lambda told: self._keep(told.feedback)
         )
 
         def answer(future: Any) -> None:
@@ -183,19 +197,6 @@ class ControllerClient:
         self.off = dict(zip(feedback.joint_names, errors, strict=False))
 
 
-def goal_of(trajectory: JointTrajectory, settings: ControllerParameters) -> Any:
-    """Return the goal for a trajectory, with the tolerances of the parameters."""
-    nanoseconds = round(settings.goal_time_tolerance * NANOSECONDS)
-    return FollowJointTrajectory.Goal(
-        trajectory=trajectory,
-        path_tolerance=_tolerances(trajectory, settings.path_tolerance),
-        goal_tolerance=_goal_tolerances(trajectory, settings.goal_tolerance),
-        goal_time_tolerance=Duration(
-            sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS
-        ),
-    )
-
-
 def ended_by(response: Any) -> Ended:
     """Return how a goal ended, from the response of the action's result service."""
     code, said = response.result.error_code, response.result.error_string
@@ -212,18 +213,125 @@ def ended_by(response: Any) -> Ended:
     return Ended(words, error_code=code, is_replaced=code == _RESULT.INVALID_GOAL)
 
 
-def _goal_tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:
-    """Return the tolerances at the end, where joints that are to move need not have stopped."""
-    told = {one.name: one for one in _tolerances(trajectory, position)}
-    for point in trajectory.points[-1:]:
-        for name, rate in zip(trajectory.joint_names, point.velocities, strict=False):
-            if abs(rate) > REST:
-                told.setdefault(name, JointTolerance(name=name)).velocity = ERASED
-    return list(told.values())
+class _Followed(NamedTuple):
+    """A plan as the controller is to follow it."""
+
+    plan_id: str
+    start_ns: int
+    joints: Sequence[str]
+    motion: JointMotion
 
 
-def _tolerances(trajectory: JointTrajectory, position: float) -> list[Any]:
-    """Return one tolerance for every joint; none at zero: the controller's own then holds."""
-    if not position:
-        return []
-    return [JointTolerance(name=name, position=position) for name in trajectory.joint_names]
+class ControllerWatch:
+    """Compares a controller's reference, and its speed scaling, with the plan that runs."""
+
+    def __init__(
+        self, node: Node, settings: ControllerParameters, broken: Callable[[str, str], None]
+    ) -> None:
+        """Subscribe to the controller's state; it is read while a plan is followed.
+
+        Args:
+            broken: Called with the id of a plan that the controller does not keep, and with why.
+        """
+        self._node, self._broken = node, broken
+        self._tolerance = settings.reference_tolerance
+        self._topic = node.resolve_topic_name(settings.watched_topic)
+        self._unreadable = ""  # why the newest state could not be read; empty: it was
+        self._plan: _Followed | None = None
+        self._until_ns = 0  # the controller has had another trajectory from then on
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._states = RawSubscription(node, JointTrajectoryControllerState, self._topic, newest)
+        # Steady: simulated time may stand still.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_LOOK, self._look, MutuallyExclusiveCallbackGroup(), clock)
+        self._timer.cancel()  # until a plan runs
+
+    @property
+    def complaint(self) -> str:
+        """Why the controller is not watched; empty: it is."""
+        if not self._node.count_publishers(self._topic):
+            return f"nobody publishes {self._topic}"
+        return self._unreadable
+
+    def follow(self, plan_id: str, start_ns: int, trajectory: JointTrajectory) -> None:
+        """Watch a plan, which starts at a time [ns], instead of the one before."""
+        self._plan = _Followed(plan_id, start_ns, trajectory.joint_names, _motion(trajectory))
+        self._until_ns = start_ns + nanoseconds(trajectory.points[-1].time_from_start)
+        self._timer.reset()
+
+    def replaced(self, now_ns: int) -> None:
+        """Compare no reference after a time [ns]: the controller is given another trajectory."""
+        self._until_ns = min(self._until_ns, now_ns)
+
+    def leave(self, plan_id: str) -> None:
+        """Watch a plan no more."""
+        if self._plan is not None and self._plan.plan_id == plan_id:
+            self._plan = None
+
+    def close(self) -> None:
+        """Remove subscription and timer from the node."""
+        self._node.destroy_timer(self._timer)
+        self._states.close()
+
+    def _look(self) -> None:
+        plan = self._plan
+        if plan is None:
+            self._timer.cancel()
+            return
+        taken = self._states.take()
+        if not taken:
+            return
+        self._unreadable = ""
+        try:
+            state = deserialize_message(taken[0][0], JointTrajectoryControllerState)
+            why = self._deviation(state, plan)
+        except (RuntimeError, ValueError, IndexError) as error:
+            # Of a control_msgs with other fields, or of another controller.
+            self._unreadable = f"{self._topic} cannot be read: {error}"
+            return
+        if why:
+            self._plan = None
+            self._broken(plan.plan_id, why)
+
+    def _deviation(self, state: JointTrajectoryControllerState, plan: _Followed) -> str:
+        """Return why a state does not keep a plan; empty: it does."""
+        stamp_ns = nanoseconds(state.header.stamp)
+        if stamp_ns < plan.start_ns:
+            return ""
+        # control_msgs before 5.3 have no such field; Jazzy's controller before 4.39 leaves it zero.
+        factor = getattr(state, "speed_scaling_factor", 1.0)
+        if factor and not abs(factor - 1.0) <= _ONE:
+            return (
+                f"the controller runs it at {factor:.3g} of its speed (speed_scaling_factor of "
+                f"{self._topic}), and it holds at its own times alone"
+            )
+        if stamp_ns > self._until_ns:
+            return ""
+        seconds = (stamp_ns - plan.start_ns) / NANOSECONDS
+        positions, rates = (one[0] for one in plan.motion.at(np.array([seconds]))[:2])
+        order = [list(state.joint_names).index(name) for name in plan.joints]
+        wanted = np.array(state.reference.positions)[order]
+        wanted_rates = np.array(state.reference.velocities)[order]
+        off = np.abs(wanted - positions) + _AHEAD * np.abs(wanted_rates - rates)
+        joint = int(off.argmax())
+        if not off[joint] > self._tolerance:
+            return ""
+        stands = np.abs(wanted_rates).max() < _MOVES < np.abs(rates).max()
+        return (
+            f"the controller{' has stopped: it' if stands else ''} wants {plan.joints[joint]} at "
+            f"{wanted[joint]:.6f} with {wanted_rates[joint]:.6f}/s, {seconds:.3f} s after the "
+            f"start, where the plan has {positions[joint]:.6f} with {rates[joint]:.6f}/s "
+            f"(controller.reference_tolerance {self._tolerance:g})"
+        )
+
+
+def _motion(trajectory: JointTrajectory) -> JointMotion:
+    """Return the motion as the controller interpolates it, from the start of the trajectory."""
+    points = trajectory.points
+    return JointMotion(
+        np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
+        *(
+            np.array([getattr(point, name) for point in points])
+            for name in ("positions", "velocities", "accelerations")
+        ),
+    )
