@@ -117,6 +117,30 @@ def test_a_plan_that_comes_too_late_for_its_start_is_none(
     assert waiting["run.1"].start_ns == NOW + 200_000_000
 
 
+def test_a_plan_whose_start_passes_while_its_answer_is_written_is_not_published(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Thousands of points take a second."""
+    with service(lemur_capture, monkeypatch, planning_lead_time=ALLOWANCE) as (
+        answering,
+        worker,
+        _,
+    ):
+        clock, written = Clock(answering), answering._written
+        worker.solve.side_effect = solving(clock, lemur_plan, ALLOWANCE / 2.0, asks=True)
+
+        def slowly(outcome: Any, *arguments: Any) -> Any:
+            clock.after(ALLOWANCE + 0.001)
+            return written(outcome, *arguments)
+
+        monkeypatch.setattr(answering, "_written", slowly)
+        found = answer(answering, request_at(lemur_capture, lemur_plan, continues=False))
+        waiting = dict(answering._publication._waiting)
+    assert found.status.code == Status.TOO_LATE, found.status
+    assert " s to write the plan" in found.status.message
+    assert waiting == {}
+
+
 def test_the_plan_that_runs_is_the_one_that_joints_follow_until_a_new_one_of_their_own(
     lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -271,6 +271,10 @@ def test_a_state_is_held_against_where_the_plan_had_the_chaser_when_it_was_measu
     assert not output.output.tracking, "the plan did not run then"
     output.output.stream(None)
     assert len(output.heard["tracking_error"]) == 1
+    # A plan that has come to its end runs no second time, either.
+    output.now_ns = running(output).end_ns + NANOSECONDS
+    output.output.execution.look()
+    output.now_ns = measured_ns + NANOSECONDS
     output.output.forget("the clock jumped")
     output.output.stream(Snapshot(state, measured_ns, "chaser_state"))
     assert len(output.heard["predicted_chaser_pose"]) == 3
