@@ -22,7 +22,7 @@ from ff_planner_ros.ros.process import StopRequest, joining_ros, security_gap, s
 from ff_planner_ros.ros.requests.solver import Solver
 
 # One plans, one waits for it to make room, one cancels, one streams, one tells how the node is, one
-# draws a plan, one publishes a plan that waited, one waits for the bag's disk.
+# plays a plan, one publishes a plan that waited, one waits for the bag's disk.
 _THREADS = 8
 # For so long a thread keeps the interpreter while others wait for it [s]. Drawing a plan takes 30
 # ms; with Python's 5 ms, each of the dozen times that an answer lets go of it meanwhile costs that.

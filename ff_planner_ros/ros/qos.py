@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -53,6 +58,23 @@ def create_lifecycle_publisher(node: LifecycleNode, endpoint: Endpoint) -> Lifec
         qos_overriding_options=OVERRIDES,
     )
     return made
+
+
+@contextmanager
+def serving(node: Node, endpoint: Endpoint, answer: Callable[..., Any]) -> Iterator[None]:
+    """Offer a service as long as the context lasts, apart from all other callbacks."""
+    group = MutuallyExclusiveCallbackGroup()
+    service = node.create_service(
+        endpoint.message_type,
+        endpoint.name,
+        answer,
+        qos_profile=qos_profile(endpoint),
+        callback_group=group,
+    )
+    try:
+        yield
+    finally:
+        node.destroy_service(service)
 
 
 def overridable(node: Node) -> dict[str, Form]:

@@ -26,7 +26,7 @@ _AFTER_ANSWER = 0.01
 
 
 class Exchanges:
-    """Publishes exchanges in their order, from a thread of its own: no plan waits for that."""
+    """A thread that publishes exchanges in order, and does what else no answer waits for."""
 
     def __init__(self, node: Node, urdf: str, inertial_frame: str) -> None:
         """Publish the robot's model, and exchanges from now on, whether the node is active or not.

@@ -10,7 +10,6 @@ from pathlib import Path
 import yaml
 from lifecycle_msgs.msg import TransitionEvent
 from rcl_interfaces.msg import Log
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 from rosgraph_msgs.msg import Clock
@@ -23,7 +22,7 @@ from ff_planner_ros.errors import BagError
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.values import document_of
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.qos import REQUEST_QOS, qos_profile
+from ff_planner_ros.ros.qos import qos_profile, serving
 from ff_planner_ros.ros.recorder.recorder import RecordedTopic, Recorder
 from ff_planner_ros.ros.topics import OUTPUTS, ROBOT_MODEL, SPLIT_BAG, Endpoint, heard_with
 
@@ -83,31 +82,18 @@ def recording(
                 node.get_logger(),
             )
         ) as recorder,
-        _split_service(node, recorder),
+        serving(node, SPLIT_BAG, lambda _, response: _split(recorder, response)),
     ):
         yield recorder
 
 
-@contextmanager
-def _split_service(node: Node, recorder: Recorder) -> Iterator[None]:
-    """Let operators split a recorder's bag as long as the context lasts."""
-
-    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            response.success, response.message = True, recorder.split()
-        except BagError as error:
-            response.success, response.message = False, str(error)
-        return response
-
-    # It waits for the disk, and nothing else for it.
-    group = MutuallyExclusiveCallbackGroup()
-    service = node.create_service(
-        Trigger, SPLIT_BAG.name, answer, qos_profile=REQUEST_QOS, callback_group=group
-    )
+def _split(recorder: Recorder, response: Trigger.Response) -> Trigger.Response:
+    """Let operators split a recorder's bag, which waits for the disk."""
     try:
-        yield
-    finally:
-        node.destroy_service(service)
+        response.success, response.message = True, recorder.split()
+    except BagError as error:
+        response.success, response.message = False, str(error)
+    return response
 
 
 def attached_parameters(parameters: NodeParameters, robot: Robot) -> NodeParameters:

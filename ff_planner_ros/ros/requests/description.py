@@ -12,7 +12,6 @@ from xml.etree import ElementTree
 import numpy as np
 from ff_planner_msgs.msg import Objective, RobotDescription
 from ff_planner_msgs.srv import Describe
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 
 from ff_planner_ros.common.share import PACKAGE, share_directory
@@ -24,7 +23,7 @@ from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.robot.collision.solids import MESH
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.ros.qos import REQUEST_QOS
+from ff_planner_ros.ros.qos import serving
 from ff_planner_ros.ros.topics import DESCRIBE
 
 _MESSAGES = "ff_planner_msgs"
@@ -60,14 +59,8 @@ def description_service(
         response.parameters = [one.to_parameter_msg() for one in node.get_parameters(names)]
         return response
 
-    group = MutuallyExclusiveCallbackGroup()
-    service = node.create_service(
-        Describe, DESCRIBE.name, describe, qos_profile=REQUEST_QOS, callback_group=group
-    )
-    try:
+    with serving(node, DESCRIBE, describe):
         yield
-    finally:
-        node.destroy_service(service)
 
 
 def _constant(robot: Robot) -> dict[str, str | list[str]]:
