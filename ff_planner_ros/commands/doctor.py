@@ -147,8 +147,7 @@ def _ros() -> dict[str, str]:
 
 def _controller(name: str, ros_arguments: list[str]) -> dict[str, dict[str, Any]]:
     """Return what a running controller has of each setting that matters, and why it does."""
-    from rcl_interfaces.srv import GetParameters, ListParameters
-    from rclpy.parameter import parameter_value_to_python
+    from rcl_interfaces.srv import ListParameters
 
     from ff_planner_ros.parameters.controller import KEEPS_PLANS
     from ff_planner_ros.ros.client import PlannerClient
@@ -158,12 +157,15 @@ def _controller(name: str, ros_arguments: list[str]) -> dict[str, dict[str, Any]
         listed = client.call(ListParameters, f"{name}/list_parameters", asked, _PATIENCE)
         # Of an unknown one a controller tells none at all; older ones have fewer.
         known = [one for one in KEEPS_PLANS if one.name in listed.result.names]
-        request = GetParameters.Request(names=[one.name for one in known])
-        told = client.call(GetParameters, f"{name}/get_parameters", request, _PATIENCE)
-    values = map(parameter_value_to_python, told.values)
+        told = client.parameters(name, [one.name for one in known], _PATIENCE)
     return {
-        one.name: {"value": value, "keeps": value == one.value, "needed": one.value, "why": one.why}
-        for one, value in zip(known, values, strict=True)
+        one.name: {
+            "value": told[one.name],
+            "keeps": told[one.name] == one.value,
+            "needed": one.value,
+            "why": one.why,
+        }
+        for one in known
     }
 
 

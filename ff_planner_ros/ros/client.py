@@ -15,10 +15,12 @@ from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import PlanAnswer, PlanProgress, PlanRequest, PlanStatus
 from ff_planner_msgs.srv import PublishPlan
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
@@ -198,6 +200,21 @@ class PlannerClient:
             FfPlannerError: Its node does not answer.
         """
         return self._called(self._service(kind, service), request, patience, nothing)
+
+    def parameters(self, node: str, names: Sequence[str], patience: float) -> dict[str, Any]:
+        """Return parameters of any node that has them all, as a parameters file has them.
+
+        Raises:
+            InvalidInput: There is no such node.
+            FfPlannerError: It does not answer.
+        """
+        request = GetParameters.Request(names=list(names))
+        answer = self.call(GetParameters, f"{node}/get_parameters", request, patience)
+        values = map(parameter_value_to_python, answer.values)
+        return {
+            name: one if isinstance(one, str | bool | int | float | None) else list(one)
+            for name, one in zip(names, values, strict=True)
+        }
 
     def hear(
         self, topic: Endpoint, heard: Callable[[Any], None], from_now_on: bool = False

@@ -8,12 +8,10 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.msg import PlanEvent, PublishedPlan
-from rcl_interfaces.srv import GetParameters
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 from ff_planner_ros.common.share import resolve_uri
@@ -156,9 +154,7 @@ class Link:
 
     def _parameters(self, patience: float) -> NodeParameters:
         names = [*DECLARATIONS, _SIMULATED]
-        request = GetParameters.Request(names=names)
-        answer = self.client.call(GetParameters, f"{self.name}/get_parameters", request, patience)
-        values = dict(zip(names, map(_plain, answer.values), strict=True))
+        values = self.client.parameters(self.name, names, patience)
         simulated = Parameter(_SIMULATED, value=bool(values.pop(_SIMULATED)))
         self.node.set_parameters([simulated])
         return parameters_of(values)
@@ -177,9 +173,3 @@ class Link:
             for one in parts
             if one.level != b"\0"
         }
-
-
-def _plain(value: Any) -> Any:
-    """Return a parameter's value as a parameters file has it."""
-    plain = parameter_value_to_python(value)
-    return plain if isinstance(plain, str | bool | int | float | None) else list(plain)
