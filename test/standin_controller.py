@@ -111,9 +111,8 @@ class StandInController:
         return ""
 
     def hold(self) -> None:
-        """Stop at once, and stay."""
+        """Stop at the next update, and stay; any thread may ask for it."""
         self._followed = None
-        self._reference[1] = 0.0
 
     def close(self) -> None:
         self._server.destroy()
@@ -193,12 +192,14 @@ class StandInController:
     def _follow(self, now_ns: int) -> float:
         """Go on in the trajectory, and tell the reference; its own time since the start [s]."""
         passed, self._updated_ns = now_ns - self._updated_ns, now_ns
-        since = 0.0
-        if self._followed is not None:
+        since, followed = 0.0, self._followed
+        if followed is None:
+            self._reference[1] = 0.0
+        else:
             self._own_ns = self._own_ns + round(passed * self.scaling) if self._own_ns else now_ns
-            since = (self._own_ns - nanoseconds(self._followed.header.stamp)) / NANOSECONDS
+            since = (self._own_ns - nanoseconds(followed.header.stamp)) / NANOSECONDS
             at = np.clip(since, self._path.x[0], self._path.x[-1])
-            order = [self._followed.joint_names.index(joint) for joint in self.joints]
+            order = [followed.joint_names.index(joint) for joint in self.joints]
             self._reference = np.array([self._path(at), self._path.derivative()(at)])[:, order]
         told = self.scaling if self.told_scaling is None else self.told_scaling
         positions, velocities = self._reference
