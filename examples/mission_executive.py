@@ -126,11 +126,12 @@ def ask_with_rclpy(
         planner.wait_for_server()
         goal = PlanTrajectory.Goal(request=request)
         sent = planner.send_goal_async(goal, lambda message: report(message.feedback.progress))
-        handle = answered(sent)
         try:
-            answer: PlanAnswer = answered(handle.get_result_async()).result.answer
-        except BaseException:
-            handle.cancel_goal_async()  # the plan is not needed any more
+            answer: PlanAnswer = answered(answered(sent).get_result_async()).result.answer
+        except BaseException:  # the plan is not needed any more, even before it is begun
+            rclpy.spin_until_future_complete(node, sent, timeout_sec=PATIENCE)
+            cancelled = sent.result().cancel_goal_async()
+            rclpy.spin_until_future_complete(node, cancelled, timeout_sec=PATIENCE)
             raise
         return answer
     finally:
