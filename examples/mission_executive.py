@@ -130,8 +130,9 @@ def ask_with_rclpy(
             answer: PlanAnswer = answered(answered(sent).get_result_async()).result.answer
         except BaseException:  # the plan is not needed any more, even before it is begun
             rclpy.spin_until_future_complete(node, sent, timeout_sec=PATIENCE)
-            cancelled = sent.result().cancel_goal_async()
-            rclpy.spin_until_future_complete(node, cancelled, timeout_sec=PATIENCE)
+            if sent.done():  # or else the planner is gone
+                cancelled = sent.result().cancel_goal_async()
+                rclpy.spin_until_future_complete(node, cancelled, timeout_sec=PATIENCE)
             raise
         return answer
     finally:
