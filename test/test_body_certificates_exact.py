@@ -18,9 +18,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance import body_certificate, certificate
 from ff_planner_ros.planning.distance.body_certificate import (
     EXACT_PART,
-    NOTHING,
-    Least,
-    least_of,
     least_pair_distance,
     least_sphere_distance,
 )
@@ -33,6 +30,8 @@ from ff_planner_ros.planning.distance.search_certificate import (
     search_distance,
     search_pair_distance,
 )
+from ff_planner_ros.planning.motion import certified_least
+from ff_planner_ros.planning.motion.certified_least import NOTHING, Least, least_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Sphere, attached
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
@@ -94,13 +93,13 @@ def test_a_tip_that_swings_past_a_sphere_between_two_points(interval: int, way: 
     rock = Sphere("rock", on_circle(way * (when - 0.4), 1.8), 0.07)
     far = Sphere("far", [0.0, 0.0, 1.0], 0.5)
     least = spheres_are(swing(way), [far, rock], 0.03)
-    assert divmod(least.pair, 2) == (TIP, 1)
+    assert divmod(least.number, 2) == (TIP, 1)
     assert least.time == pytest.approx(when, abs=0.02)
     # What is not asked for is not told: the elbow's distance, and that of the other sphere.
     of_elbow = spheres_are(swing(way), [far, rock], 0.68, chosen=[ELBOW * 2 + 1])
-    assert of_elbow.pair == ELBOW * 2 + 1
+    assert of_elbow.number == ELBOW * 2 + 1
     of_chaser = spheres_are(swing(way), [far, rock], 0.3, chosen=[CHASER * 2])
-    assert of_chaser.pair == CHASER * 2
+    assert of_chaser.number == CHASER * 2
 
 
 @pytest.mark.parametrize("interval", [0, 9, 18])
@@ -117,7 +116,7 @@ def test_what_turns_far_from_a_robot_at_rest_in_steps_of_seconds(way: float, pac
     """On a circle of 1 m about a place 3 m beyond the tip; nearest is its near end, once a turn."""
     rest, rate = told(pace * TIMES, STILL, STILL), 3.0 * way / pace
     begin = np.pi - rate * pace * (0.6 * TIMES[11] + 0.4 * TIMES[12])
-    assert spheres_are(rest, panel_about(4.6, begin, rate), 1.6).pair == TIP
+    assert spheres_are(rest, panel_about(4.6, begin, rate), 1.6).number == TIP
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -156,7 +155,7 @@ def test_a_sphere_that_flies_past_a_resting_arm(interval: int, side: float) -> N
     flying = Sphere("debris", np.array([1.6, 0.0, 0.4]) - when * velocity, 0.1, velocity)
     least = spheres_are(REST, [Sphere("far", [9.0, 0.0, 0.0], 0.1), flying], 0.2)
     assert least.time == pytest.approx(when, abs=0.01)
-    assert divmod(least.pair, 2) == (TIP, 1)
+    assert divmod(least.number, 2) == (TIP, 1)
 
 
 @pytest.mark.law("PLAN-10")
@@ -207,7 +206,7 @@ def test_a_tip_that_folds_past_the_chaser_between_two_points(interval: int, way:
     begin = np.array([0.3, way * (np.pi - when)])
     motion = turning(TIMES, begin, np.array([0.2, way]))
     least = pairs_are(motion, 1.0 - 0.6 - 0.2 - 0.1)
-    assert least.pair == 0
+    assert least.number == 0
     assert least.time == pytest.approx(when, abs=0.05)
 
 
@@ -239,8 +238,8 @@ def test_at_the_first_point_alone_every_pair_and_sphere_is_measured() -> None:
     """Where what is allowed later begins behind it, nothing lies between two points."""
     rocks = [Sphere("near", [1.6, 0.3, 0.0], 0.05), Sphere("far", [0.0, 0.0, -2.0], 1.5)]
     least = spheres_are(REST, rocks, 0.15, last=0)
-    assert (least.time, divmod(least.pair, 2)) == (0.0, (TIP, 0))
-    assert spheres_are(REST, rocks, 0.3, chosen=[1], last=0).pair == 1
+    assert (least.time, divmod(least.number, 2)) == (0.0, (TIP, 0))
+    assert spheres_are(REST, rocks, 0.3, chosen=[1], last=0).number == 1
     pairs_are(REST, 1.6 - 0.3, last=0)
     asked = ARM, REST, np.zeros(0, np.intp), LAST
     assert least_pair_distance(*asked) == NOTHING
@@ -320,7 +319,7 @@ def test_a_motion_too_fast_to_certify_closely_ends_with_a_lower_bound(
         return sphere_distances(*asked)
 
     monkeypatch.setattr(body_certificate, "sphere_distances", counted)
-    monkeypatch.setattr(body_certificate, "_MOST_PIECES", 1 << 9)
+    monkeypatch.setattr(certified_least, "MOST_PIECES", 1 << 9)
     motion = turning(TIMES, np.array([-0.4 * rate, 0.0]), np.array([rate, 0.0]))
     above = [Sphere("above", [0.0, 0.0, 0.5], 0.05)]
     least = least_sphere_distance(ARM, motion, above, np.array([TIP]), LAST)
@@ -363,7 +362,7 @@ def test_a_point_too_fast_to_certify_closely_ends_with_a_lower_bound(way: float)
     velocities = np.outer(np.ones(5), [way, 0.0, 0.0])
     places = times[:, None] * velocities
     places[:, 2] = 1.0
-    least = least_margin(times, places, velocities, margins)
+    least, _ = least_margin(times, places, velocities, margins)
     assert sum(looked_at) < 1 << 20
-    assert least.certified < least.margin - CERTIFICATE_GAP
-    assert least.margin == 1.0
+    assert least.certified < least.found - CERTIFICATE_GAP
+    assert least.found == 1.0

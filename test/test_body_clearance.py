@@ -26,13 +26,13 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.distance.body_certificate import (
     EXACT_PART,
-    Least,
     least_pair_distance,
     least_sphere_distance,
 )
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.contact import deepest_contact
+from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.plan import Plan

@@ -21,8 +21,9 @@ from ff_planner_ros.planning.distance.body_certificate import (
     least_sphere_distance,
 )
 from ff_planner_ros.planning.distance.body_distances import Distances
-from ff_planner_ros.planning.distance.body_gaps import Measured, Solids, gap_bounds, measured
+from ff_planner_ros.planning.distance.body_gaps import Solids, arcs_of, measured
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.motion.certified_least import Known, Pieces, parabola_bounds
 from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
 from ff_planner_ros.robot.collision.solids import Solid
 
@@ -53,11 +54,11 @@ class Passing:
             Placed(self.second, there.rotation, there.translation),
         )[0]
 
-    def seen(self, part: float, normal: Array) -> Measured:
+    def seen(self, part: float, normal: Array) -> Known:
         there = self.at(part)
         found = Distances(np.array([self.distance(part)]), np.zeros((1, 3)), normal[None])
-        poses = [(one.rotation[None], one.translation[None]) for one in (STILL, there)]
-        return measured(found, *poses)
+        first, second = ((one.rotation[None], one.translation[None]) for one in (STILL, there))
+        return measured(found, first, second)
 
     @property
     def bends(self) -> Array:
@@ -70,8 +71,10 @@ class Passing:
     def bound(self, normals: Sequence[Array]) -> float:
         """What is certified of the distance, by a normal at the begin and one at the end."""
         ends = (self.seen(part, normal) for part, normal in zip((0.0, 1.0), normals, strict=True))
-        solids = (Solids([one.geometry], np.zeros(1, np.intp)) for one in (self.first, self.second))
-        return float(gap_bounds(*solids, *ends, self.bends)[0])
+        none = np.zeros(1, np.intp)
+        first, second = (Solids([one.geometry], none) for one in (self.first, self.second))
+        pieces = Pieces(none, np.zeros(1), np.ones(1), *ends)
+        return float(parabola_bounds(*arcs_of(first, second, pieces, self.bends)).max())
 
     def normals(self) -> list[Array]:
         """Coal's at both ends."""

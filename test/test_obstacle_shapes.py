@@ -25,11 +25,7 @@ from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core.conversions import obstacles_of
 from ff_planner_ros.planning.distance import search_certificate
 from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.body_certificate import (
-    EXACT_PART,
-    Least,
-    least_obstacle_distance,
-)
+from ff_planner_ros.planning.distance.body_certificate import EXACT_PART, least_obstacle_distance
 from ff_planner_ros.planning.distance.body_distances import Distances, sphere_gradients
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.distance.obstacle_distances import (
@@ -37,6 +33,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_distances,
     seen_from_chaser,
 )
+from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.problem.problem import ObstacleBody
 from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance

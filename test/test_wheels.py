@@ -25,7 +25,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
-from ff_planner_ros.planning.motion import wheel_motion
+from ff_planner_ros.planning.motion import certified_least
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
@@ -606,7 +606,7 @@ def test_what_is_certain_of_wheels_ends_above_all_loads_however_long_it_would_ta
     peaks = wheel_peaks(robot, FOUR, start, motion)
     found = np.abs(np.concatenate([peaks.momenta.values, peaks.torques.values]))
     close = certain_peaks(robot, FOUR, motion, peaks, found)
-    monkeypatch.setattr(wheel_motion, "_MOST_PIECES", most)
+    monkeypatch.setattr(certified_least, "MOST_PIECES", most)
     certain = certain_peaks(robot, FOUR, motion, peaks, found)
     assert (certain >= found).all()
     assert (certain > close).any()

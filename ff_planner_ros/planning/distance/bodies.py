@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.robot.collision.bodies import kind_and_sizes
@@ -27,6 +28,8 @@ class Placed(NamedTuple):
     origins: Array  # of the joints; shape (configurations, joints, 3) [m]
     axes: Array  # of revolute joints, unit length, zero for prismatic ones; likewise
     slides: Array  # axes of prismatic joints, unit length, zero for revolute ones; likewise
+    # Of lines that end at a joint that slides, from begin to end; zero of all else; likewise [m]
+    stretches: Array
 
 
 def placed_bodies(robot: Robot, angles: Array) -> Placed:
@@ -46,13 +49,20 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
         np.matmul(before, steps[:, k], out=rotations[:, k + 1])
     carriers, placements, offsets, centers = _in_joints(robot)
     carried = rotations[:, carriers]
+    stretches = np.zeros((count, len(carriers), 3))
+    for number in stretched(robot):
+        before = carriers[number]
+        stretches[:, number] = positions[:, before + 1] - positions[:, before]
     return Placed(
         rotations=carried @ placements,
         positions=positions[:, carriers] + np.einsum("cbij,bj->cbi", carried, offsets),
-        centers=positions[:, carriers] + np.einsum("cbij,bj->cbi", carried, centers),
+        centers=positions[:, carriers]
+        + np.einsum("cbij,bj->cbi", carried, centers)
+        + stretches / 2,
         origins=positions[:, 1:],
         axes=axes,
         slides=slides,
+        stretches=stretches,
     )
 
 
@@ -65,13 +75,25 @@ def centers_in_base(q: Array, centers: Array) -> Array:
 @lru_cache(maxsize=8)
 def _in_joints(robot: Robot) -> tuple[Indices, Array, Array, Array]:
     """Return how many joints carry each body, and its placement and centre in the last of them."""
-    bodies = robot.bodies
+    bodies, at_joint = robot.bodies, pin.SE3.Identity()
+    places = [at_joint if body.stretches else body.placement_in_joint for body in bodies]
+    centers = [np.zeros(3) if body.stretches else body.center_in_joint for body in bodies]
     return (
         np.array([body.joint - 1 for body in bodies], np.intp),
-        np.array([body.placement_in_joint.rotation for body in bodies]).reshape(-1, 3, 3),
-        np.array([body.placement_in_joint.translation for body in bodies]).reshape(-1, 3),
-        np.array([body.center_in_joint for body in bodies]).reshape(-1, 3),
+        np.array([place.rotation for place in places]).reshape(-1, 3, 3),
+        np.array([place.translation for place in places]).reshape(-1, 3),
+        np.array(centers).reshape(-1, 3),
     )
+
+
+def stretched(robot: Robot) -> list[int]:
+    """Return the numbers of the bodies that are stretched by the joint behind them."""
+    return [number for number, body in enumerate(robot.bodies) if body.stretches]
+
+
+def movers(robot: Robot) -> Indices:
+    """Return how many of the arm's joints move a point of each body. Shape (bodies,)."""
+    return carriers(robot) + np.array([body.stretches for body in robot.bodies], np.intp)
 
 
 def carriers(robot: Robot) -> Indices:
@@ -92,6 +114,11 @@ def pairs(robot: Robot) -> tuple[Indices, Indices]:
 
 @lru_cache(maxsize=8)
 def kinds_and_sizes(robot: Robot) -> tuple[Indices, Array]:
-    """Return kind and sizes of every body. Shapes (bodies,) and (bodies, 3) [m]."""
+    """Return kind and sizes of every body, of stretched ones those of their begin.
+
+    Shapes (bodies,) and (bodies, 3) [m].
+    """
     kinds, sizes = zip(*(kind_and_sizes(body.solid) for body in robot.bodies), strict=True)
-    return np.array(kinds, np.intp), np.array(sizes)
+    found = np.array(sizes)
+    found[stretched(robot)] = 0.0
+    return np.array(kinds, np.intp), found

@@ -2,21 +2,18 @@
 
 Between two points the motion is the cubic through both configurations and velocities, as for the
 centre lines. Along it a point of a body moves at most by s = sum |dq_i| r_i, with r_i the distance
-of joint i from the body's farthest point. So a distance is at least the mean of both ends' less
-s / 2. Where that is too low between two points, accelerations bound it, too: see `body_gaps`.
-Intervals are halved until the better bound is tight. Between two bodies of the robot only the
-joints between them count; between body and obstacle the motions of base and obstacle do, too.
+of joint i from the body's farthest point. Where that does not tell enough between two points,
+accelerations do: see `body_gaps`. Between two bodies of the robot only the joints between them
+count; between body and obstacle the motions of base and obstacle do, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.bodies import centers_in_base, pairs
@@ -26,7 +23,7 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_bounds,
     sphere_distances,
 )
-from ff_planner_ros.planning.distance.body_gaps import Measured, Solids, gap_bounds, measured
+from ff_planner_ros.planning.distance.body_gaps import Solids, arcs_of, measured
 from ff_planner_ros.planning.distance.body_motion import (
     bends_beside,
     body_ways,
@@ -43,6 +40,14 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_geometry,
     seen_from_chaser,
 )
+from ff_planner_ros.planning.motion.certified_least import (
+    NOTHING,
+    Arcs,
+    Known,
+    Least,
+    Pieces,
+    certified_least,
+)
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Obstacle, ObstacleBody, Sphere
 from ff_planner_ros.robot.model import Robot
@@ -52,55 +57,6 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 EXACT_PART = 0.02
 # Number of steps in the first intervals: most pairs stay far apart for long.
 _STRIDE = 8
-# Pieces that are looked at: a motion that needs more, no joint makes, and the bound is lower.
-_MOST_PIECES = 1 << 16
-# Relative to a pair's whole displacement: its distance is not known more closely than this.
-_ROUNDING = 1e-14
-
-
-class Least(NamedTuple):
-    """The least distance along a motion."""
-
-    # Lower bound of the true minimum, below it by at most `CERTIFICATE_GAP` or a fraction of it
-    # unless the motion is too fast to tell [m]
-    certified: float
-    found: float  # the least that was evaluated [m]
-    pair: int  # its number, or body times obstacles plus obstacle; -1: there is none
-    time: float  # when [s]
-
-
-NOTHING = Least(np.inf, np.inf, -1, np.inf)
-
-
-def least_of(*every: Least) -> Least:
-    """Return the nearest of several, with the lowest bound of all."""
-    nearest = min(every, key=lambda least: least.found)
-    return nearest._replace(certified=min(least.certified for least in every))
-
-
-class _Pieces(NamedTuple):
-    """Pieces of the motion, each of one pair."""
-
-    pair: Indices  # shape (pieces,)
-    begin: Array  # first step; shape (pieces,)
-    end: Array
-    at_begin: Measured
-    at_end: Measured
-
-    def rows(self, which: Indices | NDArray[np.bool_]) -> _Pieces:
-        """Return some of the pieces."""
-        ends = self.at_begin.rows(which), self.at_end.rows(which)
-        return _Pieces(self.pair[which], self.begin[which], self.end[which], *ends)
-
-    def halved(self, middle: Array, at_middle: Measured) -> _Pieces:
-        """Return the first part of each piece, then the second parts."""
-        return _Pieces(
-            np.concatenate([self.pair, self.pair]),
-            np.concatenate([self.begin, middle]),
-            np.concatenate([middle, self.end]),
-            self.at_begin.followed_by(at_middle),
-            at_middle.followed_by(self.at_end),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +65,11 @@ class _Kind:
 
     # Lower bounds at steps for all pairs, (steps, pairs); pairs measured, each at its own step
     bounds: Callable[[Array], Array]
-    measure: Callable[[Array, Indices], Measured]
-    # How far pairs have moved against each other at most, each at its own step
-    ways: Callable[[Array, Indices], Array]
-    # Lower bounds of distances by `gap_bounds`, of pieces between two points
-    gaps: Callable[[_Pieces], Array]
+    measure: Callable[[Array, Indices], Known]
+    # How far pairs have moved against each other since the first point at most, each at its step
+    moved: Callable[[Array, Indices], Array]
+    # Gaps on pieces between two points
+    arcs: Callable[[Pieces], Arcs]
 
 
 def least_pair_distance(robot: Robot, motion: FollowedMotion, chosen: Indices, last: int) -> Least:
@@ -127,24 +83,26 @@ def least_pair_distance(robot: Robot, motion: FollowedMotion, chosen: Indices, l
         return NOTHING
 
     def bounds(steps: Array) -> Array:
-        return pair_bounds(robot, seen_at(robot, motion, steps).placed)
+        at = seen_at(robot, motion, steps)
+        return pair_bounds(robot, at.placed)[at.rows]
 
-    def measure(steps: Array, which: Indices) -> Measured:
+    def measure(steps: Array, which: Indices) -> Known:
         at = seen_at(robot, motion, steps)
         found = pair_distances(robot, at.placed, (at.rows, which))
-        return measured(found, *(at.poses(side[which]) for side in pairs(robot)))
+        first, second = (at.poses(side[which]) for side in pairs(robot))
+        return measured(found, first, second)
 
     sums = _sums(pair_ways(robot, motion))
 
-    def ways(steps: Array, which: Indices) -> Array:
+    def moved(steps: Array, which: Indices) -> Array:
         return _reached(sums, steps, which)
 
-    def gaps(pieces: _Pieces) -> Array:
-        first, second = (Solids(_solids(robot), side[pieces.pair]) for side in pairs(robot))
-        bends = pair_bends(robot, motion, pieces.pair, pieces.begin, pieces.end)
-        return gap_bounds(first, second, pieces.at_begin, pieces.at_end, bends)
+    def arcs(pieces: Pieces) -> Arcs:
+        first, second = (Solids(_solids(robot), side[pieces.which]) for side in pairs(robot))
+        bends = pair_bends(robot, motion, pieces.which, pieces.begin, pieces.end)
+        return arcs_of(first, second, pieces, bends)
 
-    kind = _Kind(bounds, measure, ways, gaps)
+    kind = _Kind(bounds, measure, moved, arcs)
     return _least(kind, chosen, last, motion.time)
 
 
@@ -170,9 +128,9 @@ def least_sphere_distance(
     def bounds(steps: Array) -> Array:
         at = seen_at(robot, motion, steps)
         centers = centers_in_base(at.q, centers_at(at.times, spheres))
-        return sphere_bounds(robot, at.placed, centers, radius).reshape(len(steps), -1)
+        return sphere_bounds(robot, at.placed, centers, radius).reshape(len(at.times), -1)[at.rows]
 
-    def measure(steps: Array, which: Indices) -> Measured:
+    def measure(steps: Array, which: Indices) -> Known:
         at = seen_at(robot, motion, steps)
         bodies, sphere = np.divmod(which, len(spheres))
         few, column = np.unique(sphere, return_inverse=True)
@@ -180,7 +138,8 @@ def least_sphere_distance(
         rows = at.rows, bodies, column
         found = sphere_distances(robot, at.placed, centers, radius[few], rows)
         axes = rotation_from_quaternion(at.q[:, 3:7]).swapaxes(1, 2)
-        return measured(found, at.poses(bodies), (axes[at.rows], centers[at.rows, column]))
+        there = axes[at.rows], centers[at.rows, column]
+        return measured(found, at.poses(bodies), there, at.placed.stretches[at.rows, bodies])
 
     kind = _beside(robot, motion, spheres, bounds, measure)
     return _least(kind, chosen, last, motion.time, gap)
@@ -205,9 +164,9 @@ def least_obstacle_distance(
     def bounds(steps: Array) -> Array:
         at = seen_at(robot, motion, steps)
         found = obstacle_bounds(robot, at.placed, at.q, at.times, obstacles)
-        return found.reshape(len(steps), -1)
+        return found.reshape(len(at.times), -1)[at.rows]
 
-    def measure(steps: Array, which: Indices) -> Measured:
+    def measure(steps: Array, which: Indices) -> Known:
         at = seen_at(robot, motion, steps)
         bodies, obstacle = np.divmod(which, len(obstacles))
         few, column = np.unique(obstacle, return_inverse=True)
@@ -215,7 +174,7 @@ def least_obstacle_distance(
         poses, rows = seen_from_chaser(at.q, at.times, chosen_ones), (at.rows, bodies, column)
         found = obstacle_distances(robot, at.placed, poses, chosen_ones, rows)
         there = poses.rotations[at.rows, column], poses.positions[at.rows, column]
-        return measured(found, at.poses(bodies), there)
+        return measured(found, at.poses(bodies), there, at.placed.stretches[at.rows, bodies])
 
     kind = _beside(robot, motion, obstacles, bounds, measure)
     return _least(kind, chosen, last, motion.time, gap)
@@ -226,88 +185,62 @@ def _beside(
     motion: FollowedMotion,
     obstacles: Sequence[Obstacle],
     bounds: Callable[[Array], Array],
-    measure: Callable[[Array, Indices], Measured],
+    measure: Callable[[Array, Indices], Known],
 ) -> _Kind:
     """Return bodies and obstacles as what is measured."""
     speeds = np.array([one.highest_speed for one in obstacles])
     solids, others = _solids(robot), [obstacle_geometry(one) for one in obstacles]
     of_bodies = _sums(body_ways(robot, motion))
 
-    def ways(steps: Array, which: Indices) -> Array:
+    def moved(steps: Array, which: Indices) -> Array:
         body, obstacle = np.divmod(which, len(obstacles))
-        moved: Array = _reached(of_bodies, steps, body) + times_at(motion, steps) * speeds[obstacle]
-        return moved
+        both: Array = _reached(of_bodies, steps, body) + times_at(motion, steps) * speeds[obstacle]
+        return both
 
-    def gaps(pieces: _Pieces) -> Array:
+    def arcs(pieces: Pieces) -> Arcs:
         which, begin, end, at_begin, at_end = pieces
         body, obstacle = np.divmod(which, len(obstacles))
-        way = ways(end, which) - ways(begin, which)
-        apart = np.maximum((at_begin.distance + at_end.distance + way) / 2, 0.0)
+        way = moved(end, which) - moved(begin, which)
+        apart = np.maximum((at_begin.value + at_end.value + way) / 2, 0.0)
         bends = bends_beside(robot, motion, obstacles, which, begin, end, apart)
-        both = Solids(solids, body), Solids(others, obstacle)
-        return gap_bounds(*both, at_begin, at_end, bends)
+        return arcs_of(Solids(solids, body), Solids(others, obstacle), pieces, bends)
 
-    return _Kind(bounds, measure, ways, gaps)
+    return _Kind(bounds, measure, moved, arcs)
 
 
 def _solids(robot: Robot) -> list[coal.CollisionGeometry]:
-    return [body.solid for body in robot.bodies]
+    """Return the solids of bodies; of those that are stretched, their begin."""
+    return [coal.Sphere(0.0) if body.stretches else body.solid for body in robot.bodies]
 
 
 def _least(
     kind: _Kind, chosen: Indices, last: int, time: Array, gap: float = CERTIFICATE_GAP
 ) -> Least:
-    """Halve pieces of the motion until the least distance is known."""
-    steps = np.append(np.arange(0.0, last, _STRIDE), float(last))
+    """Return the least distance of what may be nearest on some pieces of the motion."""
+    steps = np.append(np.arange(0.0, max(last, 1), _STRIDE), float(last))
     bounds = kind.bounds(steps)[:, chosen]
     # What is met where two may be nearest tells where others need not be looked at.
     at, which = np.divmod(np.array([bounds.argmin()]), len(chosen))
-    met = kind.measure(steps[at], chosen[which]).distance[0]
-    ways = np.diff(kind.ways(steps[:, None], chosen[None]), axis=0)
+    met = float(kind.measure(steps[at], chosen[which]).value[0])
+    ways = np.diff(kind.moved(steps[:, None], chosen[None]), axis=0)
     between = (bounds[:-1] + bounds[1:] - ways) / 2
     # A bound that is exact may be above what is met, by rounding.
-    most = max(met, float(bounds.min()))
-    low, looked_at = between <= most, bounds <= most
+    low = between <= max(met, float(bounds.min()), float(between.min()))
+    looked_at = np.zeros(bounds.shape, bool)
     looked_at[:-1] |= low
     looked_at[1:] |= low
     at, which = np.nonzero(looked_at)
     row = np.cumsum(looked_at).reshape(looked_at.shape) - 1
     every = kind.measure(steps[at], chosen[which])
-    best = int(every.distance.argmin())
-    found = float(every.distance[best])
-    pair, step = int(chosen[which[best]]), float(steps[at[best]])
     at, which = np.nonzero(low)
-    pieces = _Pieces(
-        chosen[which],
-        steps[at],
-        steps[at + 1],
-        every.rows(row[at, which]),
-        every.rows(row[at + 1, which]),
-    )
-    certified, looked = found, 0
-    rounding = _ROUNDING * float(ways.sum(axis=0)[which].max(initial=0.0))
-    while True:
-        finest = max(CERTIFICATE_GAP if found < 0.0 else gap, rounding)
-        enough = found - max(finest, EXACT_PART * found)
-        way = kind.ways(pieces.end, pieces.pair) - kind.ways(pieces.begin, pieces.pair)
-        bound = (pieces.at_begin.distance + pieces.at_end.distance - way) / 2
-        short = np.flatnonzero((bound < enough) & (pieces.end - pieces.begin <= 1.0))
-        if short.size:
-            bound[short] = np.maximum(bound[short], kind.gaps(pieces.rows(short)))
-        open_ = (bound < enough) & (looked < _MOST_PIECES)
-        looked += len(pieces.pair)
-        certified = min(certified, float(bound[~open_].min(initial=np.inf)))
-        if not open_.any():
-            return Least(certified, found, pair, float(np.interp(step, np.arange(len(time)), time)))
-        pieces = pieces.rows(open_)
-        middle = (pieces.begin + pieces.end) / 2
-        middle = np.where(pieces.end - pieces.begin > 1.0, np.floor(middle), middle)
-        at_middle = kind.measure(middle, pieces.pair)
-        best = int(at_middle.distance.argmin())
-        if (nearest := float(at_middle.distance[best])) < found:
-            found, pair, step = nearest, int(pieces.pair[best]), float(middle[best])
-            certified = min(certified, found)
-        pieces = pieces.halved(middle, at_middle)
+    ends = every.rows(row[at, which]), every.rows(row[at + 1, which])
+    pieces = Pieces(chosen[which], steps[at], steps[at + 1], *ends)
+
+    def moved_on(pieces: Pieces) -> Array:
+        way: Array = kind.moved(pieces.end, pieces.which) - kind.moved(pieces.begin, pieces.which)
+        return way
+
+    return certified_least(time, pieces, kind.measure, moved_on, kind.arcs, gap, EXACT_PART)
 
 
 def _sums(ways: Array) -> Array:

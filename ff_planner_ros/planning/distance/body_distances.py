@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
@@ -121,6 +122,13 @@ def measured_otherwise(
     return float(exchanged), np.array(result.getNearestPoint1()), -np.array(result.normal)
 
 
+def line_from(begin: Array, stretch: Array) -> PlacedSolid:
+    """Return a line from its begin, (3,) [m], along a stretch, (3,) [m], as a thin capsule."""
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), stretch).toRotationMatrix()
+    solid = coal.Capsule(0.0, float(np.linalg.norm(stretch)))
+    return PlacedSolid(solid, coal.Transform3s(turn, begin + stretch / 2))
+
+
 def _in_cylinder(tube: PlacedSolid, ball: PlacedSolid) -> tuple[float, Array, Array]:
     """Return the distance of a cylinder from a sphere, with point and normal."""
     rotation, center = tube.at.getRotation(), ball.at.getTranslation()
@@ -203,7 +211,15 @@ def sphere_distances(
     configuration, body, sphere = rows
     center = centers[configuration, sphere]
     to_base = placed.rotations[configuration, body]
-    seen = np.einsum("rji,rj->ri", to_base, center - placed.positions[configuration, body])
+    away, stretch = (
+        center - placed.positions[configuration, body],
+        placed.stretches[configuration, body],
+    )
+    if stretch.any():
+        along = np.einsum("ri,ri->r", stretch, stretch)
+        part = np.einsum("ri,ri->r", away, stretch) / np.maximum(along, np.finfo(float).tiny)
+        away = away - np.clip(part, 0.0, 1.0)[:, None] * stretch
+    seen = np.einsum("rji,rj->ri", to_base, away)
     distance, out = np.empty(len(seen)), np.empty((len(seen), 3))
     kinds, sizes = kinds_and_sizes(robot)
     for kind in Kind:

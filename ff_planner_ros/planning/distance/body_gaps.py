@@ -13,11 +13,10 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.body_distances import NO_DIRECTION, Distances
-from ff_planner_ros.planning.distance.certificate import parabola_bounds
+from ff_planner_ros.planning.motion.certified_least import Arcs, Known, Pieces
 from ff_planner_ros.robot.collision.bodies import furthest
 
 
@@ -31,27 +30,25 @@ class Solids(NamedTuple):
 class Measured(NamedTuple):
     """Two bodies that were measured, the second one seen from the first; a row each."""
 
-    distance: Array  # negative: penetration depth; shape (rows,) [m]
     normal: Array  # unit vector, from the first to the second; shape (rows, 3)
     rotation: Array  # of the second's axes; shape (rows, 3, 3)
     position: Array  # of the second's origin; shape (rows, 3) [m]
-
-    def rows(self, which: Indices | NDArray[np.bool_]) -> Measured:
-        """Return some of the rows."""
-        return Measured(*(each[which] for each in self))
-
-    def followed_by(self, others: Measured) -> Measured:
-        """Return these rows, then others."""
-        return Measured(*(np.concatenate(both) for both in zip(self, others, strict=True)))
+    stretch: Array  # of the first, as of `Placed`; shape (rows, 3) [m]
 
 
-def measured(found: Distances, first: tuple[Array, Array], second: tuple[Array, Array]) -> Measured:
-    """Return what was found of two bodies.
+def measured(
+    found: Distances,
+    first: tuple[Array, Array],
+    second: tuple[Array, Array],
+    stretch: Array | None = None,
+) -> Known:
+    """Return what was found of two bodies: distances, and more as in `Measured`.
 
     Args:
         found: Distances, and normals in the frame of the poses.
         first: Rotations, (rows, 3, 3), and positions, (rows, 3) [m], of the first.
         second: Likewise.
+        stretch: Of the first, in the frame of the poses. Shape (rows, 3) [m]. None: of none.
     """
     # Bodies that touch may have no normal, or a wrong one: with any unit vector bounds are true.
     length = np.linalg.norm(found.normal, axis=1)
@@ -59,35 +56,33 @@ def measured(found: Distances, first: tuple[Array, Array], second: tuple[Array, 
     normal[length < NO_DIRECTION] = [1.0, 0.0, 0.0]
     (axes, origin), (other_axes, other_origin) = first, second
     to_first = axes.swapaxes(1, 2)
-    return Measured(
-        found.distance,
+    more = Measured(
         _turned(to_first, normal),
         to_first @ other_axes,
         _turned(to_first, other_origin - origin),
+        np.zeros_like(normal) if stretch is None else _turned(to_first, stretch),
     )
+    return Known(found.distance, tuple(more))
 
 
-def gap_bounds(
-    first: Solids, second: Solids, begin: Measured, end: Measured, bends: Array
-) -> Array:
-    """Return lower bounds of the distances between two times. Shape (rows,) [m].
+def arcs_of(first: Solids, second: Solids, pieces: Pieces, bends: Array) -> Arcs:
+    """Return gaps on pieces between two points, in four directions.
 
-    The directions are the normals at both times, each fixed to the first body and to the second.
+    The directions are the normals at both ends, each fixed to the first body and to the second.
 
     Args:
-        first: Of each row.
+        first: Of each piece.
         second: Likewise.
-        begin: At the first time.
-        end: The same rows at the second time.
-        bends: By the part of the way from begin to end, of the second body's points seen from the
-            first, and of the first's seen from the second. Shape (2, rows) [m].
+        pieces: Of distances by `measured`.
+        bends: By the part of the piece, of the second body's points seen from the first, and of the
+            first's seen from the second. Shape (2, pieces) [m].
     """
+    begin, end = Measured(*pieces.at_begin.more), Measured(*pieces.at_end.more)
     carried = end.rotation @ begin.rotation.swapaxes(1, 2)
     late, early = _turned(carried, begin.normal), _turned(carried.swapaxes(1, 2), end.normal)
     at_begin = _gaps(first, second, begin, np.array([begin.normal, end.normal, early]))
     at_end = _gaps(first, second, end, np.array([begin.normal, end.normal, late]))
-    bounds = parabola_bounds(at_begin[[0, 1, 0, 2]], at_end[[0, 1, 2, 1]], bends[[0, 0, 1, 1]])
-    return np.asarray(bounds.max(axis=0), np.float64)
+    return Arcs(at_begin[[0, 1, 0, 2]], at_end[[0, 1, 2, 1]], bends[[0, 0, 1, 1]])
 
 
 def _gaps(first: Solids, second: Solids, at: Measured, ways: Array) -> Array:
@@ -95,6 +90,8 @@ def _gaps(first: Solids, second: Solids, at: Measured, ways: Array) -> Array:
     along = np.einsum("wri,ri->wr", ways, at.position)
     seen = np.einsum("wri,rij->wrj", ways, at.rotation)
     gaps: Array = along - _furthest(first, ways) - _furthest(second, -seen)
+    if at.stretch.any():
+        gaps -= np.maximum(np.einsum("wri,ri->wr", ways, at.stretch), 0.0)
     return gaps
 
 

@@ -19,7 +19,14 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.planning.distance.bodies import Placed, carriers, pairs, placed_bodies, radii
+from ff_planner_ros.planning.distance.bodies import (
+    Placed,
+    carriers,
+    movers,
+    pairs,
+    placed_bodies,
+    radii,
+)
 from ff_planner_ros.planning.distance.body_reaches import (
     base_reaches,
     body_reaches,
@@ -153,7 +160,7 @@ def bends_beside(
     speed, acceleration, turn, reach, size = _bounds_of(tuple(obstacles))[:, obstacle]
     step = times_at(motion, end) - times_at(motion, begin)
     one = np.ones(len(which))
-    carries = np.arange(robot.joints) < carriers(robot)[body][:, None]
+    carries = np.arange(robot.joints) < movers(robot)[body][:, None]
     before, through = turn * step, np.column_stack([one, one, carries])
     rates, changes = (each * through for each in _axes_between(robot, motion, begin, end))
     rates[:, 0] += speed * step

@@ -13,12 +13,11 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.bodies import carriers, kinds_and_sizes, pairs
 from ff_planner_ros.robot.collision.bodies import Kind
+from ff_planner_ros.robot.collision.lines import BEYOND_LIMITS
 from ff_planner_ros.robot.model import Robot
 
 # A cylinder, or a cone in it, is in the prism around it; one of so many sides is hardly thicker.
 _SIDES = 16
-# No joint slides further beyond its limits [m]: the check refuses plans that exceed them by more.
-_BEYOND = 1e-3
 
 
 @lru_cache(maxsize=8)
@@ -41,10 +40,10 @@ def pair_reaches(robot: Robot) -> Array:
 
 @lru_cache(maxsize=8)
 def body_reaches(robot: Robot) -> Array:
-    """Return bounds of the distance of a body's points from each joint that carries the body.
+    """Return bounds of the distance of a body's points from each joint that moves the body.
 
-    For the last of these it is the distance from the axis. 1 for prismatic joints, zero for joints
-    beyond the body. Shape (joints, bodies) [m per rad, m per m].
+    For the last that carries it it is the distance from the axis. 1 for prismatic joints, zero for
+    joints beyond the body. Shape (joints, bodies) [m per rad, m per m].
     """
     along, reaches = _stretched(robot), np.zeros((robot.joints, len(robot.bodies)))
     for number, body in enumerate(_outlines(robot)):
@@ -55,6 +54,8 @@ def body_reaches(robot: Robot) -> Array:
             reaches[:carried, number] = np.where(
                 _slid(robot)[:carried] > 0.0, 1.0, reaches[:carried, number]
             )
+        if robot.bodies[number].stretches:
+            reaches[carried, number] = 1.0
     return reaches
 
 
@@ -100,7 +101,7 @@ def _stretched(robot: Robot) -> Array:
 
 def _slid(robot: Robot) -> Array:
     """Return how far each joint slides from zero at most; zero if it turns. Shape (joints,) [m]."""
-    return robot.furthest_slides + _BEYOND * robot.joint_slides.any(axis=1)
+    return robot.furthest_slides + BEYOND_LIMITS * robot.joint_slides.any(axis=1)
 
 
 class _Outline:
@@ -124,6 +125,12 @@ class _Outline:
 def _outlines(robot: Robot) -> tuple[_Outline, ...]:
     found = []
     for body, kind, sizes in zip(robot.bodies, *kinds_and_sizes(robot), strict=True):
+        if body.stretches:
+            end, furthest = 2 * body.center_in_joint, _slid(robot)[body.joint - 1]
+            slid = furthest * body.slide_in_joint
+            ends = np.array([np.zeros(3), end + slid, end - slid])
+            found.append(_Outline(ends, 0.0))
+            continue
         if kind == Kind.HULL:
             points = np.asarray(body.solid.points())
         elif kind == Kind.BOX:

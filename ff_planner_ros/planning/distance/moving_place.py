@@ -7,26 +7,14 @@ on the cubic through both.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.planning.motion.certified_least import Known, Least, Pieces, certified_least
 
 # Between the times the margin is known to this [m].
 _GAP = 5e-4
-# Pieces that are looked at: a motion that needs more, no arm makes, and the bound is lower.
-_MOST_PIECES = 1 << 18
-
-
-class LeastMargin(NamedTuple):
-    """The least margin of a moving point, and where it is then."""
-
-    # Lower bound at all times, within 0.5 mm of the least unless it moves too fast to tell [m]
-    certified: float
-    margin: float  # the least that was found [m]
-    time: float  # of that [s]
-    place: Array  # then; shape (3,) [m]
 
 
 def places_between(times: Array, places: Array, velocities: Array, count: int) -> Array:
@@ -48,11 +36,10 @@ def places_between(times: Array, places: Array, velocities: Array, count: int) -
 
 def least_margin(
     times: Array, places: Array, velocities: Array, margins: Callable[[Array], Array]
-) -> LeastMargin:
-    """Return the least margin of a moving point.
+) -> tuple[Least, Array]:
+    """Return the least margin of a moving point, and where the point is then, (3,) [m].
 
-    In an interval the margin changes by no more than the point moves; intervals whose bound is too
-    low to decide are halved.
+    A margin changes by no more than the point moves.
 
     Args:
         times: Shape (times,) [s].
@@ -62,33 +49,23 @@ def least_margin(
             (places,) [m].
     """
     cubics, fastest = _cubics(times, places, velocities)
-    values = margins(places)
-    number = int(values.argmin())
-    lowest, when, where = float(values[number]), float(times[number]), places[number]
-    certified = lowest
-    index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
-    at_begin, at_end, looked_at = values[:-1], values[1:], 0
-    while True:
-        bound = (at_begin + at_end - fastest[index] * (end - begin)) / 2
-        open_ = (bound < lowest - _GAP) & (looked_at < _MOST_PIECES)
-        looked_at += len(index)
-        certified = min(certified, float(bound[~open_].min(initial=np.inf)))
-        if not open_.any():
-            return LeastMargin(certified, lowest, when, where)
-        index, begin, end = index[open_], begin[open_], end[open_]
-        middle = (begin + end) / 2
-        powers = middle[:, None] ** np.array([1, 2, 3])
+
+    def values_at(steps: Array, _: Indices) -> Known:
+        index = steps.astype(np.intp)
+        powers = (steps - index)[:, None] ** np.array([1, 2, 3])
         between = places[index] + np.einsum("ip,ipj->ij", powers, cubics[index])
-        at_middle = margins(between)
-        number = int(at_middle.argmin())
-        if at_middle[number] < lowest:
-            lowest, where = float(at_middle[number]), between[number]
-            step = times[index[number] + 1] - times[index[number]]
-            when = float(times[index[number]] + middle[number] * step)
-        index = np.concatenate([index, index])
-        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
-        at_begin = np.concatenate([at_begin[open_], at_middle])
-        at_end = np.concatenate([at_middle, at_end[open_]])
+        return Known(margins(between), (between,))
+
+    def ways(pieces: Pieces) -> Array:
+        speeds: Array = fastest[pieces.begin.astype(np.intp)]
+        return speeds * (pieces.end - pieces.begin)
+
+    at_points, steps = Known(margins(places), (places,)), np.arange(float(len(times)))
+    none = np.zeros(len(cubics), np.intp)
+    ends = at_points.rows(slice(-1)), at_points.rows(slice(1, None))
+    pieces = Pieces(none, steps[:-1], steps[1:], *ends)
+    least = certified_least(times, pieces, values_at, ways, None, _GAP)
+    return least, least.more[0]
 
 
 def _cubics(times: Array, places: Array, velocities: Array) -> tuple[Array, Array]:

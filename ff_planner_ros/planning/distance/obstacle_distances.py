@@ -21,6 +21,7 @@ from ff_planner_ros.planning.distance.body_distances import (
     between_spheres,
     coal_request,
     has_failed,
+    line_from,
     measured_otherwise,
     sphere_bounds,
 )
@@ -191,8 +192,13 @@ def obstacle_distances(
         here.setTransform(turned, moved)
         there.setTransform(other_turned, other_moved)
         result.clear()
-        measure = _measure(robot, body, obstacles[number])
-        distance[row] = measure(here, there, request, result)
+        if not robot.bodies[body].stretches:
+            measure = _measure(robot, body, obstacles[number])
+            distance[row] = measure(here, there, request, result)
+        else:
+            line = line_from(moved, placed.stretches[at[row], body])
+            other = obstacles[number].solid.geometry
+            distance[row] = coal.distance(*line, other, there, request, result)
         point[row] = result.getNearestPoint2()
         normal[row] = result.normal
     for row in np.flatnonzero(has_failed(distance, normal) | (distance < 0.0)).tolist():
@@ -200,6 +206,8 @@ def obstacle_distances(
         here.setTransform(placed.rotations[time, body], placed.positions[time, body])
         there.setTransform(poses.rotations[time, number], poses.positions[time, number])
         first = PlacedSolid(robot.bodies[body].solid, here)
+        if robot.bodies[body].stretches:
+            first = line_from(placed.positions[time, body], placed.stretches[time, body])
         second = PlacedSolid(obstacles[number].solid.geometry, there)
         found = measured_otherwise(first, second, distance[row], normal[row])
         if found is not None:

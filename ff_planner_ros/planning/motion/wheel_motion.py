@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.planning.motion.certified_least import Arcs, Known, Pieces, certified_least
 from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import angular_momenta, angular_momentum_bounds
@@ -19,11 +20,6 @@ from ff_planner_ros.robot.wheels import Wheels, momenta_of
 
 # Half of the fraction of its limits by which a plan may exceed them.
 _GAP = 5e-5
-# Into so many parts an interval is divided: with two it takes more rounds, and more time.
-_PARTS = 4
-# Pieces that are looked at: a motion that needs more, no joint makes, and the bound is higher.
-_MOST_PIECES = 1 << 16
-_TINY = np.finfo(np.float64).tiny
 
 
 class WheelPeaks(NamedTuple):
@@ -55,10 +51,6 @@ def certain_peaks(
 ) -> Array:
     """Return what no load ever exceeds, as far as it takes to tell whether that is allowed.
 
-    Between two times a load with a bounded second derivative is nowhere above the line through both
-    values and the parabola of that second derivative that is zero at both times. Intervals that
-    this does not decide are divided.
-
     Args:
         found: Of the motion.
         allowed: Momenta [N m s], then torques [N m], of all wheels. Shape (2 wheels,).
@@ -68,39 +60,53 @@ def certain_peaks(
         where the motion is too fast to tell. Shape (2 wheels,).
     """
     stored, sizes = found.along[0][0], np.linalg.norm(wheels.shares, axis=1)
-    _, _, bend, bend_of_torques = angular_momentum_bounds(robot, motion.joints.largest(5))
-    of_pieces = np.hstack([np.outer(bend, sizes), np.outer(bend_of_torques, sizes)]) / 2
-    bends = np.repeat(of_pieces, motion.pieces, axis=0)
+    of_vectors = angular_momentum_bounds(robot, motion.joints.largest(5)).repeat(motion.pieces, 1)
+    # From order 1 on, of momenta and of torques, between two times. Shape (2, 2, intervals, 1).
+    of_both = np.array([of_vectors[1:3], of_vectors[2:4]])[..., None]
+    points, known = np.arange(float(len(motion.time))), np.hstack(found.along)
 
-    def loads_at(times: Array) -> Array:
-        positions, rates, accelerations = motion.joints.at(times)
-        q, v = np.tile(motion.q[0], (len(times), 1)), np.zeros((len(times), motion.v.shape[1]))
+    def loads_at(steps: Array) -> Array:
+        at, rows = np.unique(np.interp(steps, points, motion.time), return_inverse=True)
+        at = np.append(motion.time[0], at)
+        positions, rates, accelerations = motion.joints.at(at)
+        q, v = np.tile(motion.q[0], (len(at), 1)), np.zeros((len(at), motion.v.shape[1]))
         q[:, 7:], v[:, 6:] = positions, rates
-        loads: Array = np.hstack(wheels_along(robot, wheels, stored, q, v, accelerations))
-        return loads
+        loads = np.hstack(wheels_along(robot, wheels, stored, q, v, accelerations))
+        return np.asarray(loads[1:][rows])
 
-    known = np.hstack(found.along)
-    certain: Array = np.abs(known).max(axis=0)
-    begin, step, loads = motion.time[:-1], np.diff(motion.time), (known[:-1], known[1:])
-    looked = 0
-    while True:
-        bent, change = step[:, None] ** 2 * bends, np.abs(loads[1] - loads[0])
-        rise = np.maximum(bent - change, 0.0) ** 2 / (4 * np.maximum(bent, _TINY))
-        highest = np.abs(loads).max(axis=0) + rise
-        is_open = ((highest > allowed) & (bent / 4 > _GAP * allowed)).any(axis=1)
-        is_open, looked = is_open & (looked < _MOST_PIECES), looked + len(begin)
-        certain = np.maximum(certain, highest[~is_open].max(axis=0, initial=0.0))
-        if not is_open.any():
-            return certain
-        step = step[is_open] / _PARTS
-        begins = begin[is_open] + np.outer(np.arange(_PARTS), step)
-        inside = loads_at(np.append(motion.time[0], begins[1:]))[1:].reshape(
-            _PARTS - 1, len(step), -1
+    def certain(load: int, most: float) -> float:
+        way, bend = of_both[load // len(sizes), :, :, 0] * sizes[load % len(sizes)]
+        steps = np.diff(motion.time)
+        way, bend, signs = way * steps, bend * steps**2, np.array([1.0, -1.0])
+        highest = float(np.abs(known[:, load]).max()) + float(bend.max()) / 8
+        if highest <= most:  # as of a wheel without a limit
+            return highest
+        # What is left in either sense.
+        ends = [
+            Known((most - signs[:, None] * at).ravel())
+            for at in (known[:-1, load], known[1:, load])
+        ]
+        which, begin = np.repeat([0, 1], len(steps)), np.tile(points[:-1], 2)
+
+        def values_at(at: Array, sense: Indices) -> Known:
+            return Known(most - signs[sense] * loads_at(at)[:, load])
+
+        def ways(pieces: Pieces) -> Array:
+            longest: Array = way[pieces.begin.astype(np.intp)] * (pieces.end - pieces.begin)
+            return longest
+
+        def arcs(pieces: Pieces) -> Arcs:
+            part = pieces.end - pieces.begin
+            bent = bend[pieces.begin.astype(np.intp)] * part**2
+            return Arcs(*(one[None] for one in (pieces.at_begin.value, pieces.at_end.value, bent)))
+
+        pieces = Pieces(which, begin, begin + 1.0, *ends)
+        gap = _GAP * most
+        return (
+            most - certified_least(motion.time, pieces, values_at, ways, arcs, gap, 1.0).certified
         )
-        every = np.concatenate([loads[0][None, is_open], inside, loads[1][None, is_open]])
-        begin, step = begins.ravel(), np.tile(step, _PARTS)
-        bends = np.tile(bends[is_open], (_PARTS, 1))
-        loads = every[:-1].reshape(len(begin), -1), every[1:].reshape(len(begin), -1)
+
+    return np.array([certain(load, float(most)) for load, most in enumerate(allowed)])
 
 
 def wheels_along(

@@ -13,7 +13,8 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen, grasp_of_path
-from ff_planner_ros.planning.distance.moving_place import LeastMargin, least_margin
+from ff_planner_ros.planning.distance.moving_place import least_margin
+from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
@@ -87,18 +88,18 @@ class ApproachCorridor(Requirement):
         """Return the certified margin [m]."""
         if problem.approach is None:
             return np.inf
-        return _least(problem, problem.approach, motion.time, motion.q, motion.v).certified
+        return _least(problem, problem.approach, motion.time, motion.q, motion.v)[0].certified
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the place furthest outside the corridor, and its time."""
         problem = samples.problem
         if problem.approach is None:
             return
-        least = _least(problem, problem.approach, *samples.followed_to_goal)
+        least, place = _least(problem, problem.approach, *samples.followed_to_goal)
         if least.certified >= -LIMIT_TOLERANCE:
             return
-        when, words = samples.at(least.time), _words(problem.approach, least.place)
-        if least.margin >= 0.0:
+        when, words = samples.at(least.time), _words(problem.approach, place)
+        if least.found >= 0.0:
             yield Failure(
                 Status.LIMIT_VIOLATED,
                 f"the end effector may leave the corridor of the approach near {when}, {words}: "
@@ -108,7 +109,7 @@ class ApproachCorridor(Requirement):
             return
         yield Failure(
             Status.LIMIT_VIOLATED,
-            f"at {when} the end effector is {words}: it is {-least.margin * 1e3:.2f} mm beside the "
+            f"at {when} the end effector is {words}: it is {-least.found * 1e3:.2f} mm beside the "
             "corridor of the approach",
             (
                 "a larger approach.half_angle",
@@ -123,7 +124,7 @@ class ApproachCorridor(Requirement):
 
 def _least(
     problem: PlanningProblem, approach: Approach, times: Array, q: Array, v: Array
-) -> LeastMargin:
+) -> tuple[Least, Array]:
     """Return the least margin along a motion, by Pinocchio alone.
 
     Args:

@@ -22,9 +22,6 @@ from ff_planner_ros.planning.distance.allowed_contact import (
 )
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
-    NOTHING,
-    Least,
-    least_of,
     least_pair_distance,
     least_sphere_distance,
 )
@@ -37,6 +34,7 @@ from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
 )
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE, room_of_bodies
+from ff_planner_ros.planning.motion.certified_least import NOTHING, Least, least_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
@@ -239,13 +237,13 @@ def _refuse_approached(problem: PlanningProblem, q_start: Array) -> None:
 
 def _body_and_sphere(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
     """Return the names of both; nothing where nothing was met."""
-    if least.pair < 0:
+    if least.number < 0:
         return ()
-    body, sphere = divmod(least.pair, len(problem.spheres))
+    body, sphere = divmod(least.number, len(problem.spheres))
     return problem.robot.bodies[body].name, problem.spheres[sphere].id
 
 
 def _two_bodies(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
-    if least.pair < 0:
+    if least.number < 0:
         return ()
-    return tuple(problem.robot.bodies[body].name for body in problem.robot.pairs[least.pair])
+    return tuple(problem.robot.bodies[body].name for body in problem.robot.pairs[least.number])

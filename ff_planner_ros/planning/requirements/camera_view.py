@@ -18,7 +18,8 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen, grasp_of_path
-from ff_planner_ros.planning.distance.moving_place import LeastMargin, least_margin, places_between
+from ff_planner_ros.planning.distance.moving_place import least_margin, places_between
+from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.camera import Camera
@@ -95,8 +96,8 @@ class CameraView(Requirement):
         """Return the certified margin, as an angle at the camera [rad]."""
         if problem.camera is None:
             return np.inf
-        least = _least(problem, problem.camera, motion.time, motion.q, motion.v)
-        away = max(float(np.linalg.norm(least.place)), abs(least.certified), np.finfo(float).tiny)
+        least, place = _least(problem, problem.camera, motion.time, motion.q, motion.v)
+        away = max(float(np.linalg.norm(place)), abs(least.certified), np.finfo(float).tiny)
         return math.asin(least.certified / away)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
@@ -114,11 +115,11 @@ class CameraView(Requirement):
         problem, camera = samples.problem, samples.problem.camera
         if camera is None:
             return
-        least = _least(problem, camera, *samples.followed_to_goal)
+        least, place = _least(problem, camera, *samples.followed_to_goal)
         if least.certified >= -LIMIT_TOLERANCE:
             return
-        when, words = samples.at(least.time), _words(camera, least.place)
-        if least.margin >= 0.0:
+        when, words = samples.at(least.time), _words(camera, place)
+        if least.found >= 0.0:
             yield Failure(
                 Status.LIMIT_VIOLATED,
                 f"the goal may leave the view of the camera near {when}, where {words}: all that "
@@ -150,7 +151,7 @@ def _mount(robot: Robot, camera: Camera) -> tuple[int, pin.SE3]:
 
 def _least(
     problem: PlanningProblem, camera: Camera, times: Array, q: Array, v: Array
-) -> LeastMargin:
+) -> tuple[Least, Array]:
     """Return the least margin of the goal in the view along a motion, by Pinocchio alone."""
     places, velocities = _goal_seen(problem, camera, times, q, v)
     return least_margin(times, places, velocities, camera.margins)

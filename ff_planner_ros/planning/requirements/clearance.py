@@ -16,7 +16,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.distance.body_certificate import Least
 from ff_planner_ros.planning.distance.certificate import (
     LINES_GAP,
     certificate_gap,
@@ -38,6 +37,7 @@ from ff_planner_ros.planning.distance.start_room import (
     margins_in_core,
     room_of_lines,
 )
+from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_approached

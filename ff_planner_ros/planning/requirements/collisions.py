@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NoReturn
 
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.distance.body_certificate import Least
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
+from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples

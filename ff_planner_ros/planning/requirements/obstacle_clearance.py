@@ -19,12 +19,7 @@ from ff_planner_ros.core.conversions import bodies_of, obstacles_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import may_touch, split_obstacles, stretches
 from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.body_certificate import (
-    NOTHING,
-    Least,
-    least_obstacle_distance,
-    least_of,
-)
+from ff_planner_ros.planning.distance.body_certificate import least_obstacle_distance
 from ff_planner_ros.planning.distance.certificate import certificate_gap
 from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_bounds,
@@ -33,6 +28,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 )
 from ff_planner_ros.planning.distance.search_certificate import search_distance
 from ff_planner_ros.planning.distance.start_room import room_of_obstacles
+from ff_planner_ros.planning.motion.certified_least import NOTHING, Least, least_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
@@ -142,7 +138,7 @@ def least_from_obstacles(problem: PlanningProblem, motion: FollowedMotion) -> Le
 
 def body_and_obstacle(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
     """Return the names of body and obstacle of a least distance; empty if it has no pair."""
-    if least.pair < 0:
+    if least.number < 0:
         return ()
-    body, obstacle = divmod(least.pair, len(problem.obstacle_bodies))
+    body, obstacle = divmod(least.number, len(problem.obstacle_bodies))
     return with_bodies(problem.robot).bodies[body].name, problem.obstacle_bodies[obstacle].id

@@ -5,14 +5,14 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array, frozen, zero_vector
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
 from ff_planner_ros.robot.urdf.meshes import Meshes
@@ -60,9 +60,17 @@ class Body:
     placement_in_joint: pin.SE3  # never changed
     center_in_joint: Array  # of a sphere around it; shape (3,) [m]
     radius: float  # of that sphere [m]
+    # How the end of a centre line moves with the next joint, which slides; zero of all else. The
+    # rest is as with this joint at zero, but for the radius. Shape (3,)
+    slide_in_joint: Array = field(default_factory=zero_vector)
 
     FACTS = ("name", "link", "radius")
     __repr__ = in_a_line
+
+    @property
+    def stretches(self) -> bool:
+        """Whether it is a centre line whose length follows the next joint."""
+        return bool(self.slide_in_joint.any())
 
 
 class Kind(enum.IntEnum):

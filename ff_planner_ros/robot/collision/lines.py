@@ -15,6 +15,8 @@ from ff_planner_ros.robot.model import Robot
 
 # Joint origins nearer than this are the same point; drawings are not more exact [m].
 SAME_POINT = 1e-6
+# No joint slides further beyond its limits [m]: the check refuses plans that exceed them by more.
+BEYOND_LIMITS = 1e-3
 
 
 @lru_cache(maxsize=8)
@@ -26,22 +28,31 @@ def with_bodies(robot: Robot) -> Robot:
 def _lines(robot: Robot) -> tuple[Body, ...]:
     """Return a body for each line from a joint to the next one or to the end effector."""
     ends = (*robot.joint_names, robot.tip_link)
-    beyond = [place.translation for place in robot.model.jointPlacements[3:]]
-    beyond.append(robot.model.frames[robot.tip_frame_id].placement.translation)
+    beyond = [*robot.model.jointPlacements[3:], robot.model.frames[robot.tip_frame_id].placement]
     found = []
-    for number, end in enumerate(beyond):
-        length = float(np.linalg.norm(end))
-        if length > SAME_POINT:
-            along_z = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length)
-            found.append(
-                Body(
-                    name=f"{ends[number]}-{ends[number + 1]}",
-                    link=f"{ends[number]}-{ends[number + 1]}",
-                    joint=number + 2,
-                    solid=coal.Capsule(0.0, length),
-                    placement_in_joint=pin.SE3(along_z.toRotationMatrix(), end / 2),
-                    center_in_joint=frozen(end / 2),
-                    radius=length / 2,
-                )
+    for number, place in enumerate(beyond):
+        end, slide = place.translation, np.zeros(3)
+        if number + 1 < robot.joints:
+            slide = place.rotation @ robot.joint_slides[number + 1]
+        length, is_stretched = float(np.linalg.norm(end)), bool(slide.any())
+        if length <= SAME_POINT and not is_stretched:
+            continue
+        # One that has no length may slide out.
+        along = end if length > SAME_POINT else SAME_POINT * slide
+        along_z = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along)
+        longest = length
+        if is_stretched:
+            longest += float(robot.furthest_slides[number + 1]) + BEYOND_LIMITS
+        found.append(
+            Body(
+                name=f"{ends[number]}-{ends[number + 1]}",
+                link=f"{ends[number]}-{ends[number + 1]}",
+                joint=number + 2,
+                solid=coal.Capsule(0.0, float(np.linalg.norm(along))),
+                placement_in_joint=pin.SE3(along_z.toRotationMatrix(), along / 2),
+                center_in_joint=frozen(end / 2),
+                radius=longest / 2,
+                slide_in_joint=frozen(slide),
             )
+        )
     return tuple(found)
